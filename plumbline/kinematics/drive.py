@@ -16,8 +16,9 @@ the output only leaves when it is pushed. A servo whose gains are known obeys
 :math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h - d \dot y` with viscous friction d.
 
 Where the servo plans its way with a largest acceleration, what it plans stands for the command.
-Commands run straight from sample to sample, or stand still where they are rates and torques that a
-digital controller holds (Franklin, Powell, Workman 1998, sec. 4.3); the lag's step is exact for
+Commands run straight from sample to sample (of velocities, lines of the same mean), or stand still
+where they are rates and torques that a digital controller holds (Franklin, Powell, Workman 1998,
+sec. 4.3); the lag's step is exact for
 both. What has inertia takes steps by the trapezoidal rule, which no stiffness upsets.
 """
 
@@ -119,8 +120,12 @@ class Drive:
         held = self.fastest is not None or self.strongest is not None
         speed = (wanted - before.place) / self.dt if self.law == Law.POSITION else wanted
         speed = self._limited(speed, before.speed, self.dt)
-        # Velocities run straight between samples; an ideal position is met without rounding.
-        mean = (speed + before.speed) / 2 if self.law == Law.VELOCITY else speed
+        mean = speed
+        if self.law == Law.VELOCITY:  # which runs straight between samples
+            mean = (speed + before.speed) / 2
+            if self.lag is not None and not held:
+                mean += self._risen(asked, before) - (wanted + before.asked) / 2
+        # An ideal position is met without rounding.
         place = before.place + self.dt * mean
         if self.law == Law.POSITION and not held:
             place = wanted
@@ -175,6 +180,13 @@ class Drive:
         late = ratio * (1 - stays)
         was, sent = (before.asked, before.sent) if place is None else (place, before.asked)
         return stays * was + (1 - late) * asked + (late - stays) * sent
+
+    def _risen(self, asked: cs.SX, before: Memory) -> cs.SX:
+        """Mean over a sample of what lags behind a straight line from what was sent before."""
+        ratio, rise = self.lag / self.dt, asked - before.sent
+        stays = cs.exp(-1 / (ratio + 1e-9))
+        late = before.asked - before.sent + rise * ratio
+        return before.sent + rise * (0.5 - ratio) + late * ratio * (1 - stays)
 
     def _mean(self, asked: cs.SX, before: Memory, start: float, end: float) -> cs.SX:
         """What acts between two shares of a sample over which the command is held, on average."""

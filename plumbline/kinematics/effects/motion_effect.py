@@ -91,6 +91,11 @@ class MotionEffect(ABC):
         """Its words with the joint's number."""
         return self.words.format(element=self.joint)
 
+    @property
+    def is_limit(self) -> bool:
+        """Whether it acts from some size on: nothing that stays below tells where that is."""
+        return self.parameter.null == self.parameter.upper
+
     def unit(self, law: Law) -> str:
         """Unit of its parameter: that of the commands, where it is declared in theirs."""
         own = self.parameter.unit

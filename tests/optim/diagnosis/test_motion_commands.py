@@ -1,12 +1,17 @@
 """Commands of velocity and of torque, carried out by MuJoCo's own actuators."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from plumbline import build_motion, diagnose
+from plumbline.kinematics.drive import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import arm, multisine
 from tests.optim.diagnosis.test_motion_physics import MJCF, STEP, URDF
 
@@ -105,25 +110,27 @@ def test_a_motor_s_largest_torque_is_found():
     assert strongest.value == pytest.approx(7.0, rel=0.03)
 
 
-def test_velocities_that_are_followed_with_a_lag_come_with_no_delay():
-    """Straight commands 10 ms apart, carried out in steps of 0.1 ms."""
+@pytest.mark.parametrize("every", [1, 4])
+def test_velocities_that_are_followed_with_a_lag_come_with_no_delay_however_seldom_logged(every):
+    """Smooth commands, carried out in steps of 0.1 ms, logged every 10 or 40 ms."""
     dt, fine, lag = 0.01, 100, 0.05
     t, places = multisine(12.0, dt, fastest=1.2)
-    u = np.gradient(places, dt, axis=0)
-    asked = np.interp(np.arange(len(t) * fine) * dt / fine, t, u[:, 0])
-    rate, way = np.zeros(len(asked)), np.zeros(len(asked))
+    way = CubicSpline(t, places)
+    at = np.arange(len(t) * fine) * dt / fine
+    asked, moved = way(at, 1)[:, 0], way(at)
+    rate = np.zeros(len(asked))
     for k in range(1, len(asked)):
         rate[k] = rate[k - 1] + (asked[k - 1] - rate[k - 1]) * dt / fine / lag
-        way[k] = way[k - 1] + rate[k] * dt / fine
-    exact = np.concatenate([[0.0], np.cumsum((u[1:, 1] + u[:-1, 1]) / 2 * dt)])
-    q = np.column_stack([way[::fine], exact]) + np.random.default_rng(0).normal(0, 2e-4, u.shape)
-    answer = diagnose(build_motion(robot=arm(), time=t, command=u, q=q, kind="velocity",
-                                   noise_std=2e-4))  # fmt: skip
+    moved[:, 0] = np.cumsum(rate) * dt / fine
+    q = moved[::fine] + np.random.default_rng(0).normal(0, 2e-4, places.shape)
+    u = way(t, 1)
+    answer = diagnose(build_motion(robot=arm(), time=t[::every], command=u[::every], q=q[::every],
+                                   kind="velocity", noise_std=2e-4))  # fmt: skip
     assert [(c.effect, c.element) for c in answer.verdict.causes] == [("actuation_lag", 1)]
     assert answer.verdict.causes[0].parameters["lag"].value == pytest.approx(lag, abs=3e-4)
 
 
-def carried(damping, torque_lag=0.0):
+def carried(damping, torque_lag=0.0, strongest=np.inf):
     """An arm of one joint [0.045 kg m^2, gravity off] under feedback torques held for 10 ms."""
     dt, fine, inertia = 0.01, 50, 0.045
     t, wanted = multisine(8.0, dt, fastest=1.2)
@@ -133,7 +140,8 @@ def carried(damping, torque_lag=0.0):
         u.append(9.0 * (goal - place) - 1.2 * speed)
         for _ in range(fine):
             acts = u[-1] if not torque_lag else acts + (u[-1] - acts) * dt / fine / torque_lag
-            speed += dt / fine / inertia * (acts - damping * speed)
+            push = np.clip(acts, -strongest, strongest)
+            speed += dt / fine / inertia * (push - damping * speed)
             place += dt / fine * speed
     robot = Robot.from_dh([{"a": 0.3, "alpha": 0.0, "mass": 2.0, "com": [-0.15, 0.0, 0.0]}],
                           gravity=(0.0, 0.0, 0.0))  # fmt: skip
@@ -148,3 +156,26 @@ def test_of_held_torques_none_is_blamed_but_the_friction_they_work_against(dampi
     assert [c.effect for c in verdict.causes] == ["actuation_damping"][: damping > 0.0]
     for cause in verdict.causes:
         assert cause.parameters["damping"].value == pytest.approx(damping, rel=0.05)
+
+
+def test_smoothing_takes_nothing_of_a_fast_motion_that_the_torques_foretell():
+    t, inertia, size = 0.01 * np.arange(600), 0.045, 20.0
+    turn = 2 * np.pi * 3.0  # rad/s: three swings a second
+    acceleration, q = size * np.sin(turn * t), -size / turn**2 * np.sin(turn * t)
+    exact = carried(0.0)
+    noisy = q + np.random.default_rng(0).normal(0.0, 2e-3, len(q))
+    signals = signals_of(replace(exact, law=Law.SAMPLED_TORQUE, time=t, q=noisy[:, None],
+                                 command=inertia * acceleration[:, None]))  # fmt: skip
+    inner = slice(20, -20)
+    missed = signals.acceleration[inner, 0] - acceleration[inner]
+    assert np.sqrt(np.mean(missed**2)) < 0.05 * size
+    assert np.abs(signals.posture[inner, 0] - q[inner]).max() < 2e-3
+
+
+def test_a_limit_that_no_row_comes_near_is_not_seen_and_one_that_acts_is_no_longer_there():
+    free, limited = (diagnose(carried(0.0, strongest=most)).verdict for most in (np.inf, 0.4))
+    assert [b.effect for b in free.unobservable] == ["velocity_limit", "torque_limit"]
+    assert all("is within it" in b.why for b in free.unobservable)
+    assert not {"velocity_limit", "torque_limit"} & {c.effect for c in free.candidates}
+    assert "torque_limit" in {c.effect for c in limited.causes}
+    assert [b.effect for b in limited.unobservable] == ["velocity_limit"]

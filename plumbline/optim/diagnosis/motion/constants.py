@@ -35,7 +35,7 @@ BLOCK = 4  # windows in a row among these: some 15 s of commands in one roll-out
 MOST_SAMPLES = 500  # of a window: faster clocks are thinned, no drive of a joint needs more
 SMOOTH = 0.1  # [s] over which speeds and accelerations are smoothed (Savitzky-Golay, order 3)
 POSTURE = 0.3  # [s] the same of the places at which loads are worked out: bodies swing slower
-SMOOTHED = (0.05, 0.1, 0.2, 0.3)  # [s], the same where accelerations of neighbours are loads
+SMOOTHED = (0.3, 0.2, 0.1, 0.05)  # [s], the same where accelerations of neighbours are loads
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
 
 # Fits

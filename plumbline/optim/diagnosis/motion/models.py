@@ -8,6 +8,7 @@ there is fitted to all windows, from where those fits ended.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from itertools import combinations
 
@@ -42,6 +43,8 @@ class Models:
         self.windows, self.library, self.seen = windows, library, seen
         self.found: dict[Key, Fit] = {frozenset(): fitted(windows, (), np.empty(0))}
         self.alike: dict[MotionEffect, set[MotionEffect]] = {}
+        forms = Counter(e.name for e in library)  # which share an effect's odds
+        self.odds = {name: ODDS - float(np.log(count)) for name, count in forms.items()}
 
     @property
     def time(self) -> float:
@@ -54,7 +57,7 @@ class Models:
         fit = self.found[key]
         if fit.at_bound:
             return -np.inf  # beyond what such a thing can be, or nothing at all
-        return fit.evidence(fit.residual.size / time) + len(key) * ODDS
+        return fit.evidence(fit.residual.size / time) + sum(self.odds[e.name] for e in key)
 
     def fit(self, key: Key, near: Fit) -> None:
         """Fit a model, from one that it differs from by an effect or two."""

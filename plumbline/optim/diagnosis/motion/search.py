@@ -16,9 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.kinematics.effects.motion_effect import Seen
-from plumbline.optim.diagnosis.motion.constants import LEAST_SHARE, RESEMBLES, RIVAL_FROM
+from plumbline.optim.diagnosis.motion.constants import (
+    CONFOUNDED,
+    LEAST_SHARE,
+    RESEMBLES,
+    RIVAL_FROM,
+)
 from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
-from plumbline.optim.diagnosis.motion.models import ODDS, Key, Models, names_of
+from plumbline.optim.diagnosis.motion.models import Key, Models, names_of
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows
 from plumbline.optim.diagnosis.motion.unlisted import VARIABLES, Rivals, Unlisted, own_past
 
@@ -41,6 +46,8 @@ class Joint:
     mechanisms: Mapping[str, float]
     anything: float  # probability that any of these is at work
     effective: float  # samples that count as independent
+    # by name of a limit that no row came near: what was hardly exceeded, in its parameter's unit
+    unseen: Mapping[str, float]
 
     @property
     def std(self) -> Array:
@@ -86,9 +93,16 @@ def search(
         beside = (*beside, own_past(windows, fit, sigma))
     outside = sum(p for names, p in share if any(name[0] == "?" for name in names))
     every, anything = _mechanisms(share)
+    near = {name for name, p in probability.items() if p > CONFOUNDED}
+    unseen = {
+        e.name: size * e.starts(seen)[0]
+        for e, size in zip(library, windows.sizes(library), strict=True)
+        if e.is_limit and e.name not in near
+    }
     return Joint(
-        number, windows, fit, probability, instead, beside, outside, every, anything, effective
-    )
+        number, windows, fit, probability, instead, beside, outside, every, anything, effective,
+        unseen,
+    )  # fmt: skip
 
 
 def _mechanisms(share: list[tuple[frozenset[str], float]]) -> tuple[dict[str, float], float]:
@@ -107,7 +121,7 @@ def _weights(
     counted = [k for k in models.found if not models.negligible(k, key)]
     found = [(names_of(k), models.score(k, time)) for k in counted]
     each = float(np.log(prior / (1 - prior) / len(VARIABLES)))
-    resembles = float(np.log(RESEMBLES / len({e.name for e in models.library}))) - ODDS
+    resembles = float(np.log(RESEMBLES / len(models.odds)))
     best, own = models.score(key, time), models.found[key]
     for less in (key, *(key - {effect} for effect in key)):
         models.fit(less, own)
@@ -128,10 +142,11 @@ def _weights(
             models.fit(rest, fit)
             size = max(models.found[rest].square - fit.square, 0.0) ** 0.5
             weight = score + each - np.log(2)  # functions, and the effect modulated
+            instead = weight + resembles - models.odds[effect.name]
             for u in (*rivals.resembling(k, size), *past):  # beside the effect, or instead of it
                 if u.share > LEAST_SHARE:
                     found.append((names_of(less) | {f"?{u.on}"}, weight + u.gain))
-                    found.append((names_of(rest) | {f"?{u.on}"}, weight + u.gain + resembles))
+                    found.append((names_of(rest) | {f"?{u.on}"}, instead + u.gain))
     return found
 
 

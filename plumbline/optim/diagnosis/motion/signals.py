@@ -7,7 +7,7 @@ Gravity, Coriolis and the other joints' pull enter as data, from Pinocchio at th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 import scipy
 from numpy.typing import NDArray
+from scipy.interpolate import interp1d
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.drive import Law
@@ -78,31 +79,42 @@ class Signals:
     averaged: float
 
     @cached_property
-    def loads(self) -> tuple[Array, Array]:
-        """Torque of gravity, Coriolis and other joints, and inertia: both (M, n) [N m, kg m^2].
+    def bodies(self) -> tuple[Integers, Array, Array]:
+        """Samples (K,), mass matrices (K, n, n) [kg m^2], gravity and Coriolis (K, n) [N m].
 
-        Worked out at so many states at most, and straight between them.
+        So many samples at most, spread evenly.
         """
         r = self.recording
         model = pin.Model(r.robot.model)
         model.gravity.linear = np.asarray(r.robot.gravity, dtype=float)
         data, M, index = model.createData(), len(self.q), list(r.index)
         chosen = np.unique(np.linspace(0, M - 1, min(M, MOST_STATES)).astype(np.int64))
-        h, inertia = np.empty((2, len(chosen), r.n))
+        masses, h = np.empty((len(chosen), r.n, r.n)), np.empty((len(chosen), r.n))
         neutral = pin.neutral(model)
-        # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
-        driven = r.law == Law.SERVO or r.law.pushes
-        acceleration = self.acceleration if driven else np.zeros_like(self.speed)
         for k, at in enumerate(chosen):
-            moved, v, a = np.zeros((3, model.nv))
-            moved[index], v[index], a[index] = self.posture[at], self.speed[at], acceleration[at]
+            moved, v = np.zeros((2, model.nv))
+            moved[index], v[index] = self.posture[at], self.speed[at]
             q = pin.integrate(model, neutral, moved)
-            inertia[k] = np.diag(pin.crba(model, data, q))[index]
-            h[k] = pin.rnea(model, data, q, v, a)[index] - inertia[k] * a[index]
-        spread = [
-            np.column_stack([np.interp(np.arange(M), chosen, x) for x in a.T]) for a in (h, inertia)
-        ]
-        return spread[0], np.maximum(spread[1], LEAST_INERTIA)
+            masses[k] = pin.crba(model, data, q)[np.ix_(index, index)]
+            h[k] = pin.rnea(model, data, q, v, np.zeros(model.nv))[index]
+        return chosen, masses, h
+
+    @cached_property
+    def loads(self) -> tuple[Array, Array]:
+        """Torque of gravity, Coriolis and other joints, and inertia: both (M, n) [N m, kg m^2].
+
+        Straight between the states at which they are worked out.
+        """
+        chosen, masses, h = self.bodies
+        inertia = np.diagonal(masses, axis1=1, axis2=2)
+        law = self.recording.law
+        if law == Law.SERVO or law.pushes:
+            # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
+            a = self.acceleration[chosen]
+            h = h + np.einsum("kij,kj->ki", masses, a) - inertia * a
+        between = interp1d(chosen, np.stack([h, np.maximum(inertia, LEAST_INERTIA)]), axis=1)
+        found = between(np.arange(len(self.q)))
+        return found[0], found[1]
 
     @property
     def has_masses(self) -> bool:
@@ -196,7 +208,37 @@ def signals_of(recording: MotionRecording, most: int = MOST_SAMPLES) -> Signals:
     """
     if not recording.law.pushes:
         return _smoothed(recording, SMOOTH, most)
-    return min((_smoothed(recording, seconds, most) for seconds in SMOOTHED), key=_misfit)
+    return min((_foretold(recording, seconds, most) for seconds in SMOOTHED), key=_misfit)
+
+
+def _foretold(recording: MotionRecording, seconds: float, most: int) -> Signals:
+    """Smoothed over so long, but for what the model foretells of a fast motion.
+
+    Of the way x that the torques make of the bodies, x less its own smoothed form is what
+    smoothing would take: it is given back. So readings tell what is slow, whatever is wrong with
+    a drive, and no fast swing of a neighbour is lost.
+    """
+    s = _smoothed(recording, seconds, most)
+    chosen, *bodies = s.bodies
+    masses, h = (interp1d(chosen, x, axis=0)(np.arange(len(s.q))) for x in bodies)
+    pushed = np.linalg.solve(masses, (s.command - h)[..., None])[..., 0]
+    moved = [s.posture.copy(), s.speed.copy(), s.acceleration.copy()]
+    for begin in np.unique(s.first):
+        run = s.first == begin
+        way = _way(pushed[run], s.dt, holds=s.recording.law.holds)
+        for order, span in enumerate((POSTURE, seconds, seconds)):
+            moved[order][run] += way[order] - _derivative(way[0], s.dt, order, span)
+    return replace(s, posture=moved[0], speed=moved[1], acceleration=moved[2])
+
+
+def _way(pushed: Array, dt: float, *, holds: bool) -> tuple[Array, Array, Array]:
+    """Place, speed and acceleration (K, n) from rest, of what torques push so (K, n) [rad/s^2]."""
+    mean = pushed[:-1] if holds else (pushed[:-1] + pushed[1:]) / 2
+    nothing = np.zeros((1, pushed.shape[1]))
+    speed = np.cumsum(np.concatenate([nothing, dt * mean]), axis=0)
+    place = np.cumsum(np.concatenate([nothing, dt / 2 * (speed[:-1] + speed[1:])]), axis=0)
+    now = np.concatenate([mean[:1], (mean[:-1] + mean[1:]) / 2, mean[-1:]]) if holds else pushed
+    return place, speed, now
 
 
 def _misfit(signals: Signals) -> float:

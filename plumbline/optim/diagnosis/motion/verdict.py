@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,9 +83,7 @@ def verdict_of(found: Found) -> Verdict:
         outside_depends_on=depends if outside > NAMED else "",
         tree=_tree(found.joints),
         unlisted_prior=found.unlisted,
-        unobservable=tuple(
-            Blame("actuation", STAGE, j, "it was neither moved nor asked to") for j in found.still
-        ),
+        unobservable=tuple(_unseen(found)),
         next=tuple(proposals(found.joints)),
         staircase=_staircase(found, gap),
         noise=noise,
@@ -222,9 +220,21 @@ def _others(found: Found, causes: Sequence[Cause]) -> list[Cause]:
         Cause(e, STAGE, j.number, probability=p, before=math.nan)
         for j in found.joints
         for e, p in sorted(j.probability.items())
-        if (e, j.number) not in named
+        if (e, j.number) not in named and e not in j.unseen
     ]
     return sorted(rest, key=lambda c: -c.probability)
+
+
+def _unseen(found: Found) -> Iterator[Blame]:
+    """Limits that no row comes near, and joints that did nothing."""
+    effects = {e.name: e for e in MOTION_EFFECTS}
+    for joint in found.joints:
+        for name, most in joint.unseen.items():
+            unit = in_unit(effects[name].parameter.unit, found.recording.unit)
+            why = f"what was asked for, {quantity(most, unit)}, is within it"
+            yield Blame(name, STAGE, joint.number, why)
+    for j in found.still:
+        yield Blame("actuation", STAGE, j, "it was neither moved nor asked to")
 
 
 def _outside(found: Found, noise: NoiseLevel) -> tuple[float, str]:
@@ -283,7 +293,7 @@ def _staircase(found: Found, gap: Gap) -> tuple[Step, ...]:
     for joint, judged in sorted(pairs, key=lambda x: x[1].after.sum() - x[1].before.sum()):
         if joint.fit.effects:
             square += float(judged.after.sum() - judged.before.sum())
-            steps.append(Step(f"drive of joint {joint.number}", math.sqrt(square / count)))
+            steps.append(Step(f"drive {joint.number}", math.sqrt(square / count)))
     return tuple(steps)
 
 
