@@ -32,7 +32,7 @@ import casadi as cs
 
 EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
 
-PLANNED = 4  # steps of a sample of a planned way; twice as many change its parameters by 1 %
+PLANNED = 8  # steps of a sample of a planned way; twice as many change its parameters by 0.5 %
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
 
 
@@ -124,7 +124,7 @@ class Drive:
         if self.law == Law.VELOCITY:  # which runs straight between samples
             mean = (speed + before.speed) / 2
             if self.lag is not None and not held:
-                mean += self._risen(asked, before) - (wanted + before.asked) / 2
+                mean += self._risen(asked, self.lag / self.dt, before) - (wanted + before.asked) / 2
         # An ideal position is met without rounding.
         place = before.place + self.dt * mean
         if self.law == Law.POSITION and not held:
@@ -181,9 +181,9 @@ class Drive:
         was, sent = (before.asked, before.sent) if place is None else (place, before.asked)
         return stays * was + (1 - late) * asked + (late - stays) * sent
 
-    def _risen(self, asked: cs.SX, before: Memory) -> cs.SX:
-        """Mean over a sample of what lags behind a straight line from what was sent before."""
-        ratio, rise = self.lag / self.dt, asked - before.sent
+    def _risen(self, asked: cs.SX, ratio: cs.SX, before: Memory) -> cs.SX:
+        """Mean over a sample of what lags by so many behind a line from what was sent before."""
+        rise = asked - before.sent
         stays = cs.exp(-1 / (ratio + 1e-9))
         late = before.asked - before.sent + rise * ratio
         return before.sent + rise * (0.5 - ratio) + late * ratio * (1 - stays)

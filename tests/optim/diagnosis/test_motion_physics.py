@@ -87,7 +87,7 @@ def step_response(law, name, value, u, dt=0.01, length=100):
     n = len(u)
     zeros, ones = np.zeros(n), np.ones(n)
     start, first = np.array([n - length - 1]), np.zeros(n, np.int64)
-    windows = Windows(law, dt, 0.0, 0.0, u, first, zeros, zeros, zeros, ones, start, length, 1)
+    windows = Windows(law, dt, 0.0, 0.0, u, first, *[zeros] * 4, ones, start, length, 1)
     return roll_out(windows, (NAMES[name](),), np.array([value]))[0][0]
 
 

@@ -124,7 +124,7 @@ def _windows(given: Mapping[str, Array], joint: int, starts: Array) -> Windows:
     nothing = np.zeros(len(q))
     return Windows(
         Law.POSITION, float(given["dt"]), 0.0, 0.0, u, np.zeros(len(q), np.int64), q,
-        nothing, nothing, nothing, starts.astype(np.int64), int(given["length"]),
+        q, nothing, nothing, nothing, starts.astype(np.int64), int(given["length"]),
         int(given["settle"]),
     )  # fmt: skip
 

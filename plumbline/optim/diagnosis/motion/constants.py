@@ -69,6 +69,7 @@ CONTENDS = 30.0  # nats on the windows of the search: what is farther behind is 
 WORTH_A_FIT = 2.0  # nats of likelihood: noise makes one effect in twenty bring more
 ALIKE = 0.3  # of the square that the best effect takes: others that take so much may stand for it
 MOST_JUDGED = 400  # windows that a joint is judged by, over all folds
+STEPS = 0.005  # of what a planned way does: as much as twice as many steps change
 OWN_PAST = 0.3  # of what is left, foretold by the sample before: noise of an encoder has no past
 CORRELATED = 0.95  # of two estimates: the recording tells their sum, hardly which is which
 CONFOUNDED = 0.05  # probability from which another effect is named as what it may be instead

@@ -22,6 +22,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     MOVES,
     PRESENT,
     REMEMBERS,
+    STEPS,
     WORTH_A_FIT,
 )
 from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
@@ -58,6 +59,11 @@ class Models:
         if fit.at_bound:
             return -np.inf  # beyond what such a thing can be, or nothing at all
         return fit.evidence(fit.residual.size / time) + sum(self.odds[e.name] for e in key)
+
+    def floor(self, fit: Fit, sigma: float) -> float:
+        """What a fit leaves where nothing is missing [rad]: noise, and steps of a planned way."""
+        steps = STEPS * any(e.plans for e in fit.effects)
+        return float(np.hypot(sigma, steps * self.found[frozenset()].square ** 0.5))
 
     def fit(self, key: Key, near: Fit) -> None:
         """Fit a model, from one that it differs from by an effect or two."""
@@ -139,14 +145,20 @@ class Models:
         return (best, True) if better else (here, False)
 
     def likeliest(self, here: Key) -> Key:
-        """Of models that do alike, one by whose names most of the probability goes."""
+        """Of models that do alike, one by whose names most of the probability goes.
+
+        Of names that tie, the one of more forms: what the rows tell is true of each of them.
+        """
         time = self.time
         known = [k for k in self.found if not self.negligible(k, here)]
-        shares: dict[frozenset[str], float] = {}
+        forms: dict[frozenset[str], list[float]] = {}
         for k in known:
-            names, log = names_of(k), self.score(k, time)
-            shares[names] = float(np.logaddexp(shares.get(names, -np.inf), log))
-        first = max(shares, key=lambda names: shares[names])
+            forms.setdefault(names_of(k), []).append(self.score(k, time))
+
+        def rank(names: frozenset[str]) -> tuple[float, int]:
+            return round(float(np.logaddexp.reduce(forms[names])), 3), len(forms[names])
+
+        first = max(forms, key=rank)
         return max((k for k in known if names_of(k) == first), key=lambda k: self.score(k, time))
 
     def negligible(self, key: Key, beside: Key) -> bool:

@@ -25,13 +25,12 @@ from numpy.typing import NDArray
 from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.motion_effect import MotionEffect
-from plumbline.optim.diagnosis.motion.constants import OPEN
+from plumbline.optim.diagnosis.motion.constants import OPEN, POSTURE
 
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
 MEMORY = tuple(field.name for field in fields(Memory))
 SENT, PLAIN = MEMORY.index("sent"), MEMORY.index("told")  # what lags has more, what plans all
-PATH = MEMORY.index("path")
 TOGETHER = 240  # windows that are rolled out at once: some 50 MB
 PIECE, PIECES, ABREAST = 20, 5, 12  # samples of a compiled piece, these and windows of a call
 
@@ -49,6 +48,7 @@ class Windows:
     command: Array  # commands of the joint's whole recording (N,)
     first: NDArray[np.int64]  # where in it the run of each sample begins (N,): no command is older
     q: Array  # measured positions (N,) [rad]
+    posture: Array  # the same smoothed (N,) [rad]
     speed: Array  # measured speeds (N,) [rad/s]
     load: Array  # torque of gravity and of the other joints (N,) [N m]
     inertia: Array  # inertia about the joint (N,) [kg m^2]
@@ -134,7 +134,10 @@ class Windows:
         new = (np.diff(self.start) > self.length) | (np.diff(run) != 0)
         row = np.concatenate([[0], np.cumsum(new)]).astype(np.int64)
         heads = np.flatnonzero(np.concatenate([[True], new]))
-        begin = np.maximum(self.start[heads] - self.length, run[heads])
+        known = run[heads] + round(
+            POSTURE / 2 / self.dt
+        )  # from where speeds have rows on both sides
+        begin = np.maximum(self.start[heads] - self.length, np.minimum(known, self.start[heads]))
         ends = self.start[np.append(heads[1:], len(self)) - 1] + self.length
         return begin, ends - begin, row
 
@@ -248,7 +251,7 @@ def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Arra
     data[:R, :H, 0], data[:R, :H, 1], data[:R, :H, 2:] = u[:, 1:], du[:, 1:], w.given
     state = np.zeros((len(data), 1 + P, size))
     state[:R, 0] = _begun(w, u, begin)[:size].T
-    for k in (k for k in (0, SENT, PLAIN, PATH) if k < size):  # what begins at a command is late
+    for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
         state[:R, 1:, k] = du[:, :1] * by
     fixed = np.tile([w.dt, w.kp, w.kd, *theta], (abreast * call, 1))
     after = np.empty((abreast, call, 1 + P, size))
@@ -278,13 +281,14 @@ def _memory(effects: Effects) -> tuple[str, ...]:
 
 
 def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
-    """States (8, w) in which windows begin, as in MEMORY: a planned way is at its command.
+    """States (8, w) in which windows begin, as in MEMORY: a planned way is where the joint is.
 
-    What follows positions is as fast as those, since noise makes nothing of measured speeds.
+    A joint within its play stays where it began, which a single reading's noise would move. What
+    follows positions without a plan is as fast as those.
     """
-    now, q, speed = u[:, 0], w.q[start], w.speed[start]
-    pace = (u[:, 1] - now) / w.dt if w.law.follows else speed
-    return np.stack([now, q, pace if w.law == Law.POSITION else speed, q, now, now, now, pace])
+    now, q, speed = u[:, 0], (w.posture if w.law.follows else w.q)[start], w.speed[start]
+    pace = (u[:, 1] - now) / w.dt if w.law == Law.POSITION else speed
+    return np.stack([now, q, pace, q, now, now, q, speed])
 
 
 @lru_cache(maxsize=1024)

@@ -90,7 +90,7 @@ def search(
     instead = {name: _instead(name, found, share) for name in found}
     beside = Rivals(windows, fit, effective).beside()
     if sigma is not None:
-        beside = (*beside, own_past(windows, fit, sigma))
+        beside = (*beside, own_past(windows, fit, models.floor(fit, sigma)))
     outside = sum(p for names, p in share if any(name[0] == "?" for name in names))
     every, anything = _mechanisms(share)
     near = {name for name, p in probability.items() if p > CONFOUNDED}
@@ -133,7 +133,8 @@ def _weights(
         beside = rivals.beside()
         past: tuple[Unlisted, ...] = ()
         if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in beside):
-            past = (own_past(models.windows, fit, sigma),)  # that no function tells
+            floor = models.floor(fit, sigma)
+            past = (own_past(models.windows, fit, floor),)  # that no function tells
         for u in (*beside, *past):
             if u.share > LEAST_SHARE:
                 found.append((names_of(less) | {f"?{u.on}"}, score + u.gain + each))

@@ -123,14 +123,19 @@ class Signals:
 
     @cached_property
     def starts(self) -> Integers:
-        """Where windows start (W,), the counted parts of which follow one another."""
-        settle = self.settle
+        """Where windows start (W,), the counted parts of which follow one another.
+
+        What follows positions has as much before the first as a window is long, if that is a
+        quarter of its run at most: how it began is then forgotten, by a planned way too.
+        """
+        settle, follows = self.settle, self.recording.law.follows
         begins = np.unique(self.first)
         ends = np.append(begins[1:], len(self.q))
         found = []
         for begin, end in zip(begins, ends, strict=True):
             room = end - begin - 1 - self.length
-            early = min(round(LONGEST_DELAY / self.dt), max(room, 0))
+            late = min(self.length, room // 4) if follows else 0
+            early = min(max(round(LONGEST_DELAY / self.dt), late), max(room, 0))
             found.append(np.arange(begin + early, end - self.length, self.length - settle))
         return np.concatenate(found) if found else np.empty(0, np.int64)
 
@@ -157,7 +162,8 @@ class Signals:
         r, (h, inertia) = self.recording, self.loads
         return Windows(
             r.law, self.dt, float(r.kp[joint]), float(r.kd[joint]), self.command[:, joint],
-            self.first, self.q[:, joint], self.speed[:, joint], h[:, joint], inertia[:, joint],
+            self.first, self.q[:, joint], self.posture[:, joint], self.speed[:, joint],
+            h[:, joint], inertia[:, joint],
             starts, self.length, self.settle, r.size, self._push(joint),
         )  # fmt: skip
 
@@ -207,7 +213,8 @@ def signals_of(recording: MotionRecording, most: int = MOST_SAMPLES) -> Signals:
         PlumblineError: No run of it is as long as a window.
     """
     if not recording.law.pushes:
-        return _smoothed(recording, SMOOTH, most)
+        seconds = POSTURE if recording.law == Law.POSITION else SMOOTH
+        return _smoothed(recording, seconds, most)
     return min((_foretold(recording, seconds, most) for seconds in SMOOTHED), key=_misfit)
 
 
