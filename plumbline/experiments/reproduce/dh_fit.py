@@ -61,20 +61,20 @@ class Group:
     fresh_floor: float  # the same of the fresh poses [m]
 
 
-def run(seed: int, progress: Progress | None = None) -> Reproduction:
-    """Simulate, fit and tabulate."""
+def run(seed: int, progress: Progress | None = None, *, several: int = len(PAPER)) -> Reproduction:
+    """Simulate, fit and tabulate; ``several`` of the paper's groups, or all."""
     tell = progress or _silent
     groups, fine = [], []
-    for k in range(len(PAPER)):
-        tell(f"group {k + 1} of {len(PAPER)}", k / 8.0)
+    for k in range(several):
+        tell(f"group {k + 1} of {several}", k / 8.0)
         groups.append(_group(seed, k, NOISE, WANDER, SURGICAL))
         fine.append(_group(seed, k, FINE_NOISE, FINE_WANDER, SURGICAL))
     tell("beyond the paper", 5 / 8.0)
     beyond = [look_beyond(seed, k, group.session, group.fits) for k, group in enumerate(groups)]
     tell("fifty points", 6 / 8.0)
-    points = [_fifty(seed, k) for k in range(len(PAPER))]
+    points = [_fifty(seed, k) for k in range(several)]
     tell("outliers", 7 / 8.0)
-    outliers = [_outliers(seed, k) for k in range(len(PAPER))]
+    outliers = [_outliers(seed, k) for k in range(several)]
     tell("done", 1.0)
     return Reproduction(
         TITLE,

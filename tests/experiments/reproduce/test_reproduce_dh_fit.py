@@ -1,6 +1,7 @@
 """The paper's five groups: before as published, after below it, by a simulator of its own."""
 
 import json
+from inspect import signature
 
 import numpy as np
 import pytest
@@ -14,20 +15,29 @@ from plumbline.experiments.reality.tip_readings import (
     registration_poses,
 )
 from plumbline.experiments.reproduce import PAPERS, reproduce
-from plumbline.experiments.reproduce.dh_fit import TABLE_BEST
+from plumbline.experiments.reproduce import dh_fit as module
+from plumbline.experiments.reproduce.dh_fit import TABLE_BEST, run
 from plumbline.experiments.reproduce.dh_fit_sessions import PAPER
+
+SEVERAL = 2  # of the five groups: what holds of each is asked of these
 
 
 @pytest.fixture(scope="module")
 def found():
-    return reproduce("dh-fit", 1)
+    return run(1, several=SEVERAL)
+
+
+def test_the_command_asks_for_all_of_the_paper_s_groups(monkeypatch):
+    assert PAPERS["dh-fit"] == "dh_fit"
+    assert signature(run).parameters["several"].default == len(PAPER) == 5
+    monkeypatch.setattr(module, "run", lambda seed, progress: (seed, progress))
+    assert reproduce("dh-fit", 4) == (4, None)
 
 
 def test_before_is_the_paper_s_and_after_is_at_or_below_it(found):
-    assert "dh-fit" in PAPERS
     groups = found.figures["groups"]
-    assert len(groups) == 5
-    for group, (before, after) in zip(groups, PAPER, strict=True):
+    assert len(groups) == SEVERAL
+    for group, (before, after) in zip(groups, PAPER[:SEVERAL], strict=True):
         assert np.isclose(group["before"]["mean"], before[0], rtol=1e-6)
         assert group["paper"]["before"]["mean"] == before[0]
         assert group["after"]["mean"] <= min(after[0], TABLE_BEST)
