@@ -15,8 +15,7 @@ from plumbline.experiments.reality.ranging.scene import (
 )
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.hand_eye.accuracy import Marks
-from plumbline.optim.hand_eye.beam import Beam
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings
 
 CLEAN = Instrument(
     noise=0.0, grain=0.0, skew=0.0, repeatability=0.0, flatness=1e-12, aim=0.0, square=0.0

@@ -260,8 +260,8 @@ def _registered(folder: Path, o: Options, truth: Truth) -> dict[str, Any]:
 
 def _calibrated(folder: Path, o: Options, truth: Truth) -> dict[str, Any]:
     from plumbline.optim.hand_eye.answer import hand_eye
-    from plumbline.optim.hand_eye.beam import Beam
     from plumbline.optim.hand_eye.calibrate import HandEyeOptions
+    from plumbline.optim.hand_eye.readings import Beam
 
     fit = hand_eye(folder, HandEyeOptions(poses=0)).calibration
     assert truth.beam is not None

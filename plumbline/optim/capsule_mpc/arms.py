@@ -23,7 +23,7 @@ from plumbline.kinematics.capsules import Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.link_capsules import LinkCapsule
-from plumbline.optim.capsule_mpc.bodies import Capsule, Point
+from plumbline.optim.capsule_mpc.bodies import Body, Capsule, Point
 from plumbline.optim.core.problem import Array
 
 MM = 1e3  # mm in a m
@@ -31,7 +31,7 @@ REVOLUTE, PRISMATIC = 1e-2, 1e-3  # [rad], [m] of one unit of the state
 
 
 @dataclass(frozen=True, eq=False)
-class ArmInstrument:
+class ArmInstrument(Body):
     """An arm that holds an instrument."""
 
     chain: Chain  # the arm; the shaft lies along z of its tip frame
@@ -138,10 +138,6 @@ class ArmInstrument:
             rooms += [high / self.unit[k] - x[k]] if np.isfinite(high) else []
         return cs.vertcat(*rooms)
 
-    def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
-        """The joints' own, wherever they are."""
-        return cs.SX(cs.DM(self.speed))
-
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
         r"""Of a point at R from the first axis: :math:`(\omega^2 R + 2\, \omega\, \dot s) / 8`."""
         far, spread = self._far
@@ -159,10 +155,6 @@ class ArmInstrument:
     def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
         """None, for any link: where a shaft begins and ends is the arm's affair."""
         return (None,) * len(self.links)
-
-    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
-        """The error is stated for the arm's points, whichever."""
-        return cs.SX(1.0)
 
     @cached_property
     def _far(self) -> tuple[Array, float]:

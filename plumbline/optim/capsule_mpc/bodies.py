@@ -99,13 +99,16 @@ class Body(Protocol):
         """What is compared with the goal (g,) [mm]."""
 
     def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
-        """What must stay zero (h,) [mm]."""
+        """What must stay zero (h,) [mm]; nothing by default."""
+        return cs.SX(0, 1)
 
     def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
-        """What must stay positive (l,) [mm, or rad of a joint]."""
+        """What must stay positive (l,) [mm, or rad of a joint]; nothing by default."""
+        return cs.SX(0, 1)
 
     def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
         """Bound (n,) on the rate of each state's group in a step of dt [s] that begins at x."""
+        return cs.SX(cs.DM(self.speed))
 
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
         """How far the ends of each capsule leave their chords on the way from x - d to x [mm]."""
@@ -115,13 +118,38 @@ class Body(Protocol):
 
     def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
         """How far the point at a share of an axis moves across it, of a state's error."""
+        return cs.SX(1.0)
 
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         """Bound on how far any point of each capsule moves [mm], groups within bounds (n,)."""
 
 
+class _Shaft(Body, Protocol):
+    """What instruments share: bounds that hold along all coordinates, and no pairs of their own."""
+
+    v_max: float
+    a_max: float
+    j_max: float
+
+    @property
+    def speed(self) -> Array:
+        return np.full(self.size, self.v_max)
+
+    @property
+    def acceleration(self) -> Array:
+        return np.full(self.size, self.a_max)
+
+    @property
+    def jerk(self) -> Array:
+        return np.full(self.size, self.j_max)
+
+    @property
+    def own_pairs(self) -> tuple[tuple[int, int], ...]:
+        return ()
+
+
 @dataclass(frozen=True)
-class TipInstrument:
+class TipInstrument(_Shaft):
     """An instrument through a trocar, its state the place of its tip (3,) [mm]."""
 
     trocar: Point  # the point that the shaft passes through [mm]
@@ -141,7 +169,6 @@ class TipInstrument:
 
     size: int = field(default=3, init=False)
     groups: tuple[int, ...] = field(default=(3,), init=False)
-    own_pairs: tuple[tuple[int, int], ...] = field(default=(), init=False)
 
     @property
     def constants(self) -> Array:
@@ -153,21 +180,6 @@ class TipInstrument:
         """The same with its trocar at zero."""
         return replace(self, trocar=(0.0, 0.0, 0.0))
 
-    @property
-    def speed(self) -> Array:
-        """Largest rate (3,) of the tip [mm/s]."""
-        return np.full(3, self.v_max)
-
-    @property
-    def acceleration(self) -> Array:
-        """Largest acceleration (3,) of the tip [mm/s^2]."""
-        return np.full(3, self.a_max)
-
-    @property
-    def jerk(self) -> Array:
-        """Largest jerk (3,) of the tip [mm/s^3]."""
-        return np.full(3, self.j_max)
-
     def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """The shaft, tip first."""
         inside = x - c
@@ -177,10 +189,6 @@ class TipInstrument:
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """The tip."""
         return x
-
-    def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
-        """Nothing: the trocar is built in."""
-        return cs.SX(0, 1)
 
     def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Room to the least and the most depth, and to the cone (3,) [mm]."""
@@ -224,7 +232,7 @@ class TipInstrument:
 
 
 @dataclass(frozen=True)
-class EndsInstrument:
+class EndsInstrument(_Shaft):
     """An instrument by both ends of its shaft: tip, then the other end (6,) [mm]."""
 
     length: float = 250.0  # of the shaft [mm]
@@ -237,7 +245,6 @@ class EndsInstrument:
 
     size: int = field(default=6, init=False)
     groups: tuple[int, ...] = field(default=(3, 3), init=False)
-    own_pairs: tuple[tuple[int, int], ...] = field(default=(), init=False)
 
     @property
     def constants(self) -> Array:
@@ -248,21 +255,6 @@ class EndsInstrument:
     def shape(self) -> Hashable:
         """The same with its trocar, if it has one, at zero."""
         return replace(self, trocar=self.trocar and (0.0, 0.0, 0.0))
-
-    @property
-    def speed(self) -> Array:
-        """Largest rate (6,) of either end [mm/s]."""
-        return np.full(6, self.v_max)
-
-    @property
-    def acceleration(self) -> Array:
-        """Largest acceleration (6,) of either end [mm/s^2]."""
-        return np.full(6, self.a_max)
-
-    @property
-    def jerk(self) -> Array:
-        """Largest jerk (6,) of either end [mm/s^3]."""
-        return np.full(6, self.j_max)
 
     def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """The shaft, tip first."""
@@ -282,14 +274,6 @@ class EndsInstrument:
         across = offset - cs.dot(offset, axis) * axis
         return cs.vertcat(rigid, *(cs.dot(side, across) for side in sides(axis)))
 
-    def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
-        """None."""
-        return cs.SX(0, 1)
-
-    def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
-        """The speed of either end, wherever it is."""
-        return cs.SX(cs.DM(self.speed))
-
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
         """None: the ends are the state."""
         return (cs.SX(0.0),)
@@ -297,10 +281,6 @@ class EndsInstrument:
     def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
         """The trocar, if there is one."""
         return (None if self.trocar is None else c,)
-
-    def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
-        """Both ends are known and commanded alike."""
-        return cs.SX(1.0)
 
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         """A point between two ends moves no farther than the farther of them."""

@@ -10,8 +10,7 @@ from plumbline.optim.dh_fit.fit import fit_dh
 from plumbline.optim.dh_fit.local import HeldOut, Space, held_out, local_and_global
 from plumbline.optim.dh_fit.losses import Norms, Squares
 from plumbline.optim.dh_fit.poses import reachable
-from plumbline.optim.dh_fit.quantities import Quantity
-from plumbline.optim.dh_fit.report import DHParameter, Misfit, Status
+from plumbline.optim.dh_fit.quantities import DHParameter, Misfit, Quantity, Status
 from plumbline.optim.dh_fit.solvers import BY_NAME, SOLVERS
 from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.dh_fit.sums import Pass

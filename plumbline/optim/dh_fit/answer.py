@@ -20,8 +20,7 @@ from plumbline.optim.core.stored import plain
 from plumbline.optim.dh_fit.constants import ROUNDING
 from plumbline.optim.dh_fit.fitted import Fitted
 from plumbline.optim.dh_fit.identify import Held
-from plumbline.optim.dh_fit.quantities import Quantity
-from plumbline.optim.dh_fit.report import DHParameter, Misfit, Status
+from plumbline.optim.dh_fit.quantities import DHParameter, Misfit, Quantity, Status
 from plumbline.optim.dh_fit.setups import DOUBTFUL, reach
 from plumbline.optim.dh_fit.solvers import promised_drop
 from plumbline.optim.dh_fit.statement import Unknown

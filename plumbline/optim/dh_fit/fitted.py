@@ -20,8 +20,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import CHANCE, RESTING, STATED_WITHIN
 from plumbline.optim.dh_fit.gross_rows import factor, gross_rows
 from plumbline.optim.dh_fit.identify import Identifiability, triangle
-from plumbline.optim.dh_fit.quantities import Quantity, quantities, shares, sums
-from plumbline.optim.dh_fit.report import Misfit
+from plumbline.optim.dh_fit.quantities import Misfit, Quantity, quantities, shares, sums
 from plumbline.optim.dh_fit.softness import softness
 from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown
 from plumbline.optim.dh_fit.sums import Pass

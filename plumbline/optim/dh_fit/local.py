@@ -16,7 +16,7 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.fit import fit_dh
-from plumbline.optim.dh_fit.report import Misfit
+from plumbline.optim.dh_fit.quantities import Misfit
 from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.dh_fit.task import DHOptions
 from plumbline.optim.recording.recording import Recording

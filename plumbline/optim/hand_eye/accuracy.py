@@ -17,9 +17,8 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import LEAST_POINTS
-from plumbline.optim.hand_eye.readings import Integers
+from plumbline.optim.hand_eye.readings import Beam, Integers
 from plumbline.optim.rigid import rigid_match
 
 

@@ -12,6 +12,7 @@ from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.stored import plain
 from plumbline.optim.hand_eye.accuracy import repeatability
 from plumbline.optim.hand_eye.calibrate import Calibration, HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.constants import OVERSTATED, UNDERSTATED
@@ -214,24 +215,11 @@ def _estimate(value: Array, std: Array, unit: str) -> dict[str, Any]:
 
 
 def _board(board: Board) -> dict[str, Any]:
-    return {
-        "plane": board.label,
-        "normal": board.normal.tolist(),
-        "centre": board.centre.tolist(),
-        "rows": board.rows,
-        "rms": board.rms,
-        "unflatness": board.unflatness,
-        "unit": "m",
-    }
+    found: dict[str, Any] = plain(asdict(board))
+    return {"plane": found.pop("label"), **found, "unit": "m"}
 
 
 def _pose(pose: NextPose) -> dict[str, Any]:
-    return {
-        "position": pose.position.tolist(),
-        "quaternion": pose.quaternion.tolist(),
-        "plane": pose.plane,
-        "range": pose.distance,
-        "incidence_deg": float(np.rad2deg(pose.incidence)),
-        "point_std": pose.point_std,
-        "q": None if pose.q is None else pose.q.tolist(),
-    }
+    found: dict[str, Any] = plain(asdict(pose))
+    incidence, distance = np.rad2deg(found.pop("incidence")), found.pop("distance")
+    return {**found, "range": distance, "incidence_deg": float(incidence)}

@@ -16,10 +16,9 @@ from scipy.optimize import least_squares
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import SCIPY_SCALE
 from plumbline.optim.hand_eye.planes import Frames
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings
 
 Loss = Literal["linear", "cauchy"]
 METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")

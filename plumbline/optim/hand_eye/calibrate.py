@@ -22,7 +22,6 @@ from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import (
     ARM_SHAPES,
     BIAS_STD,
@@ -47,7 +46,7 @@ from plumbline.optim.hand_eye.observability import (
     refuse_unturned,
 )
 from plumbline.optim.hand_eye.planes import Frames, Plane
-from plumbline.optim.hand_eye.readings import Integers, Readings
+from plumbline.optim.hand_eye.readings import Beam, Integers, Readings
 from plumbline.optim.hand_eye.reweighting import LikelyFit, Variance, likely_fit
 from plumbline.optim.hand_eye.shapes import arm_shapes, shapes
 from plumbline.optim.hand_eye.start import refuse_misread, robust_start

@@ -24,9 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.planes import Frames, Plane, marks_of_planes, unit
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings
 
 # r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
 SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)

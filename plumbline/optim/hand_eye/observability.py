@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import (
     ALONG,
     INFINITE,
@@ -34,7 +33,7 @@ from plumbline.optim.hand_eye.constants import (
     SUSPECT,
 )
 from plumbline.optim.hand_eye.planes import Frames
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings
 from plumbline.optim.hand_eye.three_planes import parallel_planes
 
 

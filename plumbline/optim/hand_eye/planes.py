@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import THREES
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings
 
 
 @dataclass(frozen=True, eq=False)

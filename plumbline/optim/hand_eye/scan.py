@@ -28,7 +28,6 @@ from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.answer import HandEye
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import (
     FACE_GROSS,
     LEAST_GROSS,
@@ -38,6 +37,7 @@ from plumbline.optim.hand_eye.constants import (
     TO_SIGMA,
 )
 from plumbline.optim.hand_eye.planes import least_median_plane
+from plumbline.optim.hand_eye.readings import Beam
 from plumbline.optim.hand_eye.scan_recording import ScanRecording, load_scan
 from plumbline.optim.hand_eye.surface import open_motions, register_surface, rows_of
 

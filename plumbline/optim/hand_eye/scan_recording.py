@@ -21,7 +21,6 @@ import numpy as np
 
 from plumbline.errors import fault
 from plumbline.kinematics.files import read_file
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import (
     LARGEST_SURFACE,
     LEAST_FACE,
@@ -30,6 +29,7 @@ from plumbline.optim.hand_eye.constants import (
     LONGEST,
     SURFACE_POINTS,
 )
+from plumbline.optim.hand_eye.readings import Beam
 from plumbline.optim.hand_eye.recording import labelled, open_ranges
 from plumbline.optim.recording.loading import read_bytes
 from plumbline.optim.recording.origin import Array, Integers

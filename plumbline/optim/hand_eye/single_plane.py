@@ -32,10 +32,9 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.accuracy import Marks, repeatability
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import ALIKE, FLAT, LEAST_GROUP, LEAST_GROUPS
 from plumbline.optim.hand_eye.planes import principal_plane
-from plumbline.optim.hand_eye.readings import Integers, Readings
+from plumbline.optim.hand_eye.readings import Beam, Integers, Readings
 
 
 def height(n: cs.SX, r: cs.SX, v: cs.SX, pose: cs.SX) -> cs.SX:

@@ -23,7 +23,6 @@ from scipy.spatial.transform import Rotation
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.beam import Beam, mean_beam
 from plumbline.optim.hand_eye.constants import (
     BETTER,
     BEYOND,
@@ -39,7 +38,7 @@ from plumbline.optim.hand_eye.constants import (
     TRIALS,
 )
 from plumbline.optim.hand_eye.planes import Frames, least_median_plane
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings, mean_beam
 from plumbline.optim.hand_eye.reweighting import robust_fit
 from plumbline.optim.hand_eye.single_plane import closed_form
 

@@ -14,7 +14,7 @@ source's alpha and beta are lost but for beta > alpha; lengths in the cost are i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as cs
@@ -25,10 +25,9 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
-from plumbline.optim.hand_eye.beam import Beam, mean_beam
 from plumbline.optim.hand_eye.constants import PARALLEL
 from plumbline.optim.hand_eye.planes import Frames, Plane, marks_of_planes, unit
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings, mean_beam
 from plumbline.optim.hand_eye.single_plane import SinglePlane, slope
 
 MILLIMETRES = 1e3
@@ -53,46 +52,18 @@ class ThreePlanes:
     start: Beam  # the beam that it started from
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Statement:
     """The symbols of the problem for K planes, before any data."""
 
     planes: int  # number of planes K
     mains: int  # number of principal planes G: as many, or one for each group
     # directions as slopes (always of length one), rather than as three numbers under constraints
-    on_spheres: bool = True
-    x: cs.SX = field(init=False)
-    row: cs.SX = field(init=False)
-    residual: cs.SX = field(init=False)
-    spheres: cs.SX = field(init=False)
-
-    def __post_init__(self) -> None:
-        d = 2 if self.on_spheres else 3
-        r, v = cs.SX.sym("r", 3), cs.SX.sym("v", d)
-        n, m = cs.SX.sym("n", d, self.planes), cs.SX.sym("m", d, self.mains)
-        c = cs.SX.sym("c", self.mains)
-        row = cs.SX.sym("row", 16 + self.planes + self.mains)
-        R, t = cs.reshape(row[:9], 3, 3), row[9:12]
-        distance, of_slope, root = row[12], row[13], row[14:16]
-        chosen, group = row[16 : 16 + self.planes], row[16 + self.planes :]
-        direction = unit if self.on_spheres else cs.SX
-        beam, normal, main = direction(v), direction(n @ chosen), direction(m @ group)
-        # Rows of slopes carry g in the place of t.
-        agreement = root[0] * (R.T @ normal + t * cs.dot(R.T @ normal, beam))
-        point = R @ (r + distance * beam) + t
-        height = root[1] * (cs.dot(main, point) + cs.dot(group, c))
-        residual = of_slope * agreement + (1 - of_slope) * cs.vertcat(height, 0, 0)
-        spheres = cs.vertcat(
-            cs.sumsqr(v), *(cs.sumsqr(w[:, k]) for w in (n, m) for k in range(w.size2()))
-        )
-        given = {
-            "x": cs.vertcat(r, v, cs.vec(n), cs.vec(m), c),
-            "row": row,
-            "residual": residual,
-            "spheres": cs.SX(0, 1) if self.on_spheres else spheres,
-        }
-        for name, value in given.items():
-            object.__setattr__(self, name, value)
+    on_spheres: bool
+    x: cs.SX  # unknowns
+    row: cs.SX  # a reading's or a slope's numbers
+    residual: cs.SX  # of a row
+    spheres: cs.SX  # squared lengths of the directions, where they are constraints
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -127,7 +98,24 @@ class Statement:
 @lru_cache(maxsize=16)
 def statement(planes: int, on_spheres: bool = True, mains: int | None = None) -> Statement:
     """The symbols for that many planes (and principal planes), written once."""
-    return Statement(planes, planes if mains is None else mains, on_spheres)
+    d, G = (2 if on_spheres else 3), planes if mains is None else mains
+    r, v = cs.SX.sym("r", 3), cs.SX.sym("v", d)
+    n, m, c = cs.SX.sym("n", d, planes), cs.SX.sym("m", d, G), cs.SX.sym("c", G)
+    row = cs.SX.sym("row", 16 + planes + G)
+    R, t = cs.reshape(row[:9], 3, 3), row[9:12]
+    distance, of_slope, root = row[12], row[13], row[14:16]
+    chosen, group = row[16 : 16 + planes], row[16 + planes :]
+    direction = unit if on_spheres else cs.SX
+    beam, normal, main = direction(v), direction(n @ chosen), direction(m @ group)
+    # Rows of slopes carry g in the place of t.
+    agreement = root[0] * (R.T @ normal + t * cs.dot(R.T @ normal, beam))
+    point = R @ (r + distance * beam) + t
+    height = root[1] * (cs.dot(main, point) + cs.dot(group, c))
+    residual = of_slope * agreement + (1 - of_slope) * cs.vertcat(height, 0, 0)
+    every = [v, *(w[:, k] for w in (n, m) for k in range(w.size2()))]
+    spheres = cs.SX(0, 1) if on_spheres else cs.vertcat(*map(cs.sumsqr, every))
+    x = cs.vertcat(r, v, cs.vec(n), cs.vec(m), c)
+    return Statement(planes, G, on_spheres, x, row, residual, spheres)
 
 
 def state(

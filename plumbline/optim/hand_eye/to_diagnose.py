@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, one_line
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.constants import LEAST_ON_PLANE, MOST_MISFIT, SPARE
 from plumbline.optim.hand_eye.planes import Frames
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings
 from plumbline.optim.hand_eye.recording import OBSERVATION, EveryRow, RangeRecording
 from plumbline.optim.hand_eye.start import refuse_misread, robust_start
 from plumbline.optim.recording import checks

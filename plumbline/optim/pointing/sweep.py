@@ -27,11 +27,11 @@ from plumbline.optim.pointing.judge import drift, judged, settled_status, why_no
 from plumbline.optim.pointing.needle import checked_angles, tip_and_top
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.planes import Planes, before_planes
+from plumbline.optim.pointing.postures import Tracks, follow
 from plumbline.optim.pointing.statement import sweep_statement
 from plumbline.optim.pointing.status import Status, least, meanings, most
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
-from plumbline.optim.pointing.tracks import Tracks, follow
 
 NO_SOLVE = JudgedByResidual("no solve: the track that the path starts from", False, float("nan"))
 

@@ -18,7 +18,7 @@ Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
 """
 
 from plumbline.optim.registration.answer import Registration
-from plumbline.optim.registration.condition import Condition, condition_of
+from plumbline.optim.registration.checks import Condition, condition_of
 from plumbline.optim.registration.fiducials import Fiducials, build_fiducials
 from plumbline.optim.registration.least_squares import Anisotropic, Kabsch
 from plumbline.optim.registration.markers import MarkerNoise

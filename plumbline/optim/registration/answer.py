@@ -30,7 +30,7 @@ from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.stored import plain
-from plumbline.optim.registration.condition import Condition
+from plumbline.optim.registration.checks import Condition
 from plumbline.optim.registration.constants import DOUBTFUL
 from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.target import TargetError, Unstated, arc, lever, point_of

@@ -22,8 +22,7 @@ from scipy.special import chdtrc
 
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.registration.answer import Registration
-from plumbline.optim.registration.checks import check, misfit, spread_of
-from plumbline.optim.registration.condition import condition_of
+from plumbline.optim.registration.checks import check, condition_of, misfit, spread_of
 from plumbline.optim.registration.constants import DOUBTFUL, FEWEST_UNSTATED, NO_PAIR
 from plumbline.optim.registration.fiducials import Fiducials, load_fiducials
 from plumbline.optim.registration.least_squares import Anisotropic, Kabsch, best_fit

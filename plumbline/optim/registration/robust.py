@@ -38,7 +38,7 @@ from scipy.spatial.distance import pdist
 from scipy.special import betaincinv, chdtri
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.condition import condition_of
+from plumbline.optim.registration.checks import condition_of
 from plumbline.optim.registration.constants import (
     ALPHA,
     ALPHA_UNSTATED,

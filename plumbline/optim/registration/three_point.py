@@ -25,7 +25,7 @@ from plumbline.errors import fault
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, unskew
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.condition import smallest_angles
+from plumbline.optim.registration.checks import smallest_angles
 from plumbline.optim.registration.constants import CHUNK_OF_TRIPLES, ON_A_LINE
 from plumbline.optim.registration.markers import MarkerNoise, Markers
 from plumbline.optim.registration.method import Fit

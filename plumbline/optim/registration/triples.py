@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.condition import smallest_angles, well_spread
+from plumbline.optim.registration.checks import smallest_angles, well_spread
 from plumbline.optim.registration.constants import LEAST_ANGLE, MEAN_ROUNDS, STILL
 from plumbline.optim.registration.least_squares import move
 from plumbline.optim.registration.markers import MarkerNoise, Markers

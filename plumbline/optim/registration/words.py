@@ -12,11 +12,11 @@ from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.checks import (
     Relabelling,
     best_relabelling,
+    condition_of,
     doubtful,
     exchange,
     misfit,
 )
-from plumbline.optim.registration.condition import condition_of
 from plumbline.optim.registration.constants import (
     ASIDE,
     COARSE,

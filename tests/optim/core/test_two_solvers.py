@@ -10,9 +10,9 @@ from plumbline.optim.core.solvers import Fatrop, Ipopt, LevenbergMarquardt, Slsq
 from plumbline.optim.dh_fit import DHOptions, Squares, fit_dh
 from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes
 from plumbline.optim.pointing import Aim, PointingOptions, plan_sweep
+from plumbline.optim.pointing.postures import follow
 from plumbline.optim.pointing.statement import IPOPT, SweepWeights, sweep_statement
 from plumbline.optim.pointing.task import needle_task
-from plumbline.optim.pointing.tracks import follow
 from plumbline.optim.registration import Anisotropic, MarkerNoise
 from tests.dh_sessions import recording, session
 from tests.optim.capsule_mpc.test_capsule_mpc import GOAL, OBSTACLES, START, two

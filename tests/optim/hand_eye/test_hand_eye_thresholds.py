@@ -12,7 +12,6 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye import answer, calibrate, scan, start, surface
 from plumbline.optim.hand_eye import single_plane as closed
 from plumbline.optim.hand_eye.accuracy import leave_one_out
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions
 from plumbline.optim.hand_eye.constants import (
     BIAS_STD,
@@ -32,7 +31,7 @@ from plumbline.optim.hand_eye.observability import (
     turn_words,
 )
 from plumbline.optim.hand_eye.planes import Frames
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings
 from plumbline.optim.hand_eye.recording import _check_angles
 from plumbline.optim.hand_eye.reweighting import Variance, _robust_sigma, fit_variance
 from plumbline.optim.hand_eye.scan_recording import _faces, _landmarks, surface_points

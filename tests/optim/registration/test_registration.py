@@ -31,7 +31,7 @@ from plumbline.optim.registration import (
     rank_triples,
     three_point,
 )
-from plumbline.optim.registration.condition import condition_of
+from plumbline.optim.registration.checks import condition_of
 from plumbline.optim.registration.constants import ALPHA, LEAST_HELD
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.robust import _holds

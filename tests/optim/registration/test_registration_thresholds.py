@@ -19,8 +19,14 @@ from plumbline.optim.registration import (
     build_fiducials,
     constants,
 )
-from plumbline.optim.registration.checks import best_relabelling, check, doubtful, misfit
-from plumbline.optim.registration.condition import condition_of, well_spread
+from plumbline.optim.registration.checks import (
+    best_relabelling,
+    check,
+    condition_of,
+    doubtful,
+    misfit,
+    well_spread,
+)
 from plumbline.optim.registration.fiducials import load_fiducials
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.robust import _holds, levels_of

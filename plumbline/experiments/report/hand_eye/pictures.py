@@ -27,9 +27,8 @@ from plumbline.experiments.report.style import (
 )
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.answer import HandEye
-from plumbline.optim.hand_eye.beam import Beam
 from plumbline.optim.hand_eye.calibrate import Calibration
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings
 from plumbline.optim.hand_eye.single_plane import Selection
 
 MM = 1e3
