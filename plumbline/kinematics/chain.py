@@ -14,13 +14,12 @@ from functools import cached_property
 import casadi as cs
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.evaluate import Array, over_rows
 from plumbline.kinematics.frames import Transform, axis_rotation, constant, homogeneous
 
-Array = NDArray[np.float64]
 PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
 
 

@@ -20,14 +20,13 @@ from functools import cached_property
 import casadi as cs
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Joint
-from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.evaluate import Array, over_rows
 from plumbline.kinematics.frames import Transform, constant
 
-Array = NDArray[np.float64]
 INERTIAL = 10  # parameters of a body: mass, first moment (3), inertia about the joint (6)
 
 

@@ -16,16 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.link_export import origin_of
 from plumbline.kinematics.robot import Robot
 
-Array = NDArray[np.float64]
 SHORTEST = 1e-3  # [m] of a bone that gets a capsule
 
 

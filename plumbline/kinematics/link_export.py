@@ -14,15 +14,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.dh import DHRow
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.kinematics.robot import Robot
 
-Array = NDArray[np.float64]
 QUARTER = np.pi / 2
 SAME = 1e-12
 NAME = "calibrated_tip"

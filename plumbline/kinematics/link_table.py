@@ -20,15 +20,14 @@ from dataclasses import dataclass, replace
 import casadi as cs
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import PARALLEL, Chain, Joint
 from plumbline.kinematics.dh import DHRow
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, homogeneous
 from plumbline.kinematics.robot import Robot
 
-Array = NDArray[np.float64]
 KEYS = ("d", "a", "alpha", "theta", "beta")
 EXACT = 1e-9
 

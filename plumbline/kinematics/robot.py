@@ -21,10 +21,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.chain import Array, Chain, Joint
+from plumbline.kinematics.chain import Chain, Joint
 from plumbline.kinematics.descriptions import descriptions
 from plumbline.kinematics.dh import DHRow, model_from_dh
 from plumbline.kinematics.dynamics import Dynamics, dynamics_of
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.mjcf import model_from_mjcf
 

@@ -9,11 +9,10 @@ together. Unless the two segments touch, the normal n separates them.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.kinematics.capsules import PARALLEL, TINY
-
-Array = NDArray[np.float64]
+from plumbline.kinematics.evaluate import Array
 
 
 @dataclass(frozen=True)

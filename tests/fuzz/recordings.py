@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from plumbline.kinematics.chain import Array, Chain
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.robot import Robot
 
 ROWS = 30  # of a sound recording: enough for every command to read it

@@ -18,8 +18,9 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.effects.drive import DriveEffect
-from plumbline.kinematics.effects.effect import Array, Effect, Scope, State
+from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.effects.hysteresis import lag_of_play
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
 WAYS = (0.006, 0.02, 0.06)  # rad or m: gears' play and twist together, 5 to 50 times an arc minute

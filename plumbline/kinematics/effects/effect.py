@@ -21,14 +21,13 @@ from typing import ClassVar
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.loads import Nominal
 from plumbline.kinematics.parameters import Parameter
 
-Array = NDArray[np.float64]
 RANGES: tuple[str, ...] = ("plane_range",)
 FIDUCIALS: tuple[str, ...] = ("fiducials",)
 TOOL_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose", "fixed_point")

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects.effect import Array, Effect, JointEffect, Scope, State
+from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
 WIDTHS = (1e-4, 1e-3, 1e-2)

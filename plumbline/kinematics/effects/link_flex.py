@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects.effect import Array, Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter

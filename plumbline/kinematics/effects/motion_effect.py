@@ -18,14 +18,12 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import casadi as cs
-import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.effect import Stage
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
-Array = NDArray[np.float64]
 UNITS = {Law.VELOCITY: "rad/s", Law.RATE: "rad/s", Law.TORQUE: "N m", Law.SAMPLED_TORQUE: "N m"}
 
 

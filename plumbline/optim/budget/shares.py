@@ -11,13 +11,13 @@ shares sum to one. Their intervals are those of draws of every mean and of every
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
 from plumbline.optim.budget.answer import Budget, Part
 from plumbline.optim.budget.sources import Source
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 DRAWS = 2000  # two digits of a 95 % bound
 LEVEL = (2.5, 97.5)  # [%] of an interval
 

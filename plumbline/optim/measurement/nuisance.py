@@ -17,8 +17,7 @@ import numpy as np
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.session import Own
-from plumbline.optim.recording.recording import Recording, Session
-from plumbline.optim.recording.sockets import one_hot_sockets, socket_labels
+from plumbline.optim.recording.recording import Recording, Session, one_hot_sockets, socket_labels
 from plumbline.optim.rigid import rigid_match
 
 FRAME_SCALE = (0.1, 0.1)

@@ -32,8 +32,7 @@ from plumbline.optim.measurement.session import (
 )
 from plumbline.optim.measurement.torque import torque_residual
 from plumbline.optim.recording.constants import SAME_POSTURE
-from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.sockets import one_hot_sockets
+from plumbline.optim.recording.recording import Recording, one_hot_sockets
 
 BEFORE_CLOSING = (Stage.ACTUATION, Stage.JOINT, Stage.LINK, Stage.TOOL)
 AFTER_DEVICE = (Stage.REGISTRATION, Stage.SENSOR)

@@ -20,9 +20,8 @@ from plumbline.kinematics.effects.confined import PART
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array
 from plumbline.optim.recording.kinds import POSITIONS
-from plumbline.optim.recording.recording import Recording, Session
+from plumbline.optim.recording.recording import Recording, Session, socket_labels
 from plumbline.optim.recording.session import apart
-from plumbline.optim.recording.sockets import socket_labels
 
 HOT = "sockets of"  # columns that say which socket a row of one recording rests in
 

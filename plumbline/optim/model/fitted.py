@@ -15,8 +15,7 @@ from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.measurement.observation import loaded_chain, names_of
-from plumbline.optim.model.known import Known
-from plumbline.optim.model.nuisances import told
+from plumbline.optim.model.known import Known, told
 from plumbline.optim.model.rows import Columns
 
 

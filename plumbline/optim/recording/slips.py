@@ -11,11 +11,10 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plumbline.kinematics.evaluate import Array
 from plumbline.optim.rigid import best_rotation
 
-Array = NDArray[np.float64]
 TURNED = ("", "90 degrees", "180 degrees", "-90 degrees")
 STEPS = 8  # of Gauss and Newton for frame and tool
 UNTOLD = 1e-3  # of the largest singular value: a tool's direction that hardly any row tells

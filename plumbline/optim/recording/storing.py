@@ -9,8 +9,9 @@ from typing import Any, get_type_hints
 import pinocchio as pin
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.chain import Array, Chain, Joint
+from plumbline.kinematics.chain import Chain, Joint
 from plumbline.kinematics.dh import DHRow
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.stored import register, restored
