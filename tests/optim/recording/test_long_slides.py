@@ -5,7 +5,7 @@ import pytest
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.recording import units
+from plumbline.optim.recording import constants
 from plumbline.optim.recording.building import build_recording
 from tests.recording_folders import URDF
 
@@ -71,9 +71,9 @@ def test_a_short_slide_in_millimetres_is_told_by_the_tips(travel):
 
 
 def test_the_factor_lies_midway_between_one_and_a_thousand():
-    assert pytest.approx(1000.0**0.5, rel=0.01) == units.MILLIMETRES
+    assert pytest.approx(1000.0**0.5, rel=0.01) == constants.MILLIMETRES
     rail = Robot.from_dh(list(RAIL))
-    most = units.MILLIMETRES * max(rail.chain().reach, units.LARGEST_TOOL)
+    most = constants.MILLIMETRES * max(rail.chain().reach, constants.LARGEST_TOOL)
     recorded(rail, "joint_position", 1.5 * most)
     with pytest.raises(PlumblineError, match="millimetres"):
         recorded(rail, "joint_position", 2.6 * most)
@@ -82,7 +82,7 @@ def test_the_factor_lies_midway_between_one_and_a_thousand():
 def test_metres_are_never_counted_as_radians():
     """Four turns are too many for a joint, thirteen metres are a long axis."""
     found = recorded(Robot.from_dh(list(RAIL)), "joint_position", 13.0)
-    assert found.q[:, 0].max() > units.TURNS
+    assert found.q[:, 0].max() > constants.TURNS
     with pytest.raises(PlumblineError, match="'q2'"):
         build_recording(
             observation="joint_position", robot=found.robot, measured=found.measured,
