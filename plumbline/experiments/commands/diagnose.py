@@ -66,6 +66,7 @@ Without = Annotated[
 Calibrate = Annotated[
     int,
     typer.Option(
+        "--rehearse",
         "--calibrate",
         min=0,
         metavar="CASES",
@@ -112,15 +113,15 @@ def diagnose(
     folder, *more = folders
     outputs = Outputs(json, report, also, model, overwrite, quiet)
     if more or is_session(folder):
-        diagnose_several(folders, options, outputs, {"--calibrate": calibrate})
+        diagnose_several(folders, options, outputs, {"--rehearse": calibrate})
         return
     if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
-        diagnose_motion(folder, options, outputs, {"--calibrate": calibrate})
+        diagnose_motion(folder, options, outputs, {"--rehearse": calibrate})
         return
     recording = load_to_diagnose(folder)
     if recording.element is not None:
         refused = {"--also": also, "--model": model} if recording.stand_in else {}
-        refuse_for_parts(recording, {**refused, "--calibrate": calibrate})
+        refuse_for_parts(recording, {**refused, "--rehearse": calibrate})
     other = None if also is None else load_to_diagnose(also)
     if other is not None:
         _check_same_robot(recording, other)

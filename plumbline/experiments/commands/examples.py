@@ -8,6 +8,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "diagnose": (
         "plumbline diagnose my-run --report my-run.html",
         "plumbline diagnose my-run --json - --without transmission_ripple",
+        "plumbline diagnose my-run --rehearse 60 --report my-run.html",
         "plumbline diagnose monday --also friday --model found.toml",
     ),
     "apply": ("plumbline apply found.toml friday",),

@@ -3,6 +3,7 @@
 import json
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.calibrate.check import check_calibration
 from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
 from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
+from plumbline.optim.diagnosis.calibrate.truth_set import histogram, ranks, threshold
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.findings import Estimate
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.diagnosis.prior import OFFSET_WIDTH, SLOPE_WIDTH
@@ -156,6 +159,36 @@ def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(
     again = check_calibration(diagnosis, 5, jobs=1)
     assert again.cases == found.cases
     assert json.dumps(found.to_dict(), allow_nan=False)
+    assert found.truth_set is None
+    assert "too few with a cause" in found.words
+    assert len(found.ranks) == 10
+    assert 0 < sum(found.ranks) <= 5
+
+
+def test_the_set_holds_the_truth_in_nine_of_ten_cases_alike():
+    rng = np.random.default_rng(7)
+    held = []
+    for _ in range(400):
+        scores = rng.beta(4.0, 1.0, 30)
+        held.append(scores[-1] >= threshold(scores[:-1]))
+    assert np.mean(held) == pytest.approx(0.9, abs=0.035)
+    assert threshold([0.5] * 8) is None
+    assert threshold([0.0, *[0.9] * 8]) == 0.0
+
+
+def test_ranks_of_true_values_are_even_where_stated_errors_are_right(settings):
+    rng = np.random.default_rng(8)
+    fault = Fault((JointCoupling(2),), np.array([1e-3]))
+    (name,) = (p.name for p in fault.effects[0].parameters)
+    told = []
+    for off in rng.normal(0.0, 1e-4, 2000):
+        stated = Estimate(1e-3 + off, 1e-4, "1", False, "")
+        named = SimpleNamespace(effect="joint_coupling", element=2, parameters={name: stated})
+        told += ranks([named], fault)
+    counts = histogram(told)
+    assert len(counts) == 10
+    assert np.ptp(counts) < 80
+    assert ranks([], fault) == ()
 
 
 def test_a_calibration_check_of_no_cases_is_refused(settings):
@@ -167,7 +200,7 @@ def test_the_command_checks_calibration_and_says_so(tmp_path, capsys):
     case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recorded(case, tmp_path)
     folder = tmp_path / case.name
-    assert run(["diagnose", str(folder), "--calibrate", "2", "--json", "-"]) == 0
+    assert run(["diagnose", str(folder), "--rehearse", "2", "--json", "-"]) == 0
     verdict = json.loads(capsys.readouterr().out)
     assert verdict["calibration"]["cases"] == 2
     assert verdict["calibration"]["first_right"]["of"] <= 2

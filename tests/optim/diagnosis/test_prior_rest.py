@@ -211,7 +211,8 @@ def simulated(monkeypatch, gap, causes, cases=400):
         verdict=verdict, selected=selected, options=DiagnosisOptions(),
         solution=SimpleNamespace(x=None),
     )  # fmt: skip
-    return [len(keys) for _, keys in check._simulated(diagnosis, cases)], np.array(Drawn.ratios)
+    counts = [len(fault.keys) for _, fault in check._simulated(diagnosis, cases)]
+    return counts, np.array(Drawn.ratios)
 
 
 def test_of_simulated_cases_a_quarter_is_well_and_gaps_are_half_to_twice_the_one_found(monkeypatch):
@@ -238,5 +239,5 @@ def test_a_probability_of_a_few_per_cent_is_a_statement_and_one_per_cent_is_none
     ]
     verdict = SimpleNamespace(candidates=candidates, causes=[])
     monkeypatch.setattr(check, "diagnose", lambda *_: SimpleNamespace(verdict=verdict))
-    stated = check._tried(None, frozenset(), DiagnosisOptions()).stated
+    stated = check._tried(None, Fault(), DiagnosisOptions()).stated
     assert list(stated) == [("backlash", 1)]

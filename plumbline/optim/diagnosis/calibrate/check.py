@@ -18,10 +18,12 @@ from joblib import Parallel, delayed
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.quantities import percent
 from plumbline.optim.core.shares import Share
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
 from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
+from plumbline.optim.diagnosis.calibrate.truth_set import histogram, ranks, threshold
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Cause, Key, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -31,6 +33,7 @@ from plumbline.optim.diagnosis.prior import (
     LEAST_STATED,
     MOST_SIMULATED_CAUSES,
     NOTHING_WRONG,
+    TRUTH_HELD,
 )
 from plumbline.optim.recording.recording import Recording
 
@@ -42,6 +45,7 @@ class SimulatedCase:
     truth: frozenset[Key]  # what was wrong
     named: tuple[Key, ...]  # the causes of the verdict, most important first
     stated: dict[Key, float]  # probability of each candidate that has one worth the name
+    ranks: tuple[float, ...] = ()  # of true values among what was stated of them, 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +87,24 @@ class CalibrationCheck:
         return Recalibration.of([p for p, _ in pairs], [right for _, right in pairs])
 
     @property
+    def ranks(self) -> tuple[int, ...]:
+        """How many true values rank in each tenth of what was stated of them."""
+        return histogram([rank for case in self.cases for rank in case.ranks])
+
+    @cached_property
+    def threshold(self) -> float | None:
+        """Probability from which causes are in the set that holds the truth with 90 %."""
+        wrong = [t for t in self.cases if t.truth]
+        return threshold([min(t.stated.get(key, 0.0) for key in t.truth) for t in wrong])
+
+    @property
+    def truth_set(self) -> tuple[str, ...] | None:
+        """Labels of that set's causes; None where too few cases were simulated to know it."""
+        if self.threshold is None:
+            return None
+        return tuple(c.label for c in self.verdict.candidates if c.probability >= self.threshold)
+
+    @property
     def recalibrated(self) -> Verdict:
         """The verdict with its probabilities recalibrated, and a note that says so."""
         return replace(
@@ -103,8 +125,21 @@ class CalibrationCheck:
         return (
             f"checked on {len(self.cases)} simulated cases at these rows, with a gap like this "
             f"one and causes of the library: the first cause was right in {self.first_right}"
-            f"{well}; probabilities are recalibrated by them"
+            f"{well}; probabilities are recalibrated by them; {self._held_words}"
         )
+
+    @property
+    def _held_words(self) -> str:
+        """The set and the ranks."""
+        share, told = percent(TRUTH_HELD), self.truth_set
+        if told is None:
+            among = f"too few with a cause for a set that holds the truth with {share}"
+        elif self.threshold == 0.0:
+            among = f"no set short of the whole library holds the truth with {share}"
+        else:
+            among = f"the truth is with {share} among: {', '.join(told) or 'no cause at all'}"
+        counts = " ".join(map(str, self.ranks))
+        return f"{among}; true values by tenths of what was stated of them: {counts}"
 
     def to_dict(self) -> dict[str, object]:
         """For JSON."""
@@ -118,7 +153,12 @@ class CalibrationCheck:
             for name, c in counted.items()
         }
         line = self.recalibration
-        return {"cases": len(self.cases), **told, "slope": line.slope, "offset": line.offset}
+        held = None if self.truth_set is None else list(self.truth_set)
+        return {
+            "cases": len(self.cases), **told, "slope": line.slope, "offset": line.offset,
+            "truth_set": {"holds": TRUTH_HELD, "from": self.threshold, "causes": held},
+            "ranks": list(self.ranks),
+        }  # fmt: skip
 
     def _repr_html_(self) -> str:
         return self.recalibrated._repr_html_()
@@ -149,7 +189,7 @@ def check_calibration(
     options = replace(diagnosis.options, force=True)
     drawn = _simulated(diagnosis, cases)
     work = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_tried)(recording, truth, options) for recording, truth in drawn
+        delayed(_tried)(recording, fault, options) for recording, fault in drawn
     )
     done = []
     for case in work:
@@ -158,7 +198,7 @@ def check_calibration(
     return CalibrationCheck(diagnosis.verdict, tuple(done))
 
 
-def _simulated(diagnosis: Diagnosis, cases: int) -> Iterator[tuple[Recording, frozenset[Key]]]:
+def _simulated(diagnosis: Diagnosis, cases: int) -> Iterator[tuple[Recording, Fault]]:
     """Recordings and what is wrong in them."""
     verdict, selected, options = diagnosis.verdict, diagnosis.selected, diagnosis.options
     setting = Setting(selected.model.recording, selected, verdict.noise.sigma, options.effects)
@@ -173,7 +213,7 @@ def _simulated(diagnosis: Diagnosis, cases: int) -> Iterator[tuple[Recording, fr
             fault = fault.and_also(setting.draw(max(float(ratio), LEAST_GAP), rng, fault.keys))
         errors = rng.normal(0.0, setting.sigma, left.shape)
         errors[gross] = left[gross]
-        yield setting.recorded(fault, errors), fault.keys
+        yield setting.recorded(fault, errors), fault
 
 
 def _gap(verdict: Verdict) -> float:
@@ -185,7 +225,7 @@ def _gap(verdict: Verdict) -> float:
 
 def _tried(
     recording: Recording,
-    truth: frozenset[Key],
+    fault: Fault,
     options: DiagnosisOptions,
 ) -> SimulatedCase:
     verdict = diagnose(recording, options).verdict
@@ -194,4 +234,5 @@ def _tried(
         for c in verdict.candidates
         if c.probability >= LEAST_STATED
     }
-    return SimulatedCase(truth, tuple((c.effect, c.element) for c in verdict.causes), stated)
+    named = tuple((c.effect, c.element) for c in verdict.causes)
+    return SimulatedCase(fault.keys, named, stated, ranks(verdict.causes, fault))
