@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import lt
 
 from plumbline.experiments.withheld.answer import StatedVerdict
 from plumbline.experiments.withheld.matching import ScoredCase
@@ -108,10 +109,6 @@ def _found(*, confounded: bool, more: Asked = in_library) -> tuple[Asked, Asked]
     return more, hit
 
 
-def _several(case: ScoredCase) -> bool:
-    return case.truth.sort is Sort.SEVERAL
-
-
 def _added(case: ScoredCase, found: int) -> Counted:
     """Causes added among causes named, where something known or nothing is wrong."""
     named = len(case.answer.causes)
@@ -121,11 +118,6 @@ def _added(case: ScoredCase, found: int) -> Counted:
 def _sure(case: ScoredCase, *, confounded: bool) -> Counted:
     sure = [s.key for s in case.answer.causes if s.probability > SURE]
     return sum(case.fits(key, confounded=confounded) for key in sure), len(sure)
-
-
-def _wrong_and_sure(case: ScoredCase) -> bool:
-    right, sure = _sure(case, confounded=True)
-    return right < sure
 
 
 def _reaches(floor_of: Callable[[ScoredCase], float | None], case: ScoredCase) -> Counted:
@@ -150,34 +142,18 @@ def _untimed(case: ScoredCase) -> Counted:
     return (0, 0) if timed else _at_own_noise(case)
 
 
-def _partly(case: ScoredCase) -> bool:
-    return case.truth.sort is Sort.PARTLY
-
-
 def _known_found(case: ScoredCase) -> bool:
     named = {statement.key for statement in case.answer.causes}
     likes = [{c, *(r for true, r in case.truth.confounded if true == c)} for c in case.truth.known]
     return any(named & like for like in likes)
 
 
-def _flagged(case: ScoredCase) -> bool:
-    return case.answer.flags_outside
-
-
-def _none(case: ScoredCase) -> bool:
-    return case.truth.sort is Sort.NONE
+def _of(*sorts: Sort) -> Asked:
+    return lambda case: case.truth.sort in sorts
 
 
 def _says(*verdicts: str) -> Asked:
     return lambda case: case.answer.verdict in verdicts
-
-
-def _depends(case: ScoredCase) -> bool:
-    return outside(case) and bool(case.truth.depends_on)
-
-
-def _of_a_joint(case: ScoredCase) -> bool:
-    return outside(case) and bool(case.truth.joints)
 
 
 def _joint_first(case: ScoredCase) -> bool:
@@ -185,15 +161,16 @@ def _joint_first(case: ScoredCase) -> bool:
     return bool(own & set(case.answer.places[:1]))
 
 
+_none, _partly = _of(Sort.NONE), _of(Sort.PARTLY)
 MEASURES: tuple[Measure, ...] = (
     *_first("top1", "top-1"),
     _share("top1_or_rival", "top-1 or a rival it lists", in_library, _listed),
     *_first("ranked", "ranked first", ranked=True),
     _share("all_found", "all causes found", *_found(confounded=False)),
     _share("all_found_or_twin", "all found, or confounded", *_found(confounded=True)),
-    _share("pair_found", "both of two found", *_found(confounded=False, more=_several)),
+    _share("pair_found", "both of two found", *_found(confounded=False, more=_of(Sort.SEVERAL))),
     _share("pair_found_or_twin", "both of two, or confounded",
-           *_found(confounded=True, more=_several)),
+           *_found(confounded=True, more=_of(Sort.SEVERAL))),
     Measure("falsely_added", "named causes that are none", lambda c: _added(c, c.found)),
     Measure("falsely_added_beyond_twins", "the same, confounded aside",
             lambda c: _added(c, c.found_or_confounded)),
@@ -202,16 +179,20 @@ MEASURES: tuple[Measure, ...] = (
             lambda c: _sure(c, confounded=True)),
     _share("false_alarms", "false alarms, nothing wrong", _none, lambda c: not _says("no-gap")(c)),
     _share("missed", "gap missed", lambda c: bool(c.truth.causes), _says("no-gap")),
-    _share("outside_hits", "outside: flagged", outside, _flagged),
+    _share("outside_hits", "outside: flagged", outside, lambda c: c.answer.flags_outside),
     _share("outside_plain", "outside: called outside-library", outside, _says("outside-library")),
-    _share("outside_named", "outside: dependence named", _depends,
+    _share("outside_named", "outside: dependence named",
+           lambda c: outside(c) and bool(c.truth.depends_on),
            lambda c: names_dependence(c.truth.depends_on, c.answer)),
-    _share("outside_joint", "outside: its own joint first", _of_a_joint, _joint_first),
-    _share("outside_wrong_sure", "outside: wrong at > 0.95", outside, _wrong_and_sure),
+    _share("outside_joint", "outside: its own joint first",
+           lambda c: outside(c) and bool(c.truth.joints), _joint_first),
+    _share("outside_wrong_sure", "outside: wrong at > 0.95", outside,
+           lambda c: lt(*_sure(c, confounded=True))),
     _share("beside_found", "known cause found with an unknown one", _partly, _known_found),
-    _share("beside_flagged", "the unknown one with it flagged", _partly, _flagged),
+    _share("beside_flagged", "the unknown one with it flagged", _partly,
+           lambda c: c.answer.flags_outside),
     _share("false_outside", "flagged outside without reason",
-           lambda c: in_library(c) or _none(c), _flagged),
+           lambda c: in_library(c) or _none(c), lambda c: c.answer.flags_outside),
     Measure("at_noise_floor", "residual <= 1.1 x sigma", lambda c: _reaches(floor_of, c)),
     Measure("at_own_noise", "residual <= 1.1 x these readings' own noise", _at_own_noise),
     Measure("at_own_noise_untimed", "the same, causes that time does not drive", _untimed),

@@ -28,26 +28,18 @@ REMOVABLE = 1.05  # least gap over the floor for which "how much of it" means an
 
 
 @dataclass(frozen=True)
-class Figure:
-    """One figure of a group: its key, and what it comes to."""
-
-    key: str
-    share: Share
-
-
-@dataclass(frozen=True)
 class Group:
     """The figures of some cases."""
 
     by: str  # what they were grouped by; ``all`` for all of them
     name: str  # what they have in common
     cases: int  # how many they are
-    figures: tuple[Figure, ...]  # shares, in the order of the measures
+    figures: dict[str, Share]  # by their keys, in the order of the measures
     shrink: Median  # median share of the removable gap that was removed, library causes only
 
     def share(self, key: str) -> Share:
         """A figure by its key."""
-        return next(figure.share for figure in self.figures if figure.key == key)
+        return self.figures[key]
 
 
 @dataclass(frozen=True)
@@ -80,16 +72,8 @@ class Score:
         return self.groups[0]
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON; groups by what they have in common."""
-        plain = asdict(self)
-        plain["groups"] = [
-            {
-                **{k: v for k, v in group.items() if k != "figures"},
-                "figures": {f["key"]: f["share"] for f in group["figures"]},
-            }
-            for group in plain["groups"]
-        ]
-        return plain
+        """For JSON."""
+        return asdict(self)
 
 
 def score_run(verdicts: Path, truth: Path, *, partial: bool = False, seed: int = 0) -> Score:
@@ -208,13 +192,13 @@ def _groups(judged: Sequence[ScoredCase]) -> list[Group]:
 
 
 def _group(by: str, name: str, judged: Sequence[ScoredCase]) -> Group:
-    figures = []
+    figures = {}
     for measure in MEASURES:
         counted = [measure.count(case) for case in judged]
         share = Share.count_of(sum(c for c, _ in counted), sum(n for _, n in counted))
-        figures.append(Figure(measure.key, share))
+        figures[measure.key] = share
     reached = [value for case in judged if (value := shrink_reached(case)) is not None]
-    return Group(by, name, len(judged), tuple(figures), Median.of_values(reached))
+    return Group(by, name, len(judged), figures, Median.of_values(reached))
 
 
 def shrink_reached(case: ScoredCase) -> float | None:

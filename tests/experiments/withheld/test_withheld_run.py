@@ -290,7 +290,7 @@ def test_a_process_that_breaks_down_gets_a_verdict_that_says_so(
 @pytest.mark.slow
 def test_the_fixed_set_is_diagnosed_blind(ran: Path) -> None:
     found = score_run(ran / "verdicts", ran / "truth")
-    figures = {figure.key: figure.share for figure in found.overall.figures}
+    figures = found.overall.figures
     assert found.cases == CASES
     print({key: f"{share.count}/{share.of}" for key, share in figures.items()})
     top = figures["top1_element_or_twin"]
