@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.experiments.reality.arm import Arm, Array, forward, rotations
 from plumbline.experiments.reality.arms import ARMS
@@ -61,23 +60,11 @@ def draw_case(plan: Plan, name: str, seed: int) -> Case:
         found = _effects(plan, bare, names, gaps, rng)
         if found is None:
             continue
-        return Case(
-            name=name,
-            kind=plan.kind,
-            observation=plan.observation,
-            arm=bare.arm,
-            scene=bare.scene,
-            effects=found,
-            nominal_tool=bare.nominal_tool,
-            noise_std=bare.noise_std,
-            gap_to_noise=gaps,
-            seed=seed,
-            known_noise=plan.known_noise,
-            gross_share=float(rng.uniform(0.0, plan.gross)),
-            moving=bare.moving,
-            thermometer=_thermometer(rng),
-            sockets=bare.sockets,
-        )
+        gross, lag = float(rng.uniform(0.0, plan.gross)), _thermometer(rng)
+        return replace(
+            bare, name=name, seed=seed, gap_to_noise=gaps, effects=found, gross_share=gross,
+            thermometer=lag,
+        )  # fmt: skip
     wanted = " and ".join(names)
     raise ValueError(f"{wanted}: no scene of {TRIES} gives a gap of {plan.gap}: widen it")
 
@@ -93,19 +80,8 @@ def _names(plan: Plan, rng: np.random.Generator) -> tuple[str, ...]:
     return tuple(sorted(chosen, key=ORDER.index))
 
 
-@dataclass(frozen=True)
-class SetUp:
+def _set_up(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Case:
     """An arm at work, nothing wrong yet."""
-
-    arm: Arm
-    scene: Scene
-    nominal_tool: Array
-    noise_std: float
-    moving: bool
-    sockets: NDArray[np.int64] | None
-
-
-def _set_up(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> SetUp:
     arm = _arm(plan, rng)
     real = arm.with_mass(arm.mass * rng.uniform(0.9, 1.1, arm.joints))
     reach = float(np.abs(arm.a).sum() + np.abs(arm.d).sum())
@@ -126,7 +102,10 @@ def _set_up(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Set
     noise = float(np.exp(rng.uniform(np.log(2e-5), np.log(2e-4)))) * max(reach / 1.5, 0.5)
     if plan.observation == "joint_position":
         noise = float(np.exp(rng.uniform(np.log(1e-5), np.log(1e-4))))
-    return SetUp(arm, scene, nominal, float(f"{noise:.3g}"), moving, sockets)
+    return Case(
+        "", plan.kind, plan.observation, arm, scene, (), nominal, float(f"{noise:.3g}"), (), 0,
+        plan.known_noise, moving=moving, sockets=sockets,
+    )  # fmt: skip
 
 
 def _arm(plan: Plan, rng: np.random.Generator) -> Arm:
@@ -164,7 +143,7 @@ def looking_at(arm: Arm, q: Array, rng: np.random.Generator) -> Array:
 
 def _effects(
     plan: Plan,
-    bare: SetUp,
+    bare: Case,
     names: tuple[str, ...],
     gaps: tuple[float, ...],
     rng: np.random.Generator,

@@ -7,7 +7,7 @@ it makes at its joint and the ratio asked for, sigma = gap / ratio.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -68,13 +68,15 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     plane = Plane(tuple(rng.uniform(0.2, 0.5, 2)), tuple(rng.uniform(0.5, 4.0, 2)))
     t, u = commands(rng)
     named = _named(plan, rng)
-    wrongs, sizes = _wrongs(named, rng)
+    sizes = [_drawn(name)[1](rng) for name, _ in named]
+    wrongs = _wrongs(named, sizes)
     q = u
     for _ in range(YIELDS):
         load = plane.load(q)
         q = _moved(t, u, load, wrongs, np.random.default_rng(seed))
     gaps = [
-        _gap(t, u, load, one, j) for (_, j), one in zip(named, _each(named, sizes), strict=True)
+        _gap(t, u, load, _wrongs([one], [size])[one[1]], one[1])
+        for one, size in zip(named, sizes, strict=True)
     ]
     ratio = float(np.exp(rng.uniform(*np.log(plan.gap))))
     noise = min(gaps) / ratio if gaps else float(np.exp(rng.uniform(np.log(1e-4), np.log(5e-3))))
@@ -135,25 +137,18 @@ def _named(plan: Plan, rng: np.random.Generator) -> list[tuple[str, int]]:
     return [(name, int(rng.integers(JOINTS))) for name in names]
 
 
-def _wrongs(
-    named: list[tuple[str, int]], rng: np.random.Generator
-) -> tuple[list[Wrong], list[float]]:
-    wrongs, sizes = [Wrong()] * JOINTS, []
-    for name, j in named:
-        field, strength = (INSIDE.get(name) or OUTSIDE[name])[:2]
-        sizes.append(strength(rng))
-        wrongs[j] = replace(wrongs[j], **{field: sizes[-1]})
-    return wrongs, sizes
+def _wrongs(named: list[tuple[str, int]], sizes: list[float]) -> list[Wrong]:
+    """What is wrong with each joint's drive."""
+    wrongs = [Wrong()] * JOINTS
+    for (name, j), size in zip(named, sizes, strict=True):
+        wrongs[j] = replace(wrongs[j], **{_drawn(name)[0]: size})
+    return wrongs
 
 
-def _each(named: list[tuple[str, int]], sizes: list[float]) -> list[Wrong]:
-    """Each thing that is wrong, alone."""
-    found = []
-    for (name, _), size in zip(named, sizes, strict=True):
-        field = (INSIDE.get(name) or OUTSIDE[name])[0]
-        assert field in {f.name for f in fields(Wrong)}
-        found.append(replace(Wrong(), **{field: size}))
-    return found
+def _drawn(name: str) -> tuple[str, Strength]:
+    """The field of a drive that a mechanism changes, and how its strength is drawn."""
+    field, strength, *_ = INSIDE.get(name) or OUTSIDE[name]
+    return field, strength
 
 
 def _moved(t: Array, u: Array, load: Array, wrongs: list[Wrong], rng: np.random.Generator) -> Array:
