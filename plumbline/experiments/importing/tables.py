@@ -69,7 +69,7 @@ class Raw:
         cells = self.columns[column]
         if cells.dtype.kind == "M":
             return np.asarray(cells.astype("datetime64[ns]").astype(np.int64) * 1e-9, dtype=float)
-        if cells.dtype.kind in "fiub" or _is_number(self._plain(cells[:1])[0]):
+        if cells.dtype.kind in "fiub" or is_number(self._plain(cells[:1])[0]):
             return None
         moments = pd.to_datetime(pd.Series(cells), errors="coerce", utc=True, format="ISO8601")
         if moments.isna().any():
@@ -84,7 +84,8 @@ class Raw:
         return np.asarray(text, dtype=object)
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number as Python writes it."""
     try:
         float(cell)
     except ValueError:

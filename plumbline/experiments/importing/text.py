@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from plumbline.errors import fault
 from plumbline.experiments.importing import units
-from plumbline.experiments.importing.tables import Raw, expanded
+from plumbline.experiments.importing.tables import Raw, expanded, is_number
 from plumbline.kinematics.files import read_file, reason
 
 LARGEST_TEXT = 1_000_000_000  # [byte]: an hour of 50 columns at 1 kHz
@@ -137,11 +137,7 @@ def _column(cells: pd.Series[str]) -> NDArray[Any]:
 
 
 def _numeric(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
+    return is_number(cell.replace(",", "."))
 
 
 def _has_decimal_commas(table: pd.DataFrame) -> bool:

@@ -61,16 +61,8 @@ def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Fig
         # Large ones on top: they are what the picture is about.
         order = np.argsort(sizes, kind="stable")
         x, y = subject.places[order, a], subject.places[order, b]
-        cloud(
-            ax,
-            x,
-            y,
-            subject.rows[order],
-            c=sizes[order],
-            cmap=SIZES,
-            norm=scale,
-            s=_dot(len(x), 1.6),
-        )
+        look = {"c": sizes[order], "cmap": SIZES, "norm": scale, "s": _dot(len(x), 1.6)}
+        cloud(ax, x, y, subject.rows[order], **look)
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_title(f"{when}, {seen}")
         ax.set_ylabel(f"{'xyz'[b]} [m]")
@@ -99,28 +91,9 @@ def over_joints(subject: Subject) -> tuple[Figure, ...]:
     joints = (
         tuple(subject.encoder_columns) if subject.encoders else range(subject.recording.chain.n)
     )
+    q = subject.recording.q
     with house_style():
-        return tuple(_over_joint(subject, joint) for joint in joints)
-
-
-def _over_joint(subject: Subject, joint: int) -> Figure:
-    turning = subject.recording.chain.kinds[joint] == "revolute"
-    factor, unit = (180.0 / np.pi, "deg") if turning else (1e3, "mm")
-    figure = new_figure(*PANEL)
-    axes = figure.add_subplot()
-    before, after = _values(subject, joint)
-    drawn_pair(
-        axes,
-        factor * subject.recording.q[:, joint],
-        before,
-        after,
-        subject.rows,
-        signed=subject.encoders,
-    )
-    axes.set_title(f"joint {joint + 1}")
-    axes.set_xlabel(f"reading [{unit}]")
-    axes.set_ylabel(_residual_label(subject))
-    return figure
+        return tuple(_panel(subject, j, q[:, j], "reading [{}]") for j in joints)
 
 
 def over_velocity(subject: Subject) -> tuple[Figure, ...]:
@@ -129,17 +102,21 @@ def over_velocity(subject: Subject) -> tuple[Figure, ...]:
     if velocity is None or not subject.encoders:
         return ()
     with house_style():
-        return tuple(_over_velocity(subject, j, velocity[:, j]) for j in subject.encoder_columns)
+        return tuple(
+            _panel(subject, j, velocity[:, j], "velocity [{}/s]") for j in subject.encoder_columns
+        )
 
 
-def _over_velocity(subject: Subject, joint: int, velocity: Array) -> Figure:
+def _panel(subject: Subject, joint: int, x: Array, words: str) -> Figure:
+    """Residuals over what a joint did, in rad or m; its axis is called by words with the unit."""
     turning = subject.recording.chain.kinds[joint] == "revolute"
-    factor, unit = (180.0 / np.pi, "deg/s") if turning else (1e3, "mm/s")
+    factor, unit = (180.0 / np.pi, "deg") if turning else (1e3, "mm")
     figure = new_figure(*PANEL)
     axes = figure.add_subplot()
-    drawn_pair(axes, factor * velocity, *_values(subject, joint), subject.rows, signed=True)
+    before, after = _values(subject, joint)
+    drawn_pair(axes, factor * x, before, after, subject.rows, signed=subject.encoders)
     axes.set_title(f"joint {joint + 1}")
-    axes.set_xlabel(f"velocity [{unit}]")
+    axes.set_xlabel(words.format(unit))
     axes.set_ylabel(_residual_label(subject))
     return figure
 
