@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
 
 if TYPE_CHECKING:
     from plumbline.optim.model import Applied
@@ -21,13 +21,10 @@ def apply(model: ModelFile, folder: Folder, json: Json = None, quiet: Quiet = Fa
     """Try a model on another recording: before, after, and whether it still holds."""
     check_output(json, "--json", [folder])
     found = _tried(model, folder)
-    write_json(json, {"model": str(model)} | found.to_dict())
-    if talks(json, quiet):
-        print(found.words)
-        if found.left_out:
-            print(f"Not carried over: {', '.join(found.left_out)}.")
-        for note in found.judged.failures:
-            print(f"Note: {note}.")
+    said = [f"Not carried over: {', '.join(found.left_out)}."] if found.left_out else []
+    said += [f"Note: {note}." for note in found.judged.failures]
+    content = {"model": str(model)} | found.to_dict()
+    say(json, quiet, content, "\n".join([found.words, *said]))
 
 
 def _tried(path: Path, folder: Path) -> Applied:

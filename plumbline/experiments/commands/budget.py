@@ -8,14 +8,7 @@ from typing import Annotated
 import typer
 
 from plumbline.experiments.commands.pages import write_page
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    Report,
-    check_outputs,
-    talks,
-    write_json,
-)  # fmt: skip
+from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs, say
 
 Spec = Annotated[Path, typer.Argument(metavar="SPEC.toml", help="The links, by [[link]].")]
 
@@ -35,8 +28,6 @@ def budget(
     from plumbline.optim.budget import read_budget
 
     found = read_budget(spec)
-    write_json(json, found.to_dict())
     write_page(report, found)
-    if talks(json, quiet):
-        print(found.table())
-        print(f"{found.headline}.\n{found.next_step()}")
+    words = f"{found.table()}\n{found.headline}.\n{found.next_step()}"
+    say(json, quiet, found.to_dict(), words)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -27,10 +27,7 @@ def check(
 ) -> None:
     """Read and check a recording of any kind; say what is in it, what is odd and what reads it."""
     check_output(json, "--json", [folder])
-    content, words = examined(folder)
-    write_json(json, content)
-    if talks(json, quiet):
-        print(words)
+    say(json, quiet, *examined(folder))
 
 
 def examined(folder: Path) -> tuple[dict[str, Any], str]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
 
 BUILD = "cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm"
 DEPTH, ASIDE = 120.0, 20.0  # [mm] of the example's tips behind their trocars, and to the side
@@ -39,9 +39,8 @@ def codegen(
         write(statement, folder, Example(start, goal))
     except OSError as error:
         raise PlumblineError(f"{folder}: {error.strerror}; name another folder") from None
-    write_json(json, {"folder": str(folder), "files": list(FILES)})
-    if talks(json, quiet):
-        typer.echo(f"{', '.join(FILES)} written to {folder}\n{BUILD}")
+    content = {"folder": str(folder), "files": list(FILES)}
+    say(json, quiet, content, f"{', '.join(FILES)} written to {folder}\n{BUILD}")
 
 
 def _point(words: str) -> tuple[float, float, float]:

@@ -9,14 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    check_outputs,
-    talks,
-    write_json,
-    write_text,
-)  # fmt: skip
+from plumbline.experiments.console.outputs import Json, Quiet, check_outputs, say, write_text
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.toml", help="What --model wrote.")]
 Urdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Links and zeros as URDF.")]
@@ -52,10 +45,9 @@ def export(
     made = {option: makers[option]() for option in files}
     for option, path in files.items():
         write_text(path, made[option].text, option)
-    write_json(json, {option[2:]: made[option].to_dict() for option in files})
-    if talks(json, quiet):
-        for option, path in files.items():
-            print(f"{path}: {made[option].words}.")
+    lines = [f"{path}: {made[option].words}." for option, path in files.items()]
+    content = {option[2:]: made[option].to_dict() for option in files}
+    say(json, quiet, content, "\n".join(lines))
 
 
 def _makers(path: Path) -> dict[str, Callable[[], Any]]:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
 
 JOINTS = 6  # of a robot that is not named yet
 
@@ -43,7 +43,6 @@ def new(
             shutil.copyfile(path, target / name)
 
     place(folder, fill)
-    write_json(json, {"folder": str(folder), "observation": kind, "columns": header.split(",")})
-    if talks(json, quiet):
-        print(f"{folder}/dataset.toml and samples.csv: fill in rows of {header}")
-        print(f"next: plumbline check {folder}")
+    content = {"folder": str(folder), "observation": kind, "columns": header.split(",")}
+    words = f"{folder}/dataset.toml and samples.csv: fill in rows of {header}"
+    say(json, quiet, content, f"{words}\nnext: plumbline check {folder}")

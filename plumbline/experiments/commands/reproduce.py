@@ -15,7 +15,7 @@ from plumbline.experiments.console.outputs import (
     check_outputs,
     talks,
     write_json,
-)  # fmt: skip
+)
 from plumbline.experiments.console.progress_bar import progress_bar
 
 

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
 
 Effects = Annotated[
     bool, typer.Option("--effects", help="List the effects that a gap is searched for instead.")
@@ -29,22 +29,20 @@ def list_(effects: Effects = False, json: Json = None, quiet: Quiet = False) -> 
 
     keys = ("name", "robot", "instrument", "rows", "licence", "url", "citation", "description")
     found = [{key: getattr(source, key) for key in keys} for source in list_sources()]
-    write_json(json, found)
-    if talks(json, quiet):
-        for source in list_sources():
-            print(f"{source.name:<12} {source.rows:>6} rows  {source.robot}: {source.description}")
+    line = "{name:<12} {rows:>6} rows  {robot}: {description}"
+    say(json, quiet, found, "\n".join(line.format(**source) for source in found))
 
 
 def _list_effects(json: str | None, quiet: bool) -> None:
     from plumbline.experiments.report.effect_list import listed
 
     found = listed()
-    write_json(json, [asdict(effect) for effect in found])
-    if not talks(json, quiet):
-        return
-    for effect in found:
-        needs = f" (needs {effect.needs})" if effect.needs else ""
-        print(f"{effect.name:<20} {effect.stage:<12}  {effect.words}{needs}")
+    lines = [
+        f"{effect.name:<20} {effect.stage:<12}  {effect.words}"
+        + (f" (needs {effect.needs})" if effect.needs else "")
+        for effect in found
+    ]
+    say(json, quiet, [asdict(effect) for effect in found], "\n".join(lines))
 
 
 def fetch(
@@ -63,6 +61,4 @@ def fetch(
     folder = fetch_source(
         name, to, progress=not quiet and sys.stderr is not None and sys.stderr.isatty()
     )
-    write_json(json, {"name": name, "folder": str(folder)})
-    if talks(json, quiet):
-        print(folder)
+    say(json, quiet, {"name": name, "folder": str(folder)}, str(folder))

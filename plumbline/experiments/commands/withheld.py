@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import secrets
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.examples import BLIND, epilog
 from plumbline.experiments.console import outputs
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import (
+    Json,
+    Quiet,
+    check_output,
+    say,
+    talks,
+    write_json,
+)
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -111,7 +118,7 @@ def _make(
         ledger = make_set(out, truth, design, count, progress)
     content = {"cases": len(ledger.entries), "ledger_sha256": ledger.sha256}
     words = f"{len(ledger.entries)} cases in {out}, their truth in {truth}, ledger {ledger.sha256}"
-    _say(json, quiet, content, words)
+    say(json, quiet, content, words)
 
 
 @app.command("seal", epilog=epilog("withheld seal"))
@@ -122,7 +129,7 @@ def seal(cases: Cases, truth: TruthFolder, json: Json = None, quiet: Quiet = Fal
 
     ledger = seal_folder(cases, truth)
     content = {"cases": len(ledger.entries), "ledger_sha256": ledger.sha256}
-    _say(json, quiet, content, f"{len(ledger.entries)} cases sealed, ledger {ledger.sha256}")
+    say(json, quiet, content, f"{len(ledger.entries)} cases sealed, ledger {ledger.sha256}")
 
 
 @app.command("run", epilog=epilog("withheld run"))
@@ -141,7 +148,7 @@ def run(
     with progress_bar(quiet=quiet or json == "-") as progress:
         done = run_set(cases, out, jobs=jobs, seed=seed, progress=progress)
     content = {"written": done.written, "kept": done.kept}
-    _say(json, quiet, content, f"{done.written} verdicts written to {out}, {done.kept} kept")
+    say(json, quiet, content, f"{done.written} verdicts written to {out}, {done.kept} kept")
 
 
 @app.command("score", epilog=epilog("withheld score"))
@@ -209,15 +216,7 @@ def bench(
         found = measure(
             folder, count, seed=seed, jobs=jobs, only=tuple(only or ()), progress=progress
         )
-    write_json(json, found.to_dict())
     text = markdown(found)
     if table is not None:
         outputs.write_text(table, text, "--table")
-    if talks(json, quiet):
-        print(text)
-
-
-def _say(json: str | None, quiet: bool, content: dict[str, Any], words: str) -> None:
-    write_json(json, content)
-    if talks(json, quiet):
-        print(words)
+    say(json, quiet, found.to_dict(), text)

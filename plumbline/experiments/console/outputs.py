@@ -149,3 +149,14 @@ def write_json(path: str | None, content: Any) -> None:
 def talks(json_path: str | None, quiet: bool) -> bool:
     """Whether words go to standard output."""
     return not quiet and json_path != STDOUT
+
+
+def say(path: str | None, quiet: bool, content: Any, words: str) -> None:
+    """Write JSON, and print the same in words where those are wanted.
+
+    Raises:
+        PlumblineError: It cannot be written.
+    """
+    write_json(path, content)
+    if talks(path, quiet):
+        print(words)
