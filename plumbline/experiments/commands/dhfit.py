@@ -13,16 +13,13 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
-from plumbline.experiments.commands.pages import print_answer, write_page
+from plumbline.experiments.commands.pages import hand_out
 from plumbline.experiments.console.outputs import (
     STDOUT,
     Json,
     Quiet,
     Report,
-    check_distinct,
-    check_output,
-    talks,
-    write_json,
+    check_outputs,
     write_text,
 )
 
@@ -100,12 +97,10 @@ def dhfit(
     quiet: Quiet = False,
 ) -> None:
     """Fit the links of a robot to tip readings; say what the readings can tell."""
-    check_output(json, "--json", [folder])
+    outputs = {"--json": json, "--urdf": urdf, "--toml": toml, "--report": report}
+    check_outputs(outputs, [folder])
     for option, path in (("--urdf", urdf), ("--toml", toml)):
-        check_output(path, option, [folder])
         _keep(path, option, force=force)
-    check_output(report, "--report", [folder])
-    check_distinct({"--json": json, "--urdf": urdf, "--toml": toml, "--report": report})
     options = _options(
         objective, smoothing, solver, frame, parameters, tilts, delta_length, delta_angle
     )
@@ -123,12 +118,10 @@ def dhfit(
     }
     for option, (path, exported) in files.items():
         write_text(path, exported.text, option)
-    write_json(json, fit.to_dict() | _found(unseen, {o[2:]: e for o, (_, e) in files.items()}))
+    content = fit.to_dict() | _found(unseen, {o[2:]: e for o, (_, e) in files.items()})
     told = [f"{path}: read again, it agrees with the fit to {e.error:.0e}; tip frame {e.tip_frame}"
             for path, e in files.values()]  # fmt: skip
-    write_page(report, fit, unseen=unseen, files=told)
-    if talks(json, quiet):
-        print_answer(fit, unseen=unseen, files=told)
+    hand_out(fit, content, json, report, quiet, unseen=unseen, files=told)
 
 
 def _found(unseen: HeldOutMisfits | None, files: dict[str, Exported]) -> dict[str, Any]:

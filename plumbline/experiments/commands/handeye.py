@@ -7,16 +7,8 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.commands.pages import print_answer, write_page
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    Report,
-    check_distinct,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.experiments.commands.pages import hand_out
+from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs
 
 
 def handeye(
@@ -30,14 +22,9 @@ def handeye(
     quiet: Quiet = False,
 ) -> None:
     """Calibrate a range finder on an arm from readings on planes."""
-    check_output(json, "--json", [folder])
-    check_output(report, "--report", [folder])
-    check_distinct({"--json": json, "--report": report})
+    check_outputs({"--json": json, "--report": report}, [folder])
     from plumbline.optim.hand_eye.answer import hand_eye
     from plumbline.optim.hand_eye.calibrate import HandEyeOptions
 
     found = hand_eye(folder, HandEyeOptions(poses=poses, seed=seed))
-    write_json(json, found.to_dict())
-    write_page(report, found)
-    if talks(json, quiet):
-        print_answer(found)
+    hand_out(found, found.to_dict(), json, report, quiet)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from plumbline.experiments.console.outputs import COMMAND, write_text
+from plumbline.experiments.console.outputs import COMMAND, talks, write_json, write_text
 
 
 def write_page(path: Path | None, answer: Any, **more: Any) -> None:
@@ -28,3 +28,17 @@ def print_answer(answer: Any, **more: Any) -> None:
     from plumbline.experiments.report.writing import page_of
 
     print_page(page_of(answer, **more))
+
+
+def hand_out(
+    answer: Any, content: Any, json: str | None, report: Path | None, quiet: bool, **more: Any
+) -> None:
+    """Write an answer's content as JSON and its page as a report, and print its words.
+
+    Raises:
+        PlumblineError: A file cannot be written.
+    """
+    write_json(json, content)
+    write_page(report, answer, **more)
+    if talks(json, quiet):
+        print_answer(answer, **more)

@@ -9,15 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.pages import print_answer, write_page
+from plumbline.experiments.commands.pages import hand_out
 from plumbline.experiments.console.outputs import (
     Json,
     Quiet,
     Report,
-    check_distinct,
-    check_output,
-    talks,
-    write_json,
+    check_outputs,
     write_text,
 )
 
@@ -80,10 +77,7 @@ def register(
     quiet: Quiet = False,
 ) -> None:
     """Register markers of CT and robot; say where targets are and how far to trust it."""
-    check_output(json, "--json", files)
-    check_output(tfm, "--tfm", files)
-    check_output(report, "--report", files)
-    check_distinct({"--json": json, "--tfm": tfm, "--report": report})
+    check_outputs({"--json": json, "--tfm": tfm, "--report": report}, files)
     from plumbline.experiments.report.registration.page import compared, elsewhere
     from plumbline.experiments.slicer.given import along, given
     from plumbline.optim.registration import RegistrationOptions
@@ -96,14 +90,12 @@ def register(
     answer = registered(fiducials, RegistrationOptions(chosen, stated))
     judged = [elsewhere(answer, other) for other in transforms]
     methods = compared(answer)
-    write_json(json, {**answer.to_dict(), "methods": methods, "transforms": judged})
-    write_page(report, answer, methods=methods, transforms=judged)
+    more = {"methods": methods, "transforms": judged}
     if tfm is not None:
         from plumbline.experiments.slicer import tfm_text
 
         write_text(tfm, tfm_text(along(answer.T_RC, ct, robot)), "--tfm")
-    if talks(json, quiet):
-        print_answer(answer, methods=methods, transforms=judged)
+    hand_out(answer, {**answer.to_dict(), **more}, json, report, quiet, **more)
 
 
 def _noise(ct_resolution: str | None, robot_std: str | None) -> MarkerNoise | None:

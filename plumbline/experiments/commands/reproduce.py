@@ -7,15 +7,8 @@ from typing import Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.pages import print_answer, write_page
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    Report,
-    check_outputs,
-    talks,
-    write_json,
-)
+from plumbline.experiments.commands.pages import hand_out
+from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 
@@ -35,7 +28,4 @@ def reproduce(
         raise PlumblineError(f"no paper {paper!r}; there are {', '.join(PAPERS) or 'none yet'}")
     with progress_bar(quiet=quiet) as progress:
         found = run(paper, seed, progress)
-    write_json(json, found.to_dict())
-    write_page(report, found)
-    if talks(json, quiet):
-        print_answer(found)
+    hand_out(found, found.to_dict(), json, report, quiet)

@@ -7,16 +7,8 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.commands.pages import print_answer, write_page
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    Report,
-    check_distinct,
-    check_output,
-    talks,
-    write_json,
-)
+from plumbline.experiments.commands.pages import hand_out
+from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs
 
 
 def scan(
@@ -30,9 +22,7 @@ def scan(
     quiet: Quiet = False,
 ) -> None:
     """Rebuild a scan; say the angles of its faces, or where CT lies for the robot."""
-    check_output(json, "--json", [folder])
-    check_output(report, "--report", [folder])
-    check_distinct({"--json": json, "--report": report})
+    check_outputs({"--json": json, "--report": report}, [folder])
     from plumbline.optim.hand_eye.scan import ScanOptions
     from plumbline.optim.hand_eye.scan import scan as rebuild
     from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan
@@ -40,7 +30,4 @@ def scan(
     recording = load_scan(folder)
     given = ScanOptions() if beam is None else ScanOptions(*beam_from_json(beam))
     answer = rebuild(recording, given)
-    write_json(json, answer.to_dict())
-    write_page(report, answer)
-    if talks(json, quiet):
-        print_answer(answer)
+    hand_out(answer, answer.to_dict(), json, report, quiet)
