@@ -58,7 +58,8 @@ class Models:
         fit = self.found[key]
         if fit.at_bound:
             return -np.inf  # beyond what such a thing can be, or nothing at all
-        return fit.evidence(fit.residual.size / time) + sum(self.odds[e.name] for e in key)
+        found = fit.evidence(fit.residual.size / time) + sum(self.odds[e.name] for e in key)
+        return found if np.isfinite(found) else -np.inf  # a way that ran off
 
     def floor(self, fit: Fit, sigma: float) -> float:
         """What a fit leaves where nothing is missing [rad]: noise, and steps of a planned way."""
