@@ -14,6 +14,7 @@ from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_
 from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coarsened, one_by_one
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
+    DEVIATIONS,
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     LEAST_NAMED,
@@ -95,17 +96,23 @@ def by_enumeration(asked, most=4):
         gross[[i for i in chosen if asked.gross[i]]] += weight
         for level, total in zip(asked.labels, found, strict=True):
             total[np.unique(level[mine])] += weight
-        for label in {asked.labels[0][i] for i in mine if _beside_its_own(asked, i, mine)}:
+        for label in {asked.labels[0][i] for i in mine if _may_be_part(asked, i, mine)}:
             found[0][label] -= asked.part * weight
     return found, gross
 
 
-def _beside_its_own(asked, term, mine):
-    """Whether a listed term stands beside an unlisted one of the same place."""
+def _may_be_part(asked, term, mine):
+    """Whether a listed term is at an unlisted one's place, or these are no small share of it."""
     if asked.unlisted is None or asked.unlisted[term]:
         return False
-    place = asked.labels[1]
-    return any(asked.unlisted[i] and place[i] == place[term] for i in mine)
+    lacked = [i for i in mine if asked.unlisted[i]]
+    if any(asked.labels[1][i] == asked.labels[1][term] for i in lacked) or not lacked:
+        return bool(lacked)
+    G, b = asked.linear.G[np.ix_(mine, mine)], asked.linear.b[mine]
+    z = np.linalg.solve(G + SIGMA**2 * np.eye(len(mine)), b)
+    of = [mine.index(term)], [mine.index(i) for i in lacked]
+    own, whole = (z[k] @ G[np.ix_(k, k)] @ z[k] for k in of)
+    return np.sqrt(own) * DEVIATIONS[0] <= np.sqrt(whole)
 
 
 def _evidence(G, b, columns):
@@ -135,11 +142,11 @@ def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
 
 
 @pytest.mark.parametrize("seed", SEEDS[:2])
-def test_beside_an_unlisted_mechanism_of_its_place_a_listed_term_may_be_a_part_of_it(seed):
+@pytest.mark.parametrize(("of_place", "first"), [(np.arange(7) // 2, 1), (np.arange(7), 0)])
+def test_beside_what_is_unlisted_a_listed_term_may_be_a_part_of_it(seed, of_place, first):
     """Chains and the sum of all sets take it for that with the same probability, and it matters."""
-    odd = np.arange(7) % 2 == 1
-    plain = problem(*drawn(seed, strength=6.0), labels=[np.arange(7), np.arange(7) // 2])
-    asked = replace(plain, unlisted=odd, part=PART_OF_UNLISTED)
+    plain = problem(*drawn(seed, strength=6.0), labels=[np.arange(7), of_place])
+    asked = replace(plain, unlisted=np.arange(7) % 2 == first, part=PART_OF_UNLISTED)
     found, expected = sample(asked, STARTS, seed), by_enumeration(asked)[0]
     for ours, theirs in zip(found.marginals, expected, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=0.01)
@@ -147,16 +154,21 @@ def test_beside_an_unlisted_mechanism_of_its_place_a_listed_term_may_be_a_part_o
 
 
 @pytest.mark.parametrize("asked_how", [sample, one_by_one])
-def test_beside_one_it_is_named_and_never_sure_and_beside_another_s_it_is_sure(asked_how):
-    """However plain both are: of a ripple and what resembles one at its joint one is a guess."""
+@pytest.mark.parametrize(
+    ("places", "size", "sure"), [([0, 0], 8.0, False), ([0, 1], 2.0, False), ([0, 1], 8.0, True)]
+)
+def test_beside_one_only_what_is_far_larger_elsewhere_is_sure(asked_how, places, size, sure):
+    """However plain both are: what an unlisted mechanism leaves of itself other columns take up."""
     start = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
-    for places, least, most in (([0, 0], LEAST_NAMED, 0.9), ([0, 1], 0.95, 1.01)):
-        labels = [np.arange(7), [*places, *range(2, 7)]]
-        plain = problem(*drawn(0, strength=40.0, mixed=0.1), labels=labels)
-        asked = replace(plain, unlisted=np.arange(7) == 1, part=PART_OF_UNLISTED)
-        first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
-        assert least < first.marginals[0][0] < most
-        assert first.marginals[1][0] > 0.95  # its place is as sure as ever
+    labels = [np.arange(7), [*places, *range(2, 7)]]
+    X, _ = drawn(0, strength=40.0, mixed=0.1)
+    t = size * X[:, 0] + X[:, 1] + np.random.default_rng(0).normal(0.0, SIGMA, N)
+    plain = problem(X, t, labels=labels)
+    asked = replace(plain, unlisted=np.arange(7) == 1, part=PART_OF_UNLISTED)
+    first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
+    least, most = (0.95, 1.01) if sure else (LEAST_NAMED, 0.9)
+    assert least < first.marginals[0][0] < most
+    assert first.marginals[1][0] > 0.95  # its place is as sure as ever
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -237,7 +237,6 @@ def _marginals(
     weights = np.exp(logs - logsumexp(logs))
     found = [np.zeros(size) for size in problem.sizes]
     levels = [level.tolist() for level in problem.labels]
-    places = problem.places.tolist()
     gross = np.zeros(len(problem.terms))
     for weight, key in zip(weights.tolist(), seen, strict=True):
         mine = [i for i in key if not problem.gross[i]]
@@ -246,8 +245,6 @@ def _marginals(
         for level, total in zip(levels, found, strict=True):
             for label in {level[i] for i in mine}:
                 total[label] += weight
-        lacked = problem.lacked(mine)
-        for label in {levels[0][i] for i in mine} if lacked else ():
-            if places[label] in lacked:  # its terms may be parts of what is unlisted
-                found[0][label] -= problem.part * weight
+        for label in problem.parts(mine):
+            found[0][label] -= problem.part * weight
     return tuple(np.minimum(total, 1.0) for total in found), np.minimum(gross, 1.0)

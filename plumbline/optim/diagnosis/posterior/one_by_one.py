@@ -160,29 +160,47 @@ def _about(problem: JointProblem, reduced: Reduced) -> Sampled:
     slots = [t for t in reduced.chosen if not problem.gross[t.index]]
     asked = [problem.odds(reduced)[0], *(problem.odds(reduced.without(t))[0] for t in slots)]
     tilts = (0.0, -float(np.log(TILT)), float(np.log(TILT)))
-    found, *tilted = (_marginals(problem, [log + tilt for log in asked]) for tilt in tilts)
+    held = [t.index for t in slots]
+    large = frozenset(problem.labels[0][held].tolist()) - problem.parts(held)
+    found, *tilted = (_marginals(problem, [log + tilt for log in asked], large) for tilt in tilts)
     gross = np.zeros(len(problem.terms))
     gross[[t.index for t in reduced.chosen if problem.gross[t.index]]] = 1.0
     states = ((stated(problem, reduced.chosen), reduced.chosen),)
     return Sampled(found, gross, states, np.stack([levels[0] for levels in tilted]))
 
 
-def _marginals(problem: JointProblem, asked: Sequence[Array]) -> tuple[Array, ...]:
-    """Probability of every label, level by level, that any slot holds it."""
+def _marginals(
+    problem: JointProblem, asked: Sequence[Array], large: frozenset[int]
+) -> tuple[Array, ...]:
+    """Probability of every label, level by level, that any slot holds it.
+
+    Args:
+        problem: What was asked.
+        asked: Log odds of every term in each slot.
+        large: Labels of the state of which what is unlisted there is a small share.
+    """
     shares = np.stack([shares_of(log_odds) for log_odds in asked])
     found = [_any(_summed(shares, *of)) for of in zip(problem.labels, problem.sizes, strict=True)]
     if problem.unlisted is None:
         return tuple(found)
-    # What a listed label holds beside an unlisted term of its place may be a part of that.
+    # What a listed label holds beside an unlisted term may be a part of that: one of its place, and
+    # any that the state does not show to be far larger.
+    lacked = np.where(problem.unlisted, shares, 0.0)
     place = problem.labels[1]
-    lacked = _summed(np.where(problem.unlisted, shares, 0.0), place, problem.sizes[1])
-    none = np.log1p(-np.minimum(lacked, 1.0 - 1e-12))
-    elsewhere = 1.0 - np.exp(none.sum(axis=0) - none)
-    apart = shares * (1.0 - elsewhere[:, place])
+    own = _elsewhere(_summed(lacked, place, problem.sizes[1]))[:, place]
+    all_ = _elsewhere(lacked.sum(axis=1, keepdims=True))
+    large = np.isin(problem.labels[0], list(large))
+    apart = shares * (1.0 - np.where(large, own, all_))
     alone = _any(_summed(apart, problem.labels[0], problem.sizes[0]))
     parts = (1.0 - problem.part) * found[0] + problem.part * alone
-    found[0] = np.where(problem.places < 0, found[0], parts)
+    found[0] = np.where(problem.listed, parts, found[0])
     return tuple(found)
+
+
+def _elsewhere(shares: Array) -> Array:
+    """Probability (K, ...) that any other slot than each holds it, by what each does (K, ...)."""
+    none = np.log1p(-np.minimum(shares, 1.0 - 1e-12))
+    return np.asarray(1.0 - np.exp(none.sum(axis=0) - none))
 
 
 def _summed(shares: Array, level: NDArray[np.intp], size: int) -> Array:
