@@ -142,8 +142,7 @@ GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a 
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval
 FOLD_STEPS, FOLD_BELIEVED = 3, 0.05  # of all folds; share by which their foretold square may err
 SLOW = 0.1  # share of its way to go from which a step's curvature is worked out anew (cost only)
-FAR_OFF = 1.1  # ratio of costs at which a fold's step has led away from where it is linear
-MORE_STEPS, FEW_STEPS = 6, 1  # of a fold's own, where one from the fit of all does not do; if long
+MORE_STEPS = 6  # of a fold's own, where one from the fit of all does not do
 MOST_BLOCKS = 2000  # of the bootstrap (memory only)
 
 ERROR_BLOCKS = 6  # of a recording: fewer know little of their spread, more resemble each other

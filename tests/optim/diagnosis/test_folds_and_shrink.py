@@ -1,6 +1,7 @@
 """Laws of what is held out: folds, predictions of rows not seen, and the interval of the shrink."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -157,6 +158,41 @@ def test_a_fold_s_step_that_leads_far_off_is_not_taken(offset_recording, monkeyp
     found, ended = shrink._settled(pool, union, folds == 0, model, x, grams)
     assert found is x
     assert not ended.converged
+
+
+@pytest.mark.parametrize(
+    ("to_go", "rise", "long", "taken", "asked"),
+    [
+        (0.05, 1.04, False, True, 2),
+        (0.05, 1.08, False, False, 2),  # it costs more than its foretold square may err
+        (0.2, 1.0, False, True, 3),  # a fifth is left to go: with its curvature worked out anew
+        (1.1, 1.0, False, False, 3),
+        (0.05, 1.0, True, False, 1),  # of many rows the step from the fit of all is the last
+    ],
+)
+def test_a_fold_s_step_is_taken_where_it_comes_nearer_and_costs_no_more(
+    offset_recording, monkeypatch, to_go, rise, long, taken, asked
+):
+    pool, folds, choice, best = pool_of(offset_recording)
+    model = fold_models(pool, choice, variance=1e-8)[0]
+    union = shrink._union(pool, [model], best)
+    x = union.started(best.by_name)
+    rows = Mapped(union.problem)
+    square = np.abs(rows.white_residuals(x)).max() ** 2
+    met = []
+
+    def stands(*of):
+        met.append(of[-1])
+        first = of[-1] is x
+        ended = SimpleNamespace(stationarity=1.0 if first else to_go, converged=not first)
+        return ended, (1.0 if first else rise) * 10.0 * square
+
+    monkeypatch.setattr(shrink, "_judged", stands)
+    monkeypatch.setattr(shrink, "_step", lambda *_: x / union.problem.scale)
+    monkeypatch.setattr(shrink, "LONG", 1 if long else 1000)
+    found, _ = shrink._settled(pool, union, folds == 0, model, x, rows.grams(x, folds))
+    assert (found is not x) == taken
+    assert len(met) == asked
 
 
 def test_nominal_residuals_are_those_of_refitting_without_the_fold(offset_recording):

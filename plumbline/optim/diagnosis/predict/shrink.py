@@ -24,8 +24,6 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import restricted, select
 from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
-    FAR_OFF,
-    FEW_STEPS,
     FOLD_BELIEVED,
     FOLD_STEPS,
     LONG,
@@ -200,10 +198,11 @@ def _settled(
     bends += [g for k, g in enumerate(grams) if k == model.fold]
     together = _columns_of(pool, union, model)
     found: tuple[Array, Judged, float] | None = None
-    long = len(left_out) >= LONG  # there few steps are enough, and many rows make them dear
-    for _ in range(FEW_STEPS if long else MORE_STEPS):
+    long = len(left_out) >= LONG  # there one step is enough, and many rows make more of them dear
+    for _ in range(MORE_STEPS):
+        most = (1.0 + FOLD_BELIEVED) * found[2] if found else np.inf
         # So far off no derivative is a number any more.
-        if found and not np.abs(both[0].white_residuals(x)).max() < np.sqrt(FAR_OFF * found[2]):
+        if found and not np.abs(both[0].white_residuals(x)).max() < np.sqrt(most):
             break
         near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
         ended, cost = _judged(pool, problem, model, together, near[0], x)
@@ -211,10 +210,10 @@ def _settled(
             near = bends = [mapped.grams(x)[0] for mapped in both]
             ended, cost = _judged(pool, problem, model, together, near[0], x)
         # Standard errors to go are few as well where a step has led far off.
-        if found and not (ended.stationarity < found[1].stationarity and cost < FAR_OFF * found[2]):
+        if found and not (ended.stationarity < found[1].stationarity and cost < most):
             break
         found = x, ended, cost
-        if ended.converged:
+        if ended.converged or long:
             break
         gram = near[0] + pool.shared_at(x[: pool.always]).padded(problem.size)
         linear, fold = (Linear.about(g, x, problem.scale) for g in (gram, near[1]))
