@@ -30,11 +30,10 @@ from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while
 from plumbline.optim.diagnosis.prior import (
-    CORRELATION_ROUNDS,
     LEVER_ALIKE,
-    LINEARISED,
     LONG,
     NO_EVIDENCE,
+    ROUNDS,
     SAME_CORRELATION,
 )
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
@@ -121,7 +120,7 @@ def _told_apart(
     options: DiagnosisOptions,
 ) -> tuple[Task, SelectedModel, NDArray[np.bool_], Explanation]:
     """All of it again where rows know of each other: then they count for less than they seemed."""
-    for _ in range(CORRELATION_ROUNDS):
+    for _ in range(ROUNDS):
         rows = task.recording
         wander, alike = told.correlation
         if max(abs(wander - rows.wander), abs(alike - rows.alike)) <= SAME_CORRELATION:
@@ -163,7 +162,7 @@ def _explained(
     """
     weights = trust(task.recording, bad)
     given = (task.recording, weights, task.refitting)
-    for left in reversed(range(LINEARISED)):
+    for left in reversed(range(ROUNDS)):
         told = explain(selected, options.seed, options.unlisted)
         kept = worth_while(selected, told.terms)
         spared = selected.selection.keys(told.terms) - selected.selection.keys(kept)

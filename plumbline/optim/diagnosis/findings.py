@@ -16,7 +16,7 @@ from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
 from plumbline.optim.diagnosis.carried import OfRecording, Transfer
-from plumbline.optim.diagnosis.prior import FAR, LEAST_UNLISTED, UNLISTED
+from plumbline.optim.diagnosis.prior import FAR, UNLISTED
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
 
@@ -349,7 +349,7 @@ class Verdict(AlwaysFitted, Answer):
 
     @property
     def _meaning(self) -> str:
-        if self.verdict == Kind.PARTLY and self.outside_probability < LEAST_UNLISTED:
+        if self.verdict == Kind.PARTLY and self.outside_probability < UNLISTED:
             if self.is_missed:
                 return NOT_FORETOLD
             if not self.knows_noise:

@@ -41,7 +41,7 @@ LITTLE_OVERLAP = 0.02  # their largest squared correlation: each explains what t
 
 # Search (posterior/search, task).
 MOST_ROUNDS = 4  # fits and linearisations; the selection settles in two or three
-LINEARISED = 3  # times that a posterior is worked out, each about the last one's fit
+ROUNDS = 3  # in which what hangs on its own answer settles; a posterior is linearised anew (cost)
 WIDE_PRIOR = 30.0  # width of an effect that is always fitted [its scale]: data decide
 LONG = 4000  # rows from which a part is searched first (cost only)
 SECOND_LOOKS = 2  # at gross rows, given the causes
@@ -71,7 +71,6 @@ REPEATS_CHANCE = 3.0  # standard errors by which repeats may say more than the f
 
 # Correlated rows (posterior/correlation).
 CORRELATIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # that are tried
-CORRELATION_ROUNDS = 3  # searches in which a correlation and what is left settle
 SAME_CORRELATION = 0.15  # change up to which they have: to a neighbour on the grid
 
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
@@ -124,7 +123,7 @@ NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not coun
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
-CHAINS_APART = 0.02  # by which chains that agree may differ: a probability is told to a percent
+CHAINS_APART = 0.02  # by which chains that agree may differ; a probability below states nothing
 ASKED_AGAIN = 4  # passes over the slots of a state too long for chains (cost only)
 MOST_ADDED = 8  # terms that such a state gets in one pass (cost only)
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
@@ -132,7 +131,6 @@ LEAST_NAMED = 0.5  # probability of a cause at which it is named
 LEAST_TOLD = 0.01  # probability of a place, or of an explanation, below which it is not told
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
 HELD_OUT_ALARM = 0.01  # probability that rows left out of a right model are missed by more
-LEAST_UNLISTED = UNLISTED  # probability of one beside what is named below which it may: as before
 
 # Rows left out (predict).
 MOST_FOLDS = 5  # Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
@@ -140,7 +138,7 @@ FEWEST_ROWS = 4  # of a fold
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval
-FOLD_STEPS, FOLD_BELIEVED = 3, 0.05  # of all folds; share by which their foretold square may err
+FOLD_BELIEVED = 0.05  # share by which the square that a fold's step foretells may err
 SLOW = 0.1  # share of its way to go from which a step's curvature is worked out anew (cost only)
 MORE_STEPS = 6  # of a fold's own, where one from the fit of all does not do
 MOST_BLOCKS = 2000  # of the bootstrap (memory only)
@@ -151,7 +149,6 @@ ERROR_BLOCKS = 6  # of a recording: fewer know little of their spread, more rese
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, below which it is spared
 NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one is spared
 HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
-SETTLING = 3  # rounds until what is left has settled
 WORSE = 1.05  # ratio of held-out figures at which what was excluded is missed
 MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
 
@@ -180,7 +177,6 @@ NOTHING_WRONG = 0.25  # share of the cases in which nothing is wrong
 LEAST_GAP = 0.35  # of a simulated case [noise]: the faintest of the withheld sets
 GAP_SPREAD = 2.0  # gaps are drawn between the found one over this and times this
 MOST_SIMULATED_CAUSES = 3
-LEAST_STATED = CHAINS_APART  # a probability below this states nothing
 LEAST_SEEN = 1e-3  # share of a fault that frame and tool must leave, for it to be worth drawing
 SLOPE_WIDTH, OFFSET_WIDTH = 0.5, 1.0  # priors of the recalibration's line about the identity
 TRUTH_HELD = 0.9  # share of cases whose true causes the set of causes holds

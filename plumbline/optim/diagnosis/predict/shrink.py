@@ -25,10 +25,10 @@ from plumbline.optim.diagnosis.posterior.selection import restricted, select
 from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
-    FOLD_STEPS,
     LONG,
     MORE_STEPS,
     MOST_BLOCKS,
+    ROUNDS,
     SLOW,
 )
 from plumbline.optim.measurement.observation import Model, build_model
@@ -163,7 +163,7 @@ def held_out_residuals(
     """
     union = _union(pool, models, best)
     at = union.started(best.by_name)
-    for _ in range(FOLD_STEPS):
+    for _ in range(ROUNDS):
         out, foretold, values, grams = _one_step(pool, union, folds, models, at)
         if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= FOLD_BELIEVED * foretold:
             break

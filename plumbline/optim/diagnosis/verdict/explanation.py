@@ -30,7 +30,6 @@ from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
     EARNED,
     LEAST_NAMED,
-    LEAST_UNLISTED,
     MANY_CAUSES,
     MOST_COMPARED_ROWS,
     UNLISTED,
@@ -76,7 +75,7 @@ class Explanation:
     @property
     def is_open(self) -> bool:
         """Whether something may be missing in the model, so that rows near each other err alike."""
-        return self.one_by_one or self.unlisted >= LEAST_UNLISTED
+        return self.one_by_one or self.unlisted >= UNLISTED
 
     @cached_property
     def tree(self) -> tuple[dict[str, Any], ...]:

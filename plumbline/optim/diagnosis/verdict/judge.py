@@ -28,8 +28,8 @@ from plumbline.optim.diagnosis.predict.held_out import (
 from plumbline.optim.diagnosis.prior import (
     CHAINS_APART,
     EARNED,
-    LEAST_UNLISTED,
     REMOVABLE_FROM,
+    UNLISTED,
 )
 from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
@@ -78,9 +78,7 @@ def judge(
     judged = judgement_of(selected, evaluation)
     least = by_chance(recording, selected, evaluation)
     left = max(told.beside, lacking)
-    earned = (
-        left < LEAST_UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged, least)
-    )
+    earned = left < UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged, least)
     kind = _kind(bool(causes), beyond > 0.5, earned)
     scope = scope_of(selected.model.recording)
     where = shares(selected.selection, selected.chosen, seed)
