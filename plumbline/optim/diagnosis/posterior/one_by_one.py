@@ -189,8 +189,8 @@ def _marginals(
     place = problem.labels[1]
     own = _elsewhere(_summed(lacked, place, problem.sizes[1]))[:, place]
     all_ = _elsewhere(lacked.sum(axis=1, keepdims=True))
-    large = np.isin(problem.labels[0], list(large))
-    apart = shares * (1.0 - np.where(large, own, all_))
+    far_larger = np.isin(problem.labels[0], list(large))
+    apart = shares * (1.0 - np.where(far_larger, own, all_))
     alone = _any(_summed(apart, problem.labels[0], problem.sizes[0]))
     parts = (1.0 - problem.part) * found[0] + problem.part * alone
     found[0] = np.where(problem.listed, parts, found[0])
