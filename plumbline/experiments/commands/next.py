@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         NextExperiment,
         Suggestion,
     )
+    from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.recording import Recording
 
 MOST = 100
@@ -49,6 +50,10 @@ Csv = Annotated[
 ]
 Within = Annotated[
     Range, typer.Option(help="Joints within the range recorded so far, or within their limits.")
+]
+Of = Annotated[
+    str,
+    typer.Option("--of", metavar="NAME", help="Of a session: the recording to go on with."),
 ]
 
 
@@ -80,6 +85,7 @@ def next_(
     csv: Csv = None,
     seed: Seed = 0,
     within: Within = Range.RECORDED,
+    of: Of = "",
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
@@ -93,10 +99,12 @@ def next_(
     from plumbline.optim.recording.session_files import is_session
 
     if is_session(folder):
-        raise PlumblineError(
-            f"{folder}: a session, one recording expected: rows are proposed for a device that "
-            "stands; name the recording that you can go on with"
-        )
+        asked = DiagnosisOptions(seed=seed, force=force)
+        part, found, place = _of_session(folder, of, asked, count, within, quiet or json == "-")
+        _hand_out(part, found, place, json, csv, quiet=quiet)
+        return
+    if of:
+        raise PlumblineError(f"--of {of}: {folder} is one recording; leave it out")
     if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
         next_motion(folder, json, csv, seed=seed, quiet=quiet)
         return
@@ -114,6 +122,60 @@ def next_(
     found = in_new_groups(
         recording, next_experiment(diagnosis.selected, diagnosis.verdict, options)
     )
+    _hand_out(recording, found, folder, json, csv, quiet=quiet)
+
+
+def _of_session(
+    folder: Path, name: str, options: DiagnosisOptions, count: int, within: Range, silent: bool
+) -> tuple[Recording, NextExperiment, Path]:
+    """Rows for one recording of a session by what all of them leave open; its folder.
+
+    Raises:
+        PlumblineError: There is none of that name, or it is of a kind that none is proposed for.
+    """
+    from plumbline.optim.diagnosis.answer import Diagnosis
+    from plumbline.optim.diagnosis.ask import diagnose_several
+    from plumbline.optim.diagnosis.design.next_experiment import PROPOSED, next_experiment
+    from plumbline.optim.diagnosis.design.rows import DesignOptions
+    from plumbline.optim.diagnosis.several.sections import Sections
+    from plumbline.optim.loading import load_part
+    from plumbline.optim.model.part import number_of
+    from plumbline.optim.recording.session_files import open_session
+
+    with progress_bar(quiet=silent) as progress:
+        found = diagnose_several(folder, options, progress=progress)
+    if isinstance(found, Sections):
+        found = found.of(name) if name else found.sections[0]
+    session = found.recording.session if isinstance(found, Diagnosis) else None
+    part = None if session is None else session.parts[number_of(session, name)]
+    kind = found.recording.observation if part is None else part.observation
+    if (
+        not isinstance(found, Diagnosis)
+        or part is None
+        or kind not in PROPOSED
+        or part.socket is not None
+    ):
+        raise PlumblineError(
+            f"{folder}: {kind}, tips, poses or second encoders expected to propose rows for; name "
+            "such a recording with --of, or ask for the next rows of one recording's folder"
+        )
+    asked = DesignOptions(count=count, seed=options.seed, within=within.value, recording=part.name)
+    stated = open_session(folder)
+    places = [stated.place / one for one in stated.recordings]
+    own = [p for p in places if load_part(p, robot=stated.robot).sha256 == part.sha256]
+    return part, next_experiment(found.selected, found.verdict, asked), own[0]
+
+
+def _hand_out(
+    recording: Recording,
+    found: NextExperiment,
+    folder: Path,
+    json: str | None,
+    csv: Path | None,
+    *,
+    quiet: bool,
+) -> None:
+    """Write and print what was found."""
     outputs.write_json(json, {"recording": recording.name, **found.to_dict()})
     if csv is not None and found.rows:
         outputs.write_text(csv, table_to_fill(folder, recording, found), "--csv")

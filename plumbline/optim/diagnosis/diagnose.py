@@ -49,9 +49,6 @@ from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
-# Kinds for which rows of a next experiment are proposed: postures, not motions.
-PROPOSED = ("tip_position", "pose", "fixed_point", "joint_position")
-
 
 def diagnose(
     recording: Recording | str | Path,
@@ -102,8 +99,7 @@ def diagnose(
     tell("putting the verdict together", 0.9)
     noise = noise_of(training, selected.best)
     verdict = judge(recording, selected, evaluation, told, noise, options.effects, seed)
-    if recording.observation in PROPOSED and recording.session is None:
-        verdict = replace(verdict, next=suggestions(selected, verdict, seed))
+    verdict = replace(verdict, next=suggestions(selected, verdict, seed))
     if recording.element is not None:
         untold = left_open(selected.nominal, noise.sigma)
         verdict = replace(verdict, notes=(*verdict.notes, *untold))
@@ -165,14 +161,16 @@ def _explained(
     for left in reversed(range(ROUNDS)):
         told = explain(selected, options.seed, options.unlisted)
         kept = worth_while(selected, told.terms)
-        spared = selected.selection.keys(told.terms) - selected.selection.keys(kept)
+        keys, candidates = selected.selection.keys(kept), selected.selection.candidates
+        spared = [candidates[t.index] for t in told.terms if candidates[t.index].key not in keys]
         selected = with_terms(selected, kept, *given, tried=told.terms)
         if not left or foretold_wrongly(selected) < NO_EVIDENCE:
             break
         selected = about_its_fit(selected, task.library)
     # Of many causes a rival may do as well on other rows: only what is negligible is spared there.
-    barred = spared if told.one_by_one else selected.excluded
-    return replace(selected, barred=barred, states=told.states), told
+    barred = frozenset(c.key for c in spared) if told.one_by_one else selected.excluded
+    effects = tuple(c.effect for c in spared)
+    return replace(selected, barred=barred, spared=effects, states=told.states), told
 
 
 def _foretold(
@@ -241,6 +239,7 @@ def _diagnosis(
         trusted=evaluation.trusted,
         places=recording.chain.placement(recording.q)[:, :3, 3],
         effects=selected.effects_of_fit,
+        spared=selected.spared,
         stated=selected.model,
         solution=selected.best,
         options=options,

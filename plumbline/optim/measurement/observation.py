@@ -280,8 +280,9 @@ def _along_paths(whole: Recording, effect: Effect) -> dict[str, Array]:
     found: dict[str, Array] = {}
     for k in parts_of(effect) or range(len(whole.session)):
         mine = whole.part == k
-        for name, values in effect.derive({n: c[mine] for n, c in columns.items()}).items():
-            found.setdefault(name, np.zeros(len(whole)))[mine] = np.ravel(values)
+        path = mine if mine.any() else slice(0, 1)  # what is derived is told by name at least
+        for name, values in effect.derive({n: c[path] for n, c in columns.items()}).items():
+            found.setdefault(name, np.zeros(len(whole)))[mine] = np.ravel(values)[: mine.sum()]
     return found
 
 

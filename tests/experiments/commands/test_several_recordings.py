@@ -264,8 +264,28 @@ def test_a_fault_in_one_of_several_names_its_folder(folder, tmp_path, file, text
         assert len(told.splitlines()) == 1
 
 
+def test_a_session_is_told_what_to_record_next_with_one_of_its_devices(tmp_path, capsys):
+    """Rows of the encoders' folder, by what tips and encoders together leave open."""
+    for k, kind in enumerate(("tip_position", "joint_position")):
+        part = recorded(kind, 60 + k, lambda q: 0.12 * rippled(q), rows=25)
+        written(part, tmp_path / "arm" / kind, robot=None)
+    (tmp_path / "arm" / "session.toml").write_text(
+        'recordings = ["tip_position", "joint_position"]\n[robot]\nbundled = "ur5"\n'
+    )
+    out, table = tmp_path / "next.json", tmp_path / "next.csv"
+    asked = ["next", str(tmp_path / "arm"), "--of", "joint_position", "--count", "2"]
+    assert run([*asked, "--json", str(out), "--csv", str(table), "--quiet"]) == 0
+    found = json.loads(out.read_text())
+    assert found["recording"] == "joint_position"
+    assert len(found["explanations"]) > 1
+    assert [set(row) for row in found["rows"]] == [{"pose", "separates"}] * 2
+    header, *rows = table.read_text().splitlines()
+    assert "m1" in header
+    assert len(rows) == 2
+    assert run(["next", str(tmp_path / "arm"), "--of", "nobody"]) == 2
+    assert "best matches" in capsys.readouterr().err
+
+
 def test_what_only_one_recording_can_answer_is_refused_of_several(folder, capsys):
-    assert run(["next", str(folder)]) == 2
-    assert "a session, one recording expected" in capsys.readouterr().err
     assert run(["diagnose", str(folder), "--calibrate", "2"]) == 2
     assert "not for several recordings" in capsys.readouterr().err

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.link_geometry import LinkGeometry
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.kinematics.robot import Robot
@@ -105,6 +106,21 @@ def test_orders_of_other_joints_and_high_ones_stay(spectrum):
     assert carried.effects[:2] == others
     whole = [e.order for e in carried.effects[2:]]
     assert whole == list(range(1, 41))
+
+
+def test_what_is_negligible_here_is_carried_and_kept_within_its_size(spectrum):
+    """A zero of joint 3 is found beside the spectrum; one that rows do not tell stays nothing."""
+    known = recording(400, 1, SEEN, spectrum)
+    zero, untold = JointOffset(joint=3), JointOffset(joint=6)
+    turned = build_model(known, (zero,))
+    x = turned.start.copy()
+    x[-1] = 2e-4
+    shifts = Mapped(turned.problem).residuals(x) - Mapped(turned.problem).residuals(turned.start)
+    known = replace(known, measured=known.measured + shifts)
+    carried = as_spectra(known, PICKED, fitted(known, PICKED), (zero, untold))
+    values = dict(zip(carried.effects, carried.values, strict=False))
+    assert values[zero] == pytest.approx(2e-4, rel=0.2)
+    assert abs(values[untold]) < 1e-4
 
 
 @pytest.mark.parametrize("seed", range(3))

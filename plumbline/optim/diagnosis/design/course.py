@@ -17,7 +17,9 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.prior import COOLING, MEMORY
+from plumbline.optim.measurement.nuisance import Nuisance
 from plumbline.optim.measurement.observation import COLUMNS, Model, rows_of
+from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording
 
 
@@ -135,9 +137,10 @@ def _as_recording(model: Model, rows: FutureRows, times: Array, warmths: Array) 
     recording = model.recording
     width = recording.measured.shape[1]
     measured = np.zeros((len(rows), width))
-    if recording.observation == "pose":
-        measured[:, 3:] = _orientations(model, rows.q)
+    if recording.session is not None or recording.observation == "pose":
+        _orient(model, rows.q, measured)
     given: dict[str, Any] = {"q": rows.q, "measured": measured, "held_out": None}
+    given["part"] = None if recording.part is None else np.full(len(rows), recording.part[0])
     given["time"] = None if recording.time is None else times
     given["temperature"] = None if recording.temperature is None else warmths
     given["direction"], given["velocity"] = rows.direction, rows.velocity
@@ -157,16 +160,33 @@ def _as_recording(model: Model, rows: FutureRows, times: Array, warmths: Array) 
 def _joined(first: Recording, then: Recording) -> Recording:
     """Two recordings of the same columns, one after the other."""
     parts: dict[str, Any] = {"held_out": None}
-    for name in ("q", "measured", "socket", "noise_shape", *COLUMNS):
+    for name in ("q", "measured", "socket", "noise_shape", "part", *COLUMNS):
         one, two = getattr(first, name), getattr(then, name)
         parts[name] = None if one is None else np.concatenate([one, two])
     return replace(first, **parts)
 
 
-def _orientations(model: Model, q: Array) -> Array:
-    """Unit quaternions (N, 4), w first, that the nuisances at the model's start predict."""
+def _orient(model: Model, q: Array, measured: Array) -> None:
+    """Write the quaternions that the nuisances at the model's start predict, where there are any.
+
+    Args:
+        model: The model.
+        q: Postures (N, n) [rad or m].
+        measured: What is measured there (N, k); of several recordings columns of all their kinds.
+    """
+    recording, nuisance = model.recording, model.nuisance
+    own: Nuisance | Own = nuisance
+    if recording.session is not None and recording.part is not None:
+        if not recording.session.has_poses:
+            return
+        own = nuisance.own[int(recording.part[0])]
+    measured[:, 3:7] = _orientations(model, q, own)
+
+
+def _orientations(model: Model, q: Array, own: Nuisance | Own) -> Array:
+    """Unit quaternions (N, 4), w first."""
     nuisance = model.nuisance
-    turns = cs.Function("turns", [nuisance.x], [nuisance.T_device_world.R, nuisance.R_tip_tool])
+    turns = cs.Function("turns", [nuisance.x], [own.T_device_world.R, own.R_tip_tool])
     R_device_world, R_tip_tool = (R.full() for R in turns(model.start[: nuisance.size]))
     R = R_device_world @ model.recording.chain.placement(q)[:, :3, :3] @ R_tip_tool
     return np.asarray(Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]])

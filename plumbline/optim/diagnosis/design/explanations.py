@@ -23,6 +23,7 @@ from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.prior import LEAST_TOLD, NUISANCE_WIDTH, WIDE_PRIOR
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.model.part import number_of
 
 NOTHING = "no effect"
 
@@ -84,6 +85,29 @@ class Contest:
     def weights(self) -> Array:
         """Factor (P,) from a Jacobian's columns to units of scale and noise."""
         return self.model.problem.scale / self.sigma
+
+    def of(self, recording: str) -> Contest:
+        """Of several recordings the contest for rows of one of them; else itself.
+
+        Args:
+            recording: Its name; the first that says where the tip is, if empty.
+
+        Raises:
+            PlumblineError: There is none of that name.
+        """
+        whole = self.model.recording
+        if whole.session is None:
+            return self
+        k = number_of(whole.session, recording)
+        part = whole.session.parts[k]
+        # Its rows with the columns of all, as the statement reads them; a path begins with them.
+        own = replace(
+            whole.select(whole.part == k),
+            observation=part.observation,
+            tool_offset=part.tool_offset,
+            whole=None,
+        )
+        return replace(self, model=replace(self.model, recording=own))
 
 
 def contest(selected: SelectedModel, candidates: tuple[Explanation, ...]) -> Contest:

@@ -28,8 +28,11 @@ from plumbline.optim.diagnosis.prior import (
     SETTLED,
 )
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
+from plumbline.optim.model.part import number_of
 from plumbline.optim.recording.recording import Recording
 
+# Kinds for which rows are proposed: postures, not motions.
+PROPOSED = ("tip_position", "pose", "fixed_point", "joint_position")
 NEEDS = "needs the column "
 COLUMNS = {
     "direction": "record which way each joint came last (direction1, ...)",
@@ -156,15 +159,19 @@ def next_experiment(
             f"of {percent(shares[0])}"
         )
         return NextExperiment((), names, shares, None, (said, *missing))
+    own = _written(selected.model.recording, options.recording)
     design = Design.of(contest(selected, rivals), options)
     if not len(design.pool):
         said = "no posture within reach was found; try the joint limits instead of what was used"
         return NextExperiment((), names, shares, None, (said, *missing))
     chosen = design.choose()
-    groups = chosen.rows.groups(selected.model.recording)
+    groups = chosen.rows.groups(own)
     told = tuple(
         _suggestion(
-            chosen.rows.select([k]), (names[i], names[j]), None if groups is None else groups[k]
+            chosen.rows.select([k]),
+            (names[i], names[j]),
+            None if groups is None else groups[k],
+            own,
         )
         for k, (i, j) in enumerate(chosen.pairs)
     )
@@ -173,14 +180,23 @@ def next_experiment(
     return NextExperiment(told, names, shares, forecast, notes, chain.joint_names, chain.kinds)
 
 
-def _suggestion(row: FutureRows, separates: tuple[str, str], group: int | None) -> Suggestion:
-    side, speed = row.direction, row.velocity
+def _written(recording: Recording, name: str) -> Recording:
+    """The recording that rows are proposed for, with the columns that it itself writes."""
+    session = recording.session
+    return recording if session is None else session.parts[number_of(session, name)]
+
+
+def _suggestion(
+    row: FutureRows, separates: tuple[str, str], group: int | None, own: Recording
+) -> Suggestion:
+    side = None if own.direction is None else row.direction
+    speed = None if own.velocity is None else row.velocity
     return Suggestion(
         pose=tuple(row.q[0].tolist()),
         direction=None if side is None else tuple(int(s) for s in side[0]),
         velocity=None if speed is None else tuple(speed[0].tolist()),
-        wait=None if row.wait is None else float(row.wait[0]),
-        payload=None if row.payload is None else float(row.payload[0]),
+        wait=None if row.wait is None or own.time is None else float(row.wait[0]),
+        payload=None if row.payload is None or own.payload is None else float(row.payload[0]),
         socket=None if row.socket is None else int(row.socket[0]),
         separates=separates,
         group=None if group is None else int(group),
@@ -247,8 +263,13 @@ def suggestions(selected: SelectedModel, verdict: Verdict, seed: int) -> tuple[d
         verdict: What was made of it.
         seed: Of the pool.
     """
+    recording = selected.model.recording
+    own = _written(recording, "")
+    if own.observation not in PROPOSED or (own.socket is not None and own is not recording):
+        return ()
     rows = next_experiment(selected, verdict, replace(CHEAP, seed=seed)).rows
-    return tuple(row.to_dict() for row in rows)
+    of = {} if own is recording else {"recording": own.name}
+    return tuple(of | row.to_dict() for row in rows)
 
 
 def _beyond(verdict: Verdict) -> tuple[str, ...]:

@@ -51,6 +51,9 @@ class DesignOptions:
     glance: int = GLANCE  # how many rows of the pool are looked at for each choice
     # how often, at most, a row is changed in one thing to make it better
     exchanges: int = EXCHANGES
+    # of several recordings the one whose device stands, for which rows are proposed; the first that
+    # says where the tip is, if empty
+    recording: str = ""
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -82,6 +85,7 @@ class Design:
     @classmethod
     def of(cls, contest: Contest, options: DesignOptions) -> Design:
         """Draw the pool of a contest."""
+        contest = contest.of(options.recording)
         recording = contest.model.recording
         pool = draw_rows(
             recording, options.pool, options.seed, within=options.within, sockets=_sockets(contest)

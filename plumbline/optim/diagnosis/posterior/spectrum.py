@@ -49,26 +49,33 @@ class Carried:
     whole: tuple[Model, Array, Array] | None = None
 
 
-def as_spectra(recording: Recording, effects: Sequence[Effect], best: Solution) -> Carried:
+def as_spectra(
+    recording: Recording,
+    effects: Sequence[Effect],
+    best: Solution,
+    spared: Sequence[Effect] = (),
+) -> Carried:
     """The model with the ripples of every joint that has many of them as a spectrum.
 
     Args:
         recording: The N rows of the fit.
         effects: The fitted effects; their values are the last unknowns.
         best: The fit.
+        spared: Effects that are negligible for these rows. At other postures they need not be, so
+            they are carried beside whole spectra, within their typical sizes of none.
     """
     sizes = [len(e.parameters) for e in effects]
     values = np.split(best.x[len(best.x) - sum(sizes) :], np.cumsum(sizes))
     joints = _joints_with_spectra(effects)
     if not joints:
         return Carried(tuple(effects), np.concatenate([np.empty(0), *values]))
-    filled = _filled(effects, joints)
+    filled = _filled((*effects, *spared), joints)
     full = build_model(recording, filled, weights=best.problem.weights)
     known = dict(zip(effects, values, strict=False))
     x = full.start
     for term in full.terms:
         x[term.columns] = known.get(term.effect, x[term.columns])
-    prior = _Prior.of(full, joints)
+    prior = _Prior.of(full, joints, spared)
     centre = np.where(prior.family >= 0, 0.0, x)
     for _ in range(SPECTRUM_STEPS):
         gram = Solution(full.problem, x).gram
@@ -110,8 +117,8 @@ class _Prior:
     flat: Array  # width of the prior of the others about their fit (P,)
 
     @classmethod
-    def of(cls, model: Model, joints: Sequence[int]) -> _Prior:
-        """Of a model whose ripples are filled up."""
+    def of(cls, model: Model, joints: Sequence[int], spared: Sequence[Effect] = ()) -> _Prior:
+        """Of a model whose ripples are filled up, and of effects that no fit has found."""
         size = model.problem.size
         family, order = np.full(size, -1), np.full(size, MIDDLE_ORDER)
         for term in model.terms:
@@ -119,7 +126,11 @@ class _Prior:
             if isinstance(effect, TransmissionRipple) and effect.joint in joints:
                 family[term.columns] = joints.index(effect.joint)
                 order[term.columns] = effect.order
-        return cls(family, order, OTHERS_WIDTH * model.problem.scale)
+        flat = OTHERS_WIDTH * model.problem.scale
+        for term in model.terms:
+            if term.effect in spared:
+                flat[term.columns] = model.problem.scale[term.columns]
+        return cls(family, order, flat)
 
     def most_probable(self, matrix: Array, right: Array) -> tuple[Array, Array]:
         """The mean (P,), from the centre, under the prior's widths (P,) of the greatest evidence.
