@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.experiments.commands.diagnose import Folder, Force, Seed
 from plumbline.experiments.commands.motion import next_motion
 from plumbline.experiments.console import outputs
@@ -142,6 +142,12 @@ def _of_session(
     from plumbline.optim.model.part import number_of
     from plumbline.optim.recording.session_files import open_session
 
+    stated = open_session(folder)
+    places = [stated.place / one for one in stated.recordings]
+    parts = [load_part(place, robot=stated.robot) for place in places]
+    if name and name not in [part.name for part in parts]:
+        near = best_matches(name, [part.name for part in parts])
+        raise fault("--of", shown(name), "one of the session", f"best matches: {near}")
     with progress_bar(quiet=silent) as progress:
         found = diagnose_several(folder, options, progress=progress)
     if isinstance(found, Sections):
@@ -160,10 +166,8 @@ def _of_session(
             "such a recording with --of, or ask for the next rows of one recording's folder"
         )
     asked = DesignOptions(count=count, seed=options.seed, within=within.value, recording=part.name)
-    stated = open_session(folder)
-    places = [stated.place / one for one in stated.recordings]
-    own = [p for p in places if load_part(p, robot=stated.robot).sha256 == part.sha256]
-    return part, next_experiment(found.selected, found.verdict, asked), own[0]
+    own = next(p for p, one in zip(places, parts, strict=True) if one.sha256 == part.sha256)
+    return part, next_experiment(found.selected, found.verdict, asked), own
 
 
 def _hand_out(
