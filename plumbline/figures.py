@@ -2,6 +2,7 @@
 
 from plumbline.experiments.report.dh_fit import pictures as dh
 from plumbline.experiments.report.diagnosis.pictures import of_diagnosis
+from plumbline.experiments.report.diagnosis.turned import turned as scene
 from plumbline.experiments.report.hand_eye import pictures as hand_eye
 from plumbline.experiments.report.mpc import motion
 from plumbline.experiments.report.pointing import anatomy
@@ -17,5 +18,6 @@ __all__ = [
     "of_diagnosis",
     "pointing",
     "registration",
+    "scene",
     "show",
 ]

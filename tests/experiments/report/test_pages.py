@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 from dataclasses import replace
@@ -13,6 +14,7 @@ from plumbline import PlumblineError, fit_dh, load, write_report
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.report.diagnosis.scene import scene
 from plumbline.experiments.report.diagnosis.subject import Subject
+from plumbline.experiments.report.diagnosis.turned import turned
 from plumbline.experiments.report.named import of_diagnosis
 from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
 from plumbline.experiments.report.style import house_style, new_figure, numbered, svg
@@ -130,6 +132,20 @@ def test_the_scene_s_arrows_lead_from_the_model_s_tips_to_the_measured_ones():
     assert found["shares"][:3] == [0.2, 0.62, 0.12]
     encoders = replace(recording, observation="joint_position")
     assert scene(replace(Subject.of(diagnosis), recording=encoders)) == ""
+
+
+def test_a_notebook_shows_the_report_s_scene_in_a_frame_that_fetches_nothing():
+    diagnosis = made_up()
+    shown = turned(diagnosis)._repr_html_()
+    [page] = re.findall(r'srcdoc="([^"]*)"', shown)
+    page = html.unescape(page)
+    [data] = re.findall(r'data-scene="([^"]*)"', page)
+    assert json.loads(html.unescape(data)) == json.loads(scene(Subject.of(diagnosis)))
+    assert not tags(page).open
+    assert "http" not in page
+    encoders = replace(diagnosis.recording, observation="joint_position")
+    with pytest.raises(PlumblineError, match="scene: joint_position observed, tips or poses"):
+        turned(replace(diagnosis, recording=encoders))
 
 
 def test_the_commands_write_their_reports(tmp_path, capsys):
