@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.console.measured import tell
 from plumbline.experiments.console.outputs import Json
 from tests.fuzz.recordings import KINDS
 from tests.fuzz.trial import SECONDS, Trial, trial

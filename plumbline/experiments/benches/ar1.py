@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from plumbline.experiments.benches import Found
 from plumbline.experiments.benches.asking import SURE, Asked, Verdict, counted, run_bench, surest
+from plumbline.experiments.console.measured import Found
 from plumbline.experiments.reality import Case, Plan, draw_case, write
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.recorder import simulate

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import typer
 
-from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Key

@@ -21,7 +21,7 @@ from typing import Annotated
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches import Found, tell, timed
+from plumbline.experiments.console.measured import Found, tell, timed
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.optim.diagnosis.diagnose import diagnose

@@ -26,7 +26,6 @@ import pandas as pd
 import typer
 
 from plumbline.errors import PlumblineError, best_matches, fault
-from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.benches.asking import (
     RULED_OUT,
     SURE,
@@ -39,6 +38,7 @@ from plumbline.experiments.benches.asking import (
     probability_of,
     thinned,
 )
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.sources import fetch, list_sources
 from plumbline.kinematics.effects import REGISTRY

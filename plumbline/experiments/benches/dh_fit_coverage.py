@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.arm import Arm
 from plumbline.experiments.reality.arms import bh7, ur5

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.console.measured import tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.ranging.finder import Finder
 from plumbline.experiments.reality.ranging.scene import (

@@ -21,7 +21,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.experiments.benches import timed
+from plumbline.experiments.console.measured import timed
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp
 from plumbline.optim.capsule_mpc.linearised import QpPath, StageQp
 

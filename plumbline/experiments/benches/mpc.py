@@ -27,8 +27,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json, check_output
 from plumbline.experiments.mpc.arm_loop import run_arms
 from plumbline.experiments.mpc.closed_loop import point

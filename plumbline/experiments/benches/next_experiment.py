@@ -21,8 +21,8 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.benches.asking import counted, label
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Case, Plan, draw_case, simulate, write
 from plumbline.experiments.reality import Recording as Tables

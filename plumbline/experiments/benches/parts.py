@@ -22,8 +22,8 @@ import pandas as pd
 import typer
 
 from plumbline.errors import best_matches, fault
-from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.benches.asking import SURE, Asked, asking, counted, key_of, label, surest
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality.arms import arm
 from plumbline.experiments.reality.parts import head, room_flaws

@@ -22,7 +22,7 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.shares import Share

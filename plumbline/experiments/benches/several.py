@@ -23,8 +23,8 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches import Found, tell
 from plumbline.experiments.benches.asking import SURE, label, thinned
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.draws import draw

@@ -24,9 +24,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from plumbline.experiments.benches import Found
 from plumbline.experiments.benches.ar1 import clean, recorded
 from plumbline.experiments.benches.asking import Asked, Verdict, counted, key_of, run_bench
+from plumbline.experiments.console.measured import Found
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.effects.effect import Effect
 from plumbline.optim.core.mapped import Mapped

@@ -27,7 +27,7 @@ import pandas as pd
 import typer
 
 from plumbline.errors import PlumblineError, fault
-from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json, check_output
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, run, statement_of

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches import Found, tell
+from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.mpc.campaign import done
 from plumbline.experiments.reality.instruments import Mismatch

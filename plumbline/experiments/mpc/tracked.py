@@ -21,7 +21,7 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
-from plumbline.experiments.benches import tell
+from plumbline.experiments.console.measured import tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.mpc.closed_loop import judged, obstacles_at, statement_of
 from plumbline.experiments.reality.instruments import Instruments, Mismatch

@@ -154,18 +154,22 @@ def _explained(
     """The model of what is more probable than not and not negligible, and all probabilities.
 
     All are of one linear problem. Where its fit to what is named is another than it foretold,
-    effects that bend each other were linearised too far off: they are anew, about that fit.
+    effects that bend each other were linearised too far off: they are anew, about that fit, as
+    long as that brings the two nearer to each other by half.
     """
     weights = trust(task.recording, bad)
     given = (task.recording, weights, task.refitting)
+    before = np.inf
     for left in reversed(range(ROUNDS)):
         told = explain(selected, options.seed, options.unlisted)
         kept = worth_while(selected, told.terms)
         keys, candidates = selected.selection.keys(kept), selected.selection.candidates
         spared = [candidates[t.index] for t in told.terms if candidates[t.index].key not in keys]
         selected = with_terms(selected, kept, *given, tried=told.terms)
-        if not left or foretold_wrongly(selected) < NO_EVIDENCE:
+        wrong = foretold_wrongly(selected)
+        if not left or wrong < NO_EVIDENCE or wrong > 0.5 * before:
             break
+        before = wrong
         selected = about_its_fit(selected, task.library)
     # Of many causes a rival may do as well on other rows: only what is negligible is spared there.
     barred = frozenset(c.key for c in spared) if told.one_by_one else selected.excluded

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from scipy.optimize import least_squares
 
-from plumbline.experiments.benches import plain, printed
 from plumbline.experiments.benches.central import Cost, recorded
+from plumbline.experiments.console.measured import plain, printed
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit

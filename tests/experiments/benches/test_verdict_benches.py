@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.benches import ar1, consistency, plain, simulation_based
+from plumbline.experiments.benches import ar1, consistency, simulation_based
 from plumbline.experiments.benches.asking import probability_of, thinned
 from plumbline.experiments.benches.consistency import Heard, compared, halves, rms, tables
 from plumbline.experiments.benches.simulation_based import BINS, Truth, histogram
+from plumbline.experiments.console.measured import plain
 from plumbline.optim.recording.recording import Recording
 from tests.benches import bench
 

@@ -87,10 +87,12 @@ class _Chain:
         """At its start."""
         self.problem, self.rng, self.state, self.looks = problem, rng, state, looks
         self.been, self.seen = set[State](), dict[State, float]()
+        # More terms than equations say nothing.
+        self.most = min(MOST_TERMS, max(int(problem.linear.n), 1))
 
     def run(self, moves: int) -> None:
         """From its start on: first to the best that is near, then at random."""
-        while len(self.state) < MOST_TERMS:
+        while len(self.state) < self.most:
             log_odds = self._look(self.state).log_odds
             if not log_odds.max(initial=-np.inf) > 0.0:
                 break
@@ -102,7 +104,7 @@ class _Chain:
         mine = sorted(i for i in self.state if not self.problem.gross[i])
         if self.problem.gross.any() and self.rng.random() < GROSS_TURN:
             self._ask_a_row() if self.rng.random() < 0.5 else self._ask_all_rows()
-        elif mine and (len(mine) >= MOST_TERMS or self.rng.random() < 0.5):
+        elif mine and (len(mine) >= self.most or self.rng.random() < 0.5):
             self._fill(self.state - {mine[int(self.rng.integers(len(mine)))]}, 1.0)
         else:
             self._fill(self.state, 1.0 / (1 + len(mine)))

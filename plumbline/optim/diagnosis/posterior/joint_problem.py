@@ -138,7 +138,7 @@ class JointProblem:
         base = float(self.noise.variance(self.linear.tt, self.linear.n))
         z = np.zeros(len(b))
         for _ in range(VARIANCE_ROUNDS):
-            z = np.linalg.solve(G + base * np.eye(len(b)), b)
+            z = np.linalg.lstsq(G + base * np.eye(len(b)), b, rcond=None)[0]
             left = max(float(self.linear.tt - 2.0 * z @ b + z @ G @ z), 0.0)
             before, base = base, float(self.noise.variance(left, self.linear.n))
             if base > SETTLED_VARIANCE * before:

@@ -1,0 +1,66 @@
+"""What was measured: tables and figures by their names, printed or written as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, is_dataclass
+from time import perf_counter
+from typing import Any, TypeVar
+
+import pandas as pd
+import typer
+
+from plumbline.errors import PlumblineError
+from plumbline.experiments.console.outputs import check_output, talks, write_json
+
+T = TypeVar("T")
+Found = Mapping[str, Any]  # tables and figures by name
+
+
+def timed(
+    task: Callable[[], T], runs: int = 1, clock: Callable[[], float] = perf_counter
+) -> tuple[T, list[float]]:
+    """What the last run gave, and the seconds of each by a clock."""
+    seconds = []
+    for _ in range(runs):
+        begun = clock()
+        found = task()
+        seconds.append(clock() - begun)
+    return found, seconds
+
+
+def tell(measure: Callable[[], Found], json: str | None, command: str = "bench") -> None:
+    """Measure, write what was found, and print it; a fault in one line."""
+    try:
+        check_output(json, "--json")
+        found = measure()
+        write_json(json, {name: plain(value) for name, value in found.items()})
+    except PlumblineError as error:
+        typer.echo(f"{command}: {error}", err=True)
+        raise typer.Exit(2) from None
+    if talks(json, quiet=False):
+        typer.echo("\n\n".join(printed(name, value) for name, value in found.items()))
+
+
+def plain(value: Any) -> Any:
+    """A table as records, a dataclass as its fields, what is not known as none."""
+    if isinstance(value, pd.DataFrame):
+        return [
+            {str(k): plain(v) for k, v in record.items()} for record in value.to_dict("records")
+        ]
+    if is_dataclass(value) and not isinstance(value, type):
+        return plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    value = value.item() if hasattr(value, "item") else value
+    return None if isinstance(value, float) and not abs(value) < float("inf") else value
+
+
+def printed(name: str, value: Any) -> str:
+    """A table under its name, or a figure beside it."""
+    if not isinstance(value, pd.DataFrame):
+        return f"{name}: {value}"
+    shown = value.to_string(index=False, float_format=lambda v: f"{v:.3g}", na_rep="-")
+    return f"{name}\n{shown if len(value) else 'none'}"
