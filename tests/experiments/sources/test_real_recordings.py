@@ -58,7 +58,7 @@ def test_the_ur5_s_model_of_a_grid_holds_at_random_poses(diagnosed, tmp_path):
 
 
 def test_the_panda_misses_by_its_joint_offsets_and_links_first(diagnosed):
-    """A joint's zero, links beside it and an axis that gives way are nearly one and the same there."""
+    """A joint's zero, a link and an axis that gives way are nearly one and the same there."""
     found = diagnosed("panda-3")
     first = causes(found)[:3]
     assert ("joint_offset", 4) in first
