@@ -17,7 +17,13 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from plumbline.experiments.report.diagnosis import figures
-from plumbline.experiments.report.diagnosis.arm import project, skeleton, typical_posture, upright
+from plumbline.experiments.report.diagnosis.arm import (
+    arm,
+    project,
+    skeleton,
+    typical_posture,
+    upright,
+)
 from plumbline.experiments.report.diagnosis.card import card
 from plumbline.experiments.report.diagnosis.causes import ranked, staircase
 from plumbline.experiments.report.diagnosis.html import html_report
@@ -37,6 +43,7 @@ from plumbline.optim.diagnosis.findings import (
     Gap,
     Kind,
     NoiseLevel,
+    Place,
     Step,
     Verdict,
 )
@@ -498,6 +505,19 @@ def test_alike_blames_are_one_line_with_the_largest_number():
         "latency: needs the column velocity",
     )
     assert merged(blames, why=False) == ("link_flex of links 4, 5", "latency")
+
+
+@pytest.mark.parametrize("stage", ["joint", "actuation"])
+def test_a_guilty_joint_s_disc_is_coloured_its_drive_s_too(stage):
+    shown = made_up()
+    guilty = replace(shown.verdict, where=(Place(stage, 2, 1.0),))
+    discs = [
+        line.get_color()
+        for line in arm(Subject.of(replace(shown, verdict=guilty))).axes[0].lines
+        if line.get_markersize() == 15
+    ]
+    assert len(set(discs)) == 2
+    assert discs.count(discs[1]) == 1
 
 
 def test_the_arm_s_joints_are_where_the_chain_has_them(bench):

@@ -118,7 +118,9 @@ class _Shares:
         return cls(tuple(places), max((p.share for p in places), default=1.0) or 1.0)
 
     def colour(self, stage: str, element: int | None = None) -> tuple[float, ...]:
-        total = sum(p.share for p in self.places if p.stage == stage and p.element == element)
+        # A joint's drive stands at the joint.
+        at = ("joint", "actuation") if stage == "joint" else (stage,)
+        total = sum(p.share for p in self.places if p.stage in at and p.element == element)
         return tuple(SHARES(float(np.clip(total / self.largest, 0.0, 1.0))))
 
 
