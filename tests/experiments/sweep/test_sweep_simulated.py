@@ -62,8 +62,8 @@ def test_an_answer_is_judged_by_what_is_true(markers):
 
 def test_a_table_by_two_factors_is_that_of_pandas(markers):
     frame = pd.DataFrame([outcome.to_dict() for outcome in markers.outcomes])
-    expected = frame.pivot_table("error", "markers", "estimator", aggfunc="median")
-    found = markers.table("markers", "estimator", "error")
+    expected = frame.pivot_table("error", "touches", "estimator", aggfunc="median")
+    found = markers.table("touches", "estimator", "error")  # six cases a cell
     assert found.down == tuple(map(str, expected.index))
     assert found.across == tuple(expected.columns)
     np.testing.assert_allclose(found.values, expected.to_numpy())
