@@ -35,7 +35,7 @@ from plumbline.experiments.withheld.tables import (
 )
 from plumbline.kinematics.files import write_whole
 
-MOST_MISTAKES = 12
+MOST_MISTAKES = 12  # lines, what a page has room for (looks only)
 LAST = ("outside", "no gap", "partly-explained", "refused", "failed")
 
 

@@ -237,6 +237,14 @@ def test_units_change_no_probability(unit):
         np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 
+def test_a_state_has_no_more_terms_than_there_are_equations():
+    X, t = drawn(0, strength=50.0, causes=7)
+    asked = problem(X, t)
+    few = replace(asked, linear=replace(asked.linear, n=3.0))
+    assert max(map(len, sample(asked, STARTS, 0).seen)) == 7
+    assert max(map(len, sample(few, STARTS, 0).seen)) == 3
+
+
 def test_what_any_term_of_a_place_explains_is_sure_though_no_term_is():
     """Two columns that hardly differ share what is there; their place has all of it."""
     X, _ = drawn(0, count=4, strength=10.0, mixed=0.0)
