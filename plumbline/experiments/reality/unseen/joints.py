@@ -18,7 +18,7 @@ from plumbline.experiments.reality.unseen.chances import (
     turning,
 )
 
-HARDENING = 1.5  # power of the depth by which it pushes back, as of spheres pressed together (Hertz)
+HARDENING = 1.5  # power of the depth that pushes back, as of spheres in contact (Hertz)
 EDGE = 0.05  # rad over which a worn tooth takes over from a whole one
 PICKS = 0.15  # share of the largest load that seats the pulley
 
