@@ -11,9 +11,8 @@ import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
 from plumbline.experiments.sweep import recorded, simulated
-from plumbline.kinematics.files import is_folder, read_file, reason
-from plumbline.optim.recording.constants import LARGEST_SETTINGS
-from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.kinematics.files import is_folder
+from plumbline.optim.recording.settings import Section, read_settings_file
 
 MOST_CASES = 10_000  # of one file: some six hours of diagnoses of two seconds
 
@@ -33,12 +32,7 @@ def read_spec(path: Path) -> Spec:
     Raises:
         PlumblineError: It cannot be read, or asks for what there is not.
     """
-    try:
-        data = read_file(path, LARGEST_SETTINGS)
-    except (OSError, ValueError) as error:
-        found = f"a file that cannot be read ({reason(error)})"
-        raise fault(str(path), found, "a TOML file", "check the path") from None
-    settings = read_settings(path.name, data)
+    settings = read_settings_file(path)
     if "reality" in settings.values:
         return _of_reality(path, settings)
     refuse_unknown(settings, ("recording", "vary"))

@@ -21,13 +21,11 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, did_you_mean, fault, shown
-from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.budget.answer import Budget
 from plumbline.optim.budget.shares import add_up
 from plumbline.optim.budget.sources import Source
 from plumbline.optim.loading import load
-from plumbline.optim.recording.constants import LARGEST_SETTINGS
-from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.settings import Section, read_settings_file
 
 FIGURES = ("rms", "mean_length", "mean", "std")
 COMMON = ("name", "origin", "cured")
@@ -44,12 +42,7 @@ def read_budget(path: str | Path) -> Budget:
         PlumblineError: It cannot be read, or a link cannot be used; one line says where and why.
     """
     file = Path(path)
-    try:
-        data = read_file(file, LARGEST_SETTINGS)
-    except (OSError, ValueError) as error:
-        found = f"a file that cannot be read ({reason(error)})"
-        raise fault(str(file), found, "a TOML file", "check the path") from None
-    settings = read_settings(file.name, data)
+    settings = read_settings_file(file)
     _refuse_unknown(settings, ("link",))
     links = settings.values.get("link")
     if not isinstance(links, list) or not all(isinstance(link, dict) for link in links):

@@ -7,12 +7,19 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plumbline.errors import PlumblineError, Spot, did_you_mean, fault, shown
-from plumbline.optim.recording.constants import LARGEST, LONGEST_REASON, MOST_PARTS
+from plumbline.kinematics.files import read_file, reason
+from plumbline.optim.recording.constants import (
+    LARGEST,
+    LARGEST_SETTINGS,
+    LONGEST_REASON,
+    MOST_PARTS,
+)
 from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.table import decode
 
@@ -87,6 +94,20 @@ class Section:
         known = list(known)
         extra = [key for key in self.values if key not in known]
         return tuple(f"{self.where(key)}: not used{did_you_mean(key, known)}" for key in extra)
+
+
+def read_settings_file(path: Path) -> Section:
+    """The settings of a TOML file.
+
+    Raises:
+        PlumblineError: It cannot be read, or is none.
+    """
+    try:
+        data = read_file(path, LARGEST_SETTINGS)
+    except (OSError, ValueError) as error:
+        found = f"a file that cannot be read ({reason(error)})"
+        raise fault(str(path), found, "a TOML file", "check the path") from None
+    return read_settings(path.name, data)
 
 
 def read_settings(file: str, data: bytes) -> Section:
