@@ -199,6 +199,22 @@ def test_a_payload_is_a_point_mass_at_the_tip(two):
     )
 
 
+def test_bodies_are_expected_to_err_by_the_weight_and_reach_of_their_arm(two):
+    rec = two[-1]
+    (load,) = REGISTRY["payload"].candidates(scope_of(rec))
+    link = REGISTRY["link_inertia"].candidates(scope_of(rec))[0]
+    arm, reach = 4.5, 1.4  # kg; m, to two digits
+    assert sum(body.mass for body in rec.chain.joints) == arm
+    assert rec.chain.reach == pytest.approx(reach, abs=0.05)
+    widths = [p.scale for p in (*load.parameters, *link.parameters)]
+    moment = 0.006 * arm * reach
+    np.testing.assert_allclose(widths, [0.06 * arm, *3 * [moment], 0.1, *3 * [0.02 * reach]])
+    ends = [(p.lower, p.upper) for p in (*load.parameters, *link.parameters)]
+    far = (-10 * arm * reach, 10 * arm * reach)
+    other = (-0.5 * reach, 0.5 * reach)
+    np.testing.assert_allclose(ends, [(0, 10 * arm), *3 * [far], (-0.9, 4.0), *3 * [other]])
+
+
 @pytest.mark.parametrize(("friction", "side"), [(1.3, 0 * SIDE), (0.0, SIDE)])
 def test_a_trocar_s_forces_are_pinocchio_s_forces_on_the_last_body(two, friction, side):
     robot, q, v, a, _ = two

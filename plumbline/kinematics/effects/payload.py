@@ -13,14 +13,21 @@ the mass and its first moment about the tip frame, in which torques are all but 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.effects.drive import TORQUES
-from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS, Effect, Scope, Stage, State
-from plumbline.kinematics.effects.link_inertia import steiner
+from plumbline.kinematics.effects.effect import (
+    ALL_OBSERVATIONS,
+    UNSAID,
+    Effect,
+    Scope,
+    Stage,
+    State,
+)
+from plumbline.kinematics.effects.link_inertia import size_of, steiner
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.parameters import Parameter
 
@@ -59,7 +66,7 @@ class Payload(Effect):
     def forms(cls, scope: Scope) -> Sequence[Effect]:
         """At the tip frame, and at the tool's tip where that lies elsewhere."""
         if scope.observation in TORQUES:
-            return [CarriedMass()]
+            return CarriedMass.forms(scope)
         places = (False, True) if np.linalg.norm(scope.tool) > SHORTEST_TOOL else (False,)
         if not scope.chain.has_masses:
             return [cls(at_tool) for at_tool in places]
@@ -78,7 +85,14 @@ class Payload(Effect):
 
 @dataclass(frozen=True)
 class CarriedMass(Effect):
-    """The same where efforts are measured: mass and first moment at the tip frame."""
+    """The same where efforts are measured: mass and first moment at the tip frame.
+
+    Declared for an arm of one kilogram that reaches one metre; on others it and its bounds are as
+    large as the arm is heavy, ``arm`` [kg], and long, ``reach`` [m].
+    """
+
+    arm: float = field(default=1.0, metadata=UNSAID)
+    reach: float = field(default=1.0, metadata=UNSAID)
 
     name = "payload"
     stage = Stage.TOOL
@@ -86,12 +100,26 @@ class CarriedMass(Effect):
     words = Payload.words
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (payload)"
     source = (
-        "by hand: grippers and tools, a tenth to a half of what arms of 3 to 500 kg are rated for"
+        "makers rate arms for .17 to .47 of their own mass; by hand: grippers and tools are a "
+        "tenth to a half of that (geometric means: .06), a tenth of the reach off; the bounds are "
+        "ten arms"
     )
-    mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
+    mass = Parameter("kg", 0.0, 10.0, scale=0.06, doc="unknown mass")
     x, y, z = Parameter(
-        "kg m", -50.0, 50.0, scale=0.1, doc="mass times its centre's {} in the tip frame"
+        "kg m", -10.0, 10.0, scale=6e-3, doc="mass times its centre's {} in the tip frame"
     ).each(*"xyz")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """As wide as the arm is heavy, and long."""
+        mass, *moments = self.declared
+        heavy, far = self.arm, self.arm * self.reach
+        return (mass.of_width(heavy), *(moment.of_width(far) for moment in moments))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> Sequence[Effect]:
+        """One, at the tip frame."""
+        return [cls(*size_of(scope.chain))]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         body, T = state.chain.body_of_tip, constant(state.chain.T_last_tip)
