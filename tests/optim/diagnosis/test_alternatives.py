@@ -8,7 +8,9 @@ from scipy.special import comb
 
 from plumbline.experiments.reality.joint_effects import JointScale
 from plumbline.experiments.reality.outside_effects import CrossRipple
+from plumbline.kinematics.effects import JointOffset
 from plumbline.kinematics.effects import JointScale as ModelledScale
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.discrepancy import design
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     GrossRow,
@@ -25,6 +27,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import GRID, nearness
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.prior import MOST_FAMILIES, REACHES, UNLISTED
+from plumbline.optim.measurement.observation import build_model
 from tests.explained import searched
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -58,6 +61,17 @@ def about(selected):
     found = [f for f in dependences(recording, ports, pool.noise, 0) if f.columns.any()]
     found += _shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports)
     return ports, found
+
+
+def test_a_unit_at_a_port_moves_what_it_does_beside_all_candidates_at_their_nulls(place):
+    model, x = place.pool.model, place.pool.x
+    rows = np.arange(10)
+    ports = Ports.about(model, x, rows)
+    effects = [*(t.effect for t in model.terms), JointOffset(joint=2)]
+    wide = build_model(model.recording, effects, nuisance=model.nuisance).problem
+    J = next(Mapped(wide.on(wide.rows[rows])).jacobians(np.append(x, 0.0)))[2]
+    np.testing.assert_allclose(ports.joint[1], J[..., -1], rtol=1e-9, atol=1e-12)
+    assert (x != model.start)[model.fixed :].any()  # about what was found, not about nothing
 
 
 # Shares

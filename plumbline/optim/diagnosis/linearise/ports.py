@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as cs
@@ -106,23 +107,18 @@ class Ports:
             always: How many of its unknowns are always fitted; all of them if not given.
         """
         n = model.recording.chain.n
-        effects: list[Effect] = [t.effect for t in model.terms]
         torques = model.recording.observation == "joint_torque"
-        effects += [] if torques else [JointOffset(joint=j + 1) for j in range(n)]
         encoders = torques or model.recording.observation == "joint_position"
-        if not encoders:
-            effects += [*(_LinkTwist(link=i + 1) for i in range(n)), _BaseTwist()]
-        wide = build_model(model.recording, effects, nuisance=model.nuisance)
-        problem = wide.problem.on(wide.problem.rows[rows])
-        more = problem.size - len(x)
-        parts = list(Mapped(problem).jacobians(np.concatenate([x, np.zeros(more)])))
-        r = np.concatenate([p[1] for p in parts])
-        J = np.moveaxis(np.concatenate([p[2] for p in parts]), 2, 0)
-        base = J[: len(x)] * model.problem.scale[:, None, None]
+        r, J = _columns(model, x, rows)
+        base = J * model.problem.scale[:, None, None]
         target = np.einsum("pnm,p->nm", base, x / model.problem.scale) - r
-        joint, body = np.split(J[len(x) :], [0 if torques else n])
         if torques:  # a unit of each drive's torque is a unit of its own residual
-            joint = np.tile(np.eye(n)[:, None, :], (1, len(rows), 1))
+            joint, body = np.tile(np.eye(n)[:, None, :], (1, len(rows), 1)), J[:0]
+        else:
+            added: list[Effect] = [JointOffset(joint=j + 1) for j in range(n)]
+            if not encoders:
+                added += [*(_LinkTwist(link=i + 1) for i in range(n)), _BaseTwist()]
+            joint, body = np.split(_moved_by(added, model, x, rows), [n])
         link, body = np.split(body, [0 if encoders else 6 * n])
         shift = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
         shape = model.recording.noise_shape
@@ -143,3 +139,23 @@ class Ports:
         always = len(x) if always is None else always
         gross = model.problem.weights[rows] == 0
         return cls(base, target, joint, link, body, shift[:size], always, gross, live)
+
+
+def _columns(model: Model, x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Residuals (n, m) and transposed Jacobian (P, n, m) of some of a model's rows."""
+    problem = model.problem.on(model.problem.rows[rows])
+    parts = list(Mapped(problem).jacobians(x))
+    J = np.concatenate([p[2] for p in parts])
+    return np.concatenate([p[1] for p in parts]), np.moveaxis(J, 2, 0)
+
+
+def _moved_by(added: Sequence[Effect], model: Model, x: Array, rows: NDArray[np.intp]) -> Array:
+    """What one unit of more effects moves (K, n, m); what is at its null changes none of it."""
+    held = [t for t in model.terms if (x[t.columns] != model.start[t.columns]).any()]
+    fitted = np.concatenate([x[: model.fixed], *(x[t.columns] for t in held)])
+    narrow = build_model(
+        model.recording, [*(t.effect for t in held), *added], nuisance=model.nuisance
+    )
+    start = narrow.start.copy()
+    start[: len(fitted)] = fitted
+    return _columns(narrow, start, rows)[1][len(fitted) :]
