@@ -18,8 +18,10 @@ from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import (
     Candidate,
     NoisePrior,
+    _eigen,
     batches,
     block_evidence,
+    evidence_of_all,
     scan,
 )
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
@@ -321,3 +323,26 @@ def test_a_scan_is_the_mean_over_the_grid_of_scales():
 def test_a_column_of_nothing_is_no_evidence_either_way():
     X, t = signal(0.3, 1)
     np.testing.assert_allclose(evidence(0 * X, t, NoisePrior.of(0.5)), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_batches_that_are_weighed_together_are_each_weighed_as_alone(seed):
+    rng = np.random.default_rng(seed)
+    asked = []
+    for k, one_sided in ((1, True), (2, False), (3, True), (2, True)):
+        X = rng.normal(size=(5, 8, k))
+        blocks, b = X.transpose(0, 2, 1) @ X, rng.normal(size=(5, k))
+        asked.append((blocks, b, rng.integers(0, 2, (5, k)) * 1.0 if one_sided else None))
+    together = evidence_of_all(asked, 9.0, 30.0, NoisePrior())
+    alone = [block_evidence(blocks, b, 9.0, 30.0, NoisePrior(), s) for blocks, b, s in asked]
+    assert_same([together], [np.concatenate(alone)])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, np.pi / 4, -1.2])
+@pytest.mark.parametrize("small", [0.0, 1e-9, 1.0, 3.0])
+def test_pairs_of_columns_are_turned_into_their_own_directions(turn, small):
+    R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    block = R @ np.diag([3.0, small]) @ R.T
+    values, vectors = _eigen(block[None])
+    np.testing.assert_allclose(vectors[0].T @ vectors[0], np.eye(2), atol=1e-14)
+    np.testing.assert_allclose(vectors[0] * values[0] @ vectors[0].T, block, atol=1e-14)

@@ -146,13 +146,14 @@ def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior) -> Sc
     """Evidence for every candidate given what has been eliminated."""
     count = sum(len(batch.members) for batch in gathered)
     log_bayes, scale = np.full(count, -np.inf), np.ones(count)
-    for batch, blocks in zip(gathered, reduced.blocks, strict=True):
-        b = reduced.b[batch.columns]
-        by_scale = block_evidence(blocks, b, reduced.tt, reduced.n, noise, batch.sides)
-        by_scale = by_scale + LOG_SCALE_WEIGHTS
+    if count:
+        asked = [(blocks, reduced.b[batch.columns], batch.sides)
+                 for batch, blocks in zip(gathered, reduced.blocks, strict=True)]  # fmt: skip
+        by_scale = evidence_of_all(asked, reduced.tt, reduced.n, noise) + LOG_SCALE_WEIGHTS
+        members = np.concatenate([batch.members for batch in gathered])
         top = by_scale.max(axis=1)
-        log_bayes[batch.members] = top + np.log(np.exp(by_scale - top[:, None]).sum(axis=1))
-        scale[batch.members] = SCALES[np.argmax(by_scale, axis=1)]
+        log_bayes[members] = top + np.log(np.exp(by_scale - top[:, None]).sum(axis=1))
+        scale[members] = SCALES[np.argmax(by_scale, axis=1)]
     return Scores(log_bayes, scale)
 
 
@@ -162,9 +163,9 @@ def block_evidence(
     tt: float,
     n: float,
     noise: NoisePrior,
-    sides: NDArray[np.float64] | None = None,
+    sides: Array | None = None,
 ) -> Array:
-    """Log Bayes factors (C, S) at every scale of the grid.
+    """Log Bayes factors (C, S) of candidates of as many columns at every scale of the grid.
 
     Args:
         blocks: Gram blocks (C, k, k).
@@ -174,23 +175,92 @@ def block_evidence(
         noise: The prior of the noise.
         sides: 1 or -1 where only values above or below the null are physical, else 0 (C, k).
     """
-    values, vectors = np.linalg.eigh(blocks)
-    beta = np.einsum("ckj,ck->jc", vectors, correlations)[:, :, None]
-    # Directions (k, C, S) come first: whole planes add up faster than a short last axis.
-    s2 = SCALES**2
-    gain, weight = s2 * beta**2, s2 * np.maximum(values, 0.0).T[:, :, None]
+    return evidence_of_all([(blocks, correlations, sides)], tt, n, noise)
+
+
+def evidence_of_all(
+    batches: Sequence[tuple[Array, Array, Array | None]], tt: float, n: float, noise: NoisePrior
+) -> Array:
+    """The same of several batches (blocks, correlations, sides), one behind the other (C, S).
+
+    All their directions stand in one row: few candidates of many sizes cost no more than many
+    of one.
+    """
+    turned = [(*_eigen(blocks), b, sides) for blocks, b, sides in batches]
+    sizes = np.concatenate([np.full(*values.shape) for values, *_ in turned])
+    own = [np.einsum("ckj,ck->cj", vectors, b) for _, vectors, b, _ in turned]
+    beta = np.concatenate([b.ravel() for b in own])
+    values = np.concatenate([values.ravel() for values, *_ in turned])
+    s2 = SCALES[:, None] ** 2
+    weight, base = s2 * np.maximum(values, 0.0), float(noise.variance(tt, n))
+    v = _noise_left(s2 * beta**2, weight, sizes, tt, n, noise)
+    each = np.repeat(v, sizes, axis=1)
+    found = -0.5 * _summed(np.log1p(weight / each), sizes)
+    found -= 0.5 * (noise.freedom + n) * np.log(v / base)
+    shrunk, first, at = s2 / (each + weight), 0, 0
+    for (_, vectors, _, sides), b in zip(turned, own, strict=True):
+        if sides is not None and sides.any():
+            some = np.flatnonzero(sides.any(axis=1))
+            mine = at + some[:, None] * b.shape[1] + np.arange(b.shape[1])
+            moments = (b[some], shrunk[:, mine], each[:, mine])
+            found[:, first + some] += _inside(vectors[some], *moments, sides[some])
+        first, at = first + len(b), at + b.size
+    return np.asarray(found.T)
+
+
+def _inside(vectors: Array, beta: Array, shrunk: Array, v: Array, sides: Array) -> Array:
+    """Log of twice the probability (S, C) that what has sides is on the physical ones."""
+    mean = np.einsum("cij,scj->sci", vectors, shrunk * beta)
+    std = np.sqrt(np.einsum("cij,scj->sci", vectors**2, shrunk * v))
+    log = np.log(2.0) + log_ndtr(sides * mean / np.maximum(std, 1e-300))
+    return np.asarray(np.where(sides != 0, log, 0.0).sum(axis=2))
+
+
+def _noise_left(
+    gain: Array, weight: Array, sizes: NDArray[np.intp], tt: float, n: float, noise: NoisePrior
+) -> Array:
+    """Noise variance (S, C) that each leaves; its priors are weighed by it.
+
+    Args:
+        gain: What its directions (S, D) take of the target's square, times the variance.
+        weight: Their prior precision's inverse, in units of what the rows say of them (S, D).
+        sizes: How many of the directions are each candidate's (C,).
+        tt: Square of the target given what has been eliminated.
+        n: Equations left.
+        noise: The prior of the noise.
+    """
     base = float(noise.variance(tt, n))
-    v = np.full((len(blocks), len(SCALES)), base)
+    v = np.full((len(gain), len(sizes)), base)
+    owner = np.repeat(np.arange(len(sizes)), sizes)
     for _ in range(VARIANCE_ROUNDS):
-        Q = tt - np.sum(gain / (v + weight), axis=0)
-        v = np.maximum(noise.variance(np.maximum(Q, 0.0), n), 1e-12 * base)
-    occam = -0.5 * np.sum(np.log1p(weight / v), axis=0)
-    found: Array = occam - 0.5 * (noise.freedom + n) * np.log(v / base)
-    if sides is not None and sides.any():
-        shrunk = s2 / (v + weight)
-        mean = np.einsum("cij,jcs->ics", vectors, shrunk * beta)
-        std = np.sqrt(np.einsum("cij,jcs->ics", vectors**2, shrunk * v))
-        side = sides.T[:, :, None]
-        inside = np.log(2.0) + log_ndtr(side * mean / np.maximum(std, 1e-300))
-        found = found + np.where(side != 0, inside, 0.0).sum(axis=0)
-    return found
+        left = tt - _summed(gain / (v[:, owner] + weight), sizes)
+        before, v = v, np.maximum(noise.variance(np.maximum(left, 0.0), n), 1e-12 * base)
+        if (np.abs(v - before) <= 100.0 * np.finfo(float).eps * v).all():
+            break
+    return v
+
+
+def _summed(each: Array, sizes: NDArray[np.intp]) -> Array:
+    """Sums (S, C) over each candidate's directions, of numbers of all of them (S, D)."""
+    return np.asarray(np.add.reduceat(each, np.cumsum(sizes) - sizes, axis=1))
+
+
+def _eigen(blocks: Array) -> tuple[Array, Array]:
+    """Eigenvalues (C, k) and vectors (C, k, k) of symmetric blocks (C, k, k).
+
+    Of two columns by one rotation (Golub, Van Loan 2013, Matrix Computations, sec. 8.5.2): there
+    are hundreds of them.
+    """
+    if blocks.shape[1] == 1:
+        return blocks[:, 0], np.ones_like(blocks)
+    if blocks.shape[1] > 2:
+        return np.linalg.eigh(blocks)
+    one, cross, two = blocks[:, 0, 0], blocks[:, 1, 0], blocks[:, 1, 1]
+    half = (two - one) / 2.0
+    tangent = np.where(half < 0.0, -cross, cross)
+    tangent = tangent / np.maximum(np.abs(half) + np.hypot(half, cross), 1e-300)
+    cosine = 1.0 / np.sqrt(1.0 + tangent**2)
+    sine = tangent * cosine
+    values = np.stack([one - tangent * cross, two + tangent * cross], axis=1)
+    vectors = np.stack([cosine, sine, -sine, cosine], axis=1).reshape(-1, 2, 2)
+    return values, vectors
