@@ -10,6 +10,7 @@ and derivatives of every order are finite at zero (Murray, Li, Sastry 1994, eq. 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, lru_cache
 
 import casadi as cs
 import numpy as np
@@ -27,6 +28,13 @@ def constant(matrix: ArrayLike) -> cs.SX:
 
 def rotation(w: cs.SX) -> cs.SX:
     """Rotation matrix (3, 3) of the rotation vector w (3,) [rad]."""
+    return _rotation()(w)
+
+
+@cache
+def _rotation() -> cs.Function:
+    """The same as a function: to put symbols into one is far cheaper than to write it out again."""
+    w = cs.SX.sym("w", 3)
     angle2 = cs.sumsqr(w)
     small = angle2 < _SERIES_BELOW
     safe = cs.sqrt(cs.if_else(small, 1.0, angle2))
@@ -35,15 +43,21 @@ def rotation(w: cs.SX) -> cs.SX:
     a = cs.if_else(small, series_a, cs.sin(safe) / safe)
     b = cs.if_else(small, series_b, 2 * (cs.sin(safe / 2) / safe) ** 2)
     w_hat = cs.skew(w)
-    return cs.SX.eye(3) + a * w_hat + b * (w_hat @ w_hat)
+    return cs.Function("rotation", [w], [cs.SX.eye(3) + a * w_hat + b * (w_hat @ w_hat)])
 
 
 def axis_rotation(axis: ArrayLike, angle: cs.SX) -> cs.SX:
     """Rotation matrix (3, 3) about a numeric unit axis (3,) by a symbolic angle [rad]."""
-    unit = np.asarray(axis, dtype=float)
+    return _axis_rotation(*np.asarray(axis, dtype=float).tolist())(angle)
+
+
+@lru_cache(maxsize=64)
+def _axis_rotation(x: float, y: float, z: float) -> cs.Function:
+    unit, angle = np.array([x, y, z]), cs.SX.sym("angle")
     outer = constant(np.outer(unit, unit))
     hat = constant(np.cross(unit, np.eye(3)).T)
-    return outer + cs.cos(angle) * (cs.SX.eye(3) - outer) + cs.sin(angle) * hat
+    R = outer + cs.cos(angle) * (cs.SX.eye(3) - outer) + cs.sin(angle) * hat
+    return cs.Function("axis_rotation", [angle], [R])
 
 
 def unskew(matrix: cs.SX) -> cs.SX:

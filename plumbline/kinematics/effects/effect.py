@@ -101,7 +101,7 @@ class State:
 
     def move_joint(self, joint: int, by: cs.SX) -> State:
         """A copy in which joint ``joint`` (from 1) has moved by ``by`` [rad or m]."""
-        q = cs.SX(self.q)
+        q = self.q[:]
         q[joint - 1] += by
         return replace(self, q=q)
 
@@ -113,7 +113,7 @@ class State:
 
     def add_torque(self, joint: int, by: cs.SX) -> State:
         """A copy in which the drive of joint ``joint`` (from 1) exerts ``by`` more [N m or N]."""
-        torque = cs.SX(self.torque)
+        torque = self.torque[:]
         torque[joint - 1] += by
         return replace(self, torque=torque)
 
