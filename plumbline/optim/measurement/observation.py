@@ -36,7 +36,7 @@ from plumbline.optim.recording.recording import Recording, one_hot_sockets
 
 BEFORE_CLOSING = (Stage.ACTUATION, Stage.JOINT, Stage.LINK, Stage.TOOL)
 AFTER_DEVICE = (Stage.REGISTRATION, Stage.SENSOR)
-LOADS = "loads"
+LOADS, SCOPE = "loads", "scope"
 COLUMNS = (
     "time", "temperature", "payload", "group", "direction", "velocity", "effort", "force",
 )  # fmt: skip
@@ -139,7 +139,14 @@ def rows_of(recording: Recording, effects: Sequence[Effect] = ()) -> Array:
 
 
 def scope_of(recording: Recording) -> Scope:
-    """What a recording offers to the effects."""
+    """What a recording offers to the effects; asked for often, so it is worked out once."""
+    if SCOPE not in recording.derived:
+        recording.derived[SCOPE] = _scope_of(recording)
+    found: Scope = recording.derived[SCOPE]
+    return found
+
+
+def _scope_of(recording: Recording) -> Scope:
     if recording.session is not None:
         return merged_scope([scope_of(part) for part in recording.session.parts])
     scalars = {name: getattr(recording, name) for name in ("time", "temperature", "payload")}
@@ -190,8 +197,8 @@ def _loads(recording: Recording, chain: Chain) -> Array:
         mass = np.zeros(len(recording)) if recording.payload is None else recording.payload
         mapped = chain.gravity_torque.map(len(recording))
         found = mapped(recording.q.T, mass[None]).full().T
-        recording.derived[LOADS] = {LOADS: found}
-    return recording.derived[LOADS][LOADS]
+        recording.derived[LOADS] = found
+    return np.asarray(recording.derived[LOADS])
 
 
 def loaded_chain(chain: Chain) -> Chain:

@@ -59,8 +59,8 @@ def half_widths(recording: Recording) -> Array:
         spots, part = spots_at_start(whole), whole.element
         count = range(1, len(whole.elements) + 1)
         far = [np.abs(spots[part == k]).max(initial=LEAST_HALF) for k in count]
-        whole.derived[HALVES] = {HALVES: np.array(far)}
-    return whole.derived[HALVES][HALVES]
+        whole.derived[HALVES] = np.array(far)
+    return np.asarray(whole.derived[HALVES])
 
 
 def spots_at_start(recording: Recording) -> Array:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import html
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
@@ -162,7 +161,7 @@ class Recording:
         return (whole, place) if same else (self, np.arange(len(self)))
 
     @cached_property
-    def derived(self) -> dict[Any, Mapping[str, Array]]:
+    def derived(self) -> dict[Any, Any]:
         """Room for what effects derive from the path, so that it is worked out once."""
         return {}
 

@@ -281,6 +281,6 @@ def _displacement(chain: Chain, effects: tuple[Effect, ...]) -> cs.Function:
     inputs = [symbols["q"], symbols["time"]]
     jacobian = cs.densify(cs.jacobian(place, theta))  # displacement is linear in theta
     one = cs.Function("one", [*inputs, hyper], [cs.vec(jacobian)])
-    values = [getattr(e, str(e.scanned)) for e in effects]
-    moves = cs.vertcat(*[one(*inputs, v) for v in values])
-    return cs.Function("move", [cs.vertcat(*inputs)], [moves])
+    values = cs.DM([[getattr(e, str(e.scanned)) for e in effects]])
+    moves = one.map(len(effects))(*(cs.repmat(i, 1, len(effects)) for i in inputs), values)
+    return cs.Function("move", [cs.vertcat(*inputs)], [cs.vec(moves)])
