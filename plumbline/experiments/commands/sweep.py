@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv as csv_module
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -14,6 +16,7 @@ from plumbline.errors import PlumblineError, fault, shown
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.outputs import STDOUT, Json, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
+from plumbline.kinematics.files import write_whole
 
 if TYPE_CHECKING:
     from rich.console import JustifyMethod
@@ -26,6 +29,7 @@ HIDDEN = ("cause", "probability", "unit", "outside_probability", "reason")  # of
 LENGTHS = ("error", "expected", "misfit", "clearance")  # [m]
 TIMES = ("step_p50", "step_p99")  # [s]
 WIDTH = 160  # characters, where no terminal says that there are fewer
+WRITING = 0.02  # most of the time [1] that goes into writing tables as they stand
 Csv = Annotated[
     Path | None, typer.Option(metavar="OUT.csv", help="Write the table, one line a case.")
 ]
@@ -62,8 +66,8 @@ def sweep(
 ) -> None:
     """Diagnose a recording under many options, or try a method on many made-up realities.
 
-    Cases are kept in a file beside the first output, OUT.part, as they are done: a sweep that was
-    ended goes on where it was when it is called again.
+    Tables grow as cases are done and can be read at any time. Cases are kept beside the first
+    output, too, in OUT.part: a sweep that was ended goes on where it was when it is called again.
     """
     from plumbline.experiments.sweep.spec import read_spec
     from plumbline.experiments.sweep.sweep import sweep as run_sweep
@@ -74,13 +78,12 @@ def sweep(
     check_outputs(files, read, inputs={"SPEC": spec})
     factors = _two_of(by, asked.cases[0].to_dict(), plot)
     keep = _kept_beside(csv, parquet, None if json == STDOUT else json)
-    with progress_bar(quiet=quiet or json == STDOUT) as progress:
-        found = run_sweep(asked, jobs=jobs or -1, dask=dask, keep=keep, progress=progress)
+    tables = Tables(csv, parquet)
+    with progress_bar(quiet=quiet or json == STDOUT) as progress, closing(tables):
+        found = run_sweep(
+            asked, jobs=jobs or -1, dask=dask, keep=keep, stands=tables.stand, progress=progress
+        )
     outputs.write_json(json, found.to_dict())
-    if csv is not None:
-        outputs.write_text(csv, as_csv(found), "--csv")
-    if parquet is not None:
-        _write_parquet(parquet, found)
     if keep is not None:
         keep.unlink(missing_ok=True)
     _refuse_if_all_are(found)
@@ -166,6 +169,34 @@ def as_csv(found: Sweep) -> str:
     return out.getvalue()
 
 
+class Tables:
+    """The tables of a sweep, written anew, each whole, as cases come."""
+
+    def __init__(self, csv: Path | None, parquet: Path | None) -> None:
+        self.csv, self.parquet = csv, parquet
+        self.so_far: Callable[[], Sweep] | None = None  # the cases done, none before the first
+        self.due = 0.0  # when they are written next [s]
+
+    def stand(self, so_far: Callable[[], Sweep]) -> None:
+        """One more case is done."""
+        self.so_far = so_far
+        if monotonic() >= self.due:
+            self.close()
+
+    def close(self) -> None:
+        """Write what is done.
+
+        Raises:
+            PlumblineError: It cannot be written.
+        """
+        began = monotonic()
+        if self.so_far is not None and self.csv is not None:
+            outputs.write_text(self.csv, as_csv(self.so_far()), "--csv")
+        if self.so_far is not None and self.parquet is not None:
+            _write_parquet(self.parquet, self.so_far())
+        self.due = monotonic() + (monotonic() - began) / WRITING
+
+
 def _write_parquet(path: Path, found: Sweep) -> None:
     """Write the outcomes as a table of columns.
 
@@ -174,8 +205,10 @@ def _write_parquet(path: Path, found: Sweep) -> None:
     """
     import pandas as pd
 
+    whole = io.BytesIO()
     try:
-        pd.DataFrame(as_rows(found)).convert_dtypes().to_parquet(path, index=False)
+        pd.DataFrame(as_rows(found)).convert_dtypes().to_parquet(whole, index=False)
+        write_whole(path, whole.getvalue())
     except ImportError:
         mend = "pip install 'plumbline-robotics[parquet]', or take --csv"
         raise fault("--parquet", "no pyarrow here", "it installed", mend) from None

@@ -109,11 +109,13 @@ def named(
 ) -> tuple[list[Match], list[str]]:
     """The columns that their names tell, and notes on those that two tables have."""
     have = {match.target for match in taken}
+    used = {(match.raw.name, match.column) for match in taken}
     found: dict[str, list[Match]] = {}
     for raw in raws:
         for column, (target, by) in _told(raw, joints).items():
             commands = target.startswith("u") and kind not in (None, *COMMANDS)
-            if target not in have and target != "time" and not commands:
+            free = target not in have and (raw.name, column) not in used
+            if free and target != "time" and not commands:
                 match = Match(target, raw, column, _unit(raw, column), by=by)
                 found.setdefault(target, []).append(match)
     single = [matches[0] for matches in found.values() if len(matches) == 1]

@@ -22,7 +22,7 @@ def read(path: Path) -> list[Raw]:
         raise fault(str(path), "no such file", "a CSV, Parquet, MATLAB or bag", "check the path")
     ending = path.suffix.lower()
     if path.is_dir():
-        found = parquet.read_dataset(path) if (path / "meta").is_dir() else bags.read(path)
+        found = parquet.read_dataset(path) if (path / "meta").is_dir() else _bag(path)
     elif ending == ".parquet":
         found = parquet.read(path)
     elif ending in (".db3", ".mcap", ".bag"):
@@ -38,3 +38,16 @@ def read(path: Path) -> list[Raw]:
     if not kept:
         raise fault(path.name, "no table of two rows or more", "rows", "record it again")
     return kept
+
+
+def _bag(folder: Path) -> list[Raw]:
+    """The tables of a ROS 2 bag's folder.
+
+    Raises:
+        PlumblineError: It is another folder; what lies in it is listed.
+    """
+    if not (folder / "metadata.yaml").is_file():
+        there = listed(sorted(path.name for path in folder.iterdir())) or "nothing"
+        found, mend = f"a folder (there: {there})", "name the files of the log"
+        raise fault(str(folder), found, "a bag's or a LeRobot data set's", mend)
+    return bags.read(folder)

@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, Spot, best_matches, fault, listed, shown
+from plumbline.experiments.importing.units import of_header
 
 Array = NDArray[np.float64]
 MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))
@@ -36,6 +37,7 @@ class Raw:
     units: Mapping[str, str] = field(default_factory=dict)
     # what columns are, where the form of the file says it: ``x`` by ``point.x``
     roles: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # what is odd about it but no fault
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -134,11 +136,15 @@ def find(raws: list[Raw], source: str) -> tuple[Raw, str]:
     if not chosen:
         there = listed(raw.name for raw in raws)
         raise fault(f"--map {source}", f"no table {shown(table)}", f"one of {there}", "mend it")
-    having = [raw for raw in chosen if column in raw.columns]
+    having = [(raw, column) for raw in chosen if column in raw.columns]
+    # Or as it is called before its unit: X of "X [mm]".
+    having = having or [
+        (raw, name) for raw in chosen for name in raw.columns if of_header(name)[0] == column
+    ]
     if len(having) == 1:
-        return having[0], column
+        return having[0]
     if having:
-        names = listed(f"{raw.name}@{column}" for raw in having)
+        names = listed(f"{raw.name}@{name}" for raw, name in having)
         raise fault(f"--map {source}", f"{len(having)} such columns", "one", f"write {names}")
     every = [name for raw in chosen for name in raw.columns]
     raise PlumblineError(

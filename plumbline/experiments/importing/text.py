@@ -21,6 +21,7 @@ from plumbline.errors import fault
 from plumbline.experiments.importing import units
 from plumbline.experiments.importing.tables import Raw, expanded, is_number
 from plumbline.kinematics.files import read_file, reason
+from plumbline.optim.recording.table import cut_short
 
 LARGEST_TEXT = 1_000_000_000  # [byte]: an hour of 50 columns at 1 kHz
 MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
@@ -43,6 +44,7 @@ def read(path: Path) -> list[Raw]:
         raise fault(path.name, "no rows below the header", "samples", "record some samples")
     mark = _mark(body)
     table = _cells(path, "".join(body), mark, skipped)
+    notes = cut_short(path.name, text, len(lines), str(table.iloc[-1, -1]))
     header, table, first = _header(table, skipped)
     said = _units_row(table)
     if said:
@@ -52,7 +54,7 @@ def read(path: Path) -> list[Raw]:
     raw = expanded(columns, {})
     form = f"{MARKS[mark]} between cells" + (", decimal commas" if comma else "")
     given = {name: said[k] for k, name in enumerate(header) if said and said[k]}
-    return [Raw(path.name, raw, form, first, "," if comma else ".", given)]
+    return [Raw(path.name, raw, form, first, "," if comma else ".", given, notes=notes)]
 
 
 def _decoded(path: Path) -> str:

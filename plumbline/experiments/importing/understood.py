@@ -97,8 +97,9 @@ def understand(raws: list[Raw], request: Request) -> Understood:
     for column in [str(c) for c in table if c not in sources]:
         unit = "rad/s or m/s" if column.startswith("velocity") else "1"
         sources[column] = Source("rx, ry, rz" if column in targets.QUATERNION else "derived", unit)
+    odd = [note for raw in raws for note in raw.notes]
     unused = _unused(raws, matches, request)
-    return Understood(kind, table, sources, (*notes, *more, *unused))
+    return Understood(kind, table, sources, (*odd, *notes, *more, *unused))
 
 
 def _joints_are_told(

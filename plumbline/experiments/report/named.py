@@ -10,6 +10,7 @@ from plumbline.experiments.report.dh_fit import pictures as dh
 from plumbline.experiments.report.diagnosis.motion import MAKERS as OF_A_MOTION
 from plumbline.experiments.report.diagnosis.pictures import MAKERS
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
+from plumbline.experiments.report.diagnosis.turned import turned
 from plumbline.experiments.report.hand_eye import pictures as hand_eye
 from plumbline.experiments.report.registration.figures import misfits_and_targets
 from plumbline.optim.dh_fit import DHFit
@@ -23,7 +24,8 @@ Drawers: TypeAlias = Mapping[str, Callable[[], Any]]
 def of_diagnosis(answer: Diagnosed) -> Drawers:
     """Those of its report; one for which the recording has nothing gives None."""
     subject = Subject.of(answer)
-    return {make.__name__.removeprefix("_"): partial(make, subject) for make in MAKERS}
+    drawn = {make.__name__.removeprefix("_"): partial(make, subject) for make in MAKERS}
+    return {**drawn, "scene": partial(turned, answer)}
 
 
 def of_motion(answer: MotionDiagnosis) -> Drawers:

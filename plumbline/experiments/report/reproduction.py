@@ -17,7 +17,7 @@ def page(found: Reproduction) -> Page:
         name=found.source,
         verdict=found.title,
         tone="partly-explained",
-        lead=("The paper's figures beside ours, where it gives one.",),
+        lead=(found.said or "The paper's figures beside ours, where it gives one.",),
         tiles=(),
         parts=(*parts, *notes),
     )

@@ -41,6 +41,7 @@ class Reproduction:
     tables: tuple[Table, ...]  # the same for people
     # what must be known to read them: what was simulated, which data are lost
     notes: tuple[str, ...] = ()
+    said: str = ""  # the verdict in plain words
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: the figures at the top level, beside title, source and notes."""

@@ -30,6 +30,7 @@ def sweep(
     jobs: int = -1,
     dask: str | None = None,
     keep: Path | None = None,
+    stands: Callable[[Callable[[], Sweep]], None] | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
     """Do every case, those aside that an earlier sweep has kept.
@@ -39,6 +40,7 @@ def sweep(
         jobs: Processes at a time; -1 for one a core. None outlives this one.
         dask: Address of a Dask scheduler, whose workers take the cases instead.
         keep: A file that takes a line for each case as it is done, and is read first.
+        stands: Called after each case with what gives the sweep as it stands, cases done alone.
         progress: Called with words and the share done.
 
     Raises:
@@ -56,17 +58,25 @@ def sweep(
         found = _known(kept, spec.cases)
         waiting = [case for case in dict.fromkeys(spec.cases) if case not in found]
         left = len(waiting)
+
+        def so_far() -> Sweep:
+            done = tuple(found[case] for case in spec.cases if case in found)
+            of = (spec.name, "") if recording is None else (recording.name, recording.sha256)
+            return Sweep(*of, done, _varied(spec.cases))
+
+        if stands and found:
+            stands(so_far)
         for outcome in _done(spec.recording, waiting, jobs, dask):
             if kept is not None:
                 kept.add(_line(outcome))
             found[outcome.case] = outcome
             left -= 1
+            if stands:
+                stands(so_far)
             if progress:
                 share = 1.0 - left / len(spec.cases)
                 progress(f"{len(spec.cases) - left} of {len(spec.cases)}", share)
-    outcomes = tuple(found[case] for case in spec.cases)
-    name = spec.name if recording is None else recording.name
-    return Sweep(name, recording.sha256 if recording else "", outcomes, _varied(spec.cases))
+    return so_far()
 
 
 def _varied(cases: Sequence[Any]) -> tuple[str, ...]:

@@ -175,9 +175,16 @@ def read_table(file: str, data: bytes) -> Table:
         raise fault(f"{file}, row 2", "no rows below the header", "samples", "record some samples")
     _check_lengths(file, header, rows, lines)
     columns = dict(zip(header, zip(*rows[1:], strict=True), strict=True))
-    cut = not text.endswith(("\n", "\r"))
-    notes = (f"{file}: the last line has no line end; was it cut short?",) if cut else ()
+    notes = cut_short(file, text, int(lines[-1]), rows[-1][-1])
     return Table(Origin(file, np.array(lines[1:], dtype=np.int64)), columns, notes)
+
+
+def cut_short(file: str, text: str, row: int, cell: str) -> tuple[str, ...]:
+    """A note on a last row without a line end: its last cell may be half of a number."""
+    if text.endswith(("\n", "\r")):
+        return ()
+    within = f" within {shown(cell.strip())}" if cell.strip() else ""
+    return (f"{Spot.at(file, row)}: no line end; was it cut short{within}?",)
 
 
 def _split(file: str, text: str) -> tuple[list[list[str]], list[int]]:

@@ -72,6 +72,11 @@ def test_remarks_units_in_a_row_and_units_in_names_are_read(tmp_path, bench):
     said = ";".join(["deg"] * 6 + ["in"] * 3) + "\n"
     log.write_text(head + said + rows.to_csv(index=False, header=False, sep=";"))
     same(imported(tmp_path, log, "--robot", "ur5", "--tool", TOOL, "--yes"), bench)
+    # A last row without its end is read, named and doubted.
+    log.write_text(log.read_text()[:-3])
+    found = text.read(log)[0]
+    last, half = len(bench) + 4, found.columns["z"][-1]
+    assert f"log.txt, row {last}: no line end; was it cut short within '{half}'?" in found.notes
     shutil.rmtree(tmp_path / "made")
     named = rows.rename(columns={c: f"{c} [{'deg' if c in JOINTS else 'in'}]" for c in rows})
     named.to_csv(log, index=False)
@@ -172,15 +177,18 @@ def test_a_bag_is_joined_by_the_clock_and_by_names_of_joints(tmp_path, bench, ca
 
 def test_two_files_meet_at_the_nearest_moment_and_others_are_counted(tmp_path, bench, capsys):
     tips = lab_rows(bench)[["tip x", "tip y", "tip z"]].assign(t=np.arange(90.0) * 1e3)
+    tips = tips.rename(columns=lambda name: name.replace("tip ", "p"))  # p is a marker's, too
     joints = lab_rows(bench)[[f"J{k}" for k in range(1, 7)]].assign(stamp=np.arange(90.0) + 5.001)
     tips.to_csv(tmp_path / "tips.csv", index=False)
     joints.iloc[3:].to_csv(tmp_path / "arm.csv", index=False)
-    words = [tmp_path / "tips.csv", tmp_path / "arm.csv", *MAP, "--map", "time=tips@t:ms"]
+    own = [word.replace("=tip ", "=p") for word in MAP]
+    words = [tmp_path / "tips.csv", tmp_path / "arm.csv", *own, "--map", "time=tips@t:ms"]
     made = imported(tmp_path, *words, "--gap", "0.01", "--shift", "arm=-5", quiet=False)
     said = capsys.readouterr().out
     assert "3 of 90 rows have no partner in arm.csv within the gap" in said
     assert "3 rows left out" in said
     same(made, bench.iloc[3:])
+    assert "not used" not in said  # what a map has taken is no second column
     away = refused(capsys, "import", *words, "--to", tmp_path / "other", "--gap", "0.01", "-q",
                    "--shift", "arm=500")  # fmt: skip
     assert "no row within 0.01 s" in away

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import shutil
@@ -133,13 +132,13 @@ def made_up_causes() -> list[str]:
 
 
 KILLED = """
-import os, signal, sys, time
+import os, pandas, signal, sys, time
 from pathlib import Path
 import tests.quick_worker
 from plumbline.experiments.commands.app import run
 
 spec, out = sys.argv[1:]
-command = ["sweep", spec, "--jobs", "1", "--csv", out, "--quiet"]
+command = ["sweep", spec, "--jobs", "1", "--parquet", out, "--quiet"]
 part = Path(out + ".part")
 for least in (4, 9):
     child = os.fork()
@@ -149,21 +148,22 @@ for least in (4, 9):
         time.sleep(0.01)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
+    assert len(pandas.read_parquet(out)) > 0
 sys.exit(run(command))
 """
 
 
 def test_a_sweep_that_is_killed_twice_loses_no_case_and_doubles_none(spec: Path) -> None:
-    out, trace = spec.parent / "out.csv", spec.parent / "trace"
+    out, trace = spec.parent / "out.parquet", spec.parent / "trace"
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PLUMBLINE_TRACE": str(trace)}
     command = [sys.executable, "-c", KILLED, str(spec), str(out)]
     subprocess.run(command, env=environment, check=True, timeout=300)
-    rows = list(csv.DictReader(out.read_text().splitlines()))
-    asked = [(int(row["seed"]), int(row["rows"])) for row in rows]
+    rows = pd.read_parquet(out)
+    asked = list(zip(rows["seed"], rows["rows"], strict=True))
     assert asked == [(seed, rows) for seed in range(CASES // 2) for rows in (30, 60)]
     # What was kept is not diagnosed again: at most the case at hand when each kill came.
     assert CASES <= len(trace.read_text().splitlines()) <= CASES + 2
-    assert not out.with_name("out.csv.part").exists()
+    assert not out.with_name("out.parquet.part").exists()
 
 
 @QUIET

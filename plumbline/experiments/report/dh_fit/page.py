@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -43,7 +42,7 @@ def page(fit: DHFit, unseen: HeldOut | None = None, files: Sequence[str] = ()) -
             Tile("readings", f"{len(fit.readings)}", f"{len(fit.gross_rows)} gross"),
             Tile("told", f"{len(fit.quantities)}", "quantities"),
         ],
-        parts=(_misfits(fit, unseen), partial(_picture, fit), _quantities(fit), _worst(fit),
+        parts=(_misfits(fit, unseen), *_pictures(fit), _quantities(fit), _worst(fit),
                _frame(fit), *_untold(fit), *([Part("Files", (), None, files)] if files else [])),
         warnings=(*fit.remarks, *_gross(fit)),
         sha256=fit.recording.sha256,
@@ -87,16 +86,14 @@ def _four(misfit: Misfit) -> list[str]:
     return [f"{MM * v:.3f}" for v in (misfit.mean, misfit.max, misfit.std, misfit.rms)]
 
 
-def _picture(fit: DHFit) -> Picture:
-    from plumbline.experiments.report.dh_fit.pictures import correlations, rows_picture
-
-    return Picture(
-        "rows",
-        "Misfit of every row, and which estimates the readings hardly tell apart",
-        "Grey with the drawing's links, blue with the fitted ones. Dark squares on the right are "
-        "pairs that move together: vary the poses more to tell them apart.",
-        (rows_picture(fit), correlations(fit)),
-    )
+def _pictures(fit: DHFit) -> list[Callable[[], Picture]]:
+    rows = "Grey with the drawing's links, blue with the fitted ones."
+    pairs = "Dark squares are pairs that move together: vary the poses more to tell them apart."
+    told = "Which estimates the readings hardly tell apart"
+    return [
+        lambda: Picture("rows", "Misfit of every row", rows, (fit.plot("rows"),), wide=True),
+        lambda: Picture("correlations", told, pairs, (fit.plot("correlations"),), wide=True),
+    ]
 
 
 def _quantities(fit: DHFit) -> Part:

@@ -130,26 +130,32 @@ def _bode(found: MotionDiagnosis) -> Picture | None:
         return None  # what is commanded and what is measured are of two kinds
     pairs = list(zip(found.joints, found.left_out, strict=True))
     joint = max(pairs, key=lambda pair: float(pair[1].before.mean()))[0]
+    drawn = bode(found, joint.number)
+    if drawn is None:
+        return None
     return Picture(
         "bode",
         f"What joint {joint.number} makes of its command, by frequency",
         "Gain and phase from command to joint: measured (dots, where at least nine tenths of what "
         "the joint does follow from its command) and of the drive with its causes (line).",
-        (bode(found, joint.number),),
+        (drawn,),
         wide=True,
     )
 
 
-def bode(found: MotionDiagnosis, number: int) -> Figure:
+def bode(found: MotionDiagnosis, number: int) -> Figure | None:
     """Gain and phase from command to a joint (from 1), measured and of the drive with its causes.
 
-    By Welch's cross-spectra (1967, IEEE Trans. Audio 15(2)), the same of what was measured and of
-    what the drive makes of the whole recording's commands.
+    None where no frequency tells them, as of a single step. By Welch's cross-spectra (1967, IEEE
+    Trans. Audio 15(2)), the same of what was measured and of what the drive makes of the whole
+    recording's commands.
     """
     joint = next(j for j in found.joints if j.number == number)
     windows = replace(joint.windows, start=np.zeros(1, np.int64))
     made = played(windows, joint.fit.effects, joint.fit.theta)
     f, measured, seen = transfer_of(windows.command, windows.q, windows.dt)
+    if not seen.any():
+        return None
     model = transfer_of(windows.command, made, windows.dt)[1]
     with house_style():
         figure = new_figure(WIDTH, 3.2)

@@ -110,13 +110,14 @@ def misfits_and_targets(answer: Registration) -> Figure:
                 continue
             axes.barh(k, MM * error.rms, color=GUILTY, edgecolor=GUILTY, height=0.6)
             axes.plot([0.0, MM * error.reach], [k, k], "|-", color=INK, markersize=9)
-        for label, ink, edge in (
-            ("misfit of a marker used", AFTER, AFTER),
-            ("misfit of one not used", PAPER, AFTER),
-            ("predicted RMS error of a target", GUILTY, GUILTY),
+        for label, ink, edge, there in (
+            ("misfit of a marker used", AFTER, AFTER, True),
+            ("misfit of one not used", PAPER, AFTER, len(used) < len(answer.labels)),
+            ("predicted RMS error of a target", GUILTY, GUILTY, len(errors) > 0),
         ):
-            axes.barh(0, 0, color=ink, edgecolor=edge, label=label)
-        axes.plot([], [], "|-", color=INK, label="95 of 100 such targets are nearer")
+            axes.barh(0, 0, color=ink, edgecolor=edge, label=label if there else None)
+        if errors:
+            axes.plot([], [], "|-", color=INK, label="95 of 100 such targets are nearer")
         names = [*answer.labels, *recording.targets.labels]
         axes.set_yticks(range(len(names)), labels=names)
         axes.invert_yaxis()
