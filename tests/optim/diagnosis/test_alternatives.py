@@ -1,5 +1,6 @@
 """Laws of what may be at work besides the causes: shares, noise of axes, shifts, projection."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +17,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     GrossRow,
     Unlisted,
     _log_shares,
+    _not_listed,
     _shared_shift,
     alternatives,
     key_of,
@@ -103,6 +105,35 @@ def test_all_that_the_library_lacks_shares_one(place):
     """A shift of chosen rows has but its part of all choices of as many rows."""
     _, found = about(place)
     assert np.exp(_log_shares(found)).sum() == pytest.approx(1.0, rel=0.1)
+
+
+def test_half_the_odds_of_a_joint_s_dependence_are_of_what_is_as_simple_as_an_effect(place):
+    _, found = about(place)
+    for on in ("own angle", "load", "direction"):
+        own = [f for f in found if (f.on, f.element) == (on, 2)]
+        simple = [f for f in own if len(f.columns) <= 2]
+        assert np.exp([f.log_prior for f in simple]).sum() == pytest.approx(0.5)
+        assert min(len(f.columns) for f in simple) == 1
+
+
+def test_what_the_library_lists_it_does_not_lack(place):
+    """A joint's scale is lacked where it is not listed; other forms have its share where it is."""
+    ports, found = about(place)
+    short = [c for c in place.pool.candidates if c.effect.name != "joint_scale"]
+    without = replace(place.pool, candidates=tuple(short))
+    angle = about_joint_2(found)[1]
+    kept = [_not_listed(pool, ports, found) for pool in (place.pool, without)]
+    lacked = [any(np.array_equal(f.columns, angle.columns) for f in fs) for fs in kept]
+    assert lacked == [False, True]
+    for families in kept:
+        shares = [f.log_prior for f in families if (f.on, f.element) == ("own angle", 2)]
+        assert np.exp(shares).sum() == pytest.approx(1.0)
+
+
+def about_joint_2(found):
+    """The forms of its own angle that have one column: a constant, and the angle."""
+    own = [f for f in found if (f.on, f.element) == ("own angle", 2)]
+    return [f for f in own if len(f.columns) == 1]
 
 
 def test_a_fifth_is_the_share_of_what_the_library_lacks():

@@ -6,7 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plumbline.experiments.reality.joint_effects import JointScale, TransmissionRipple
+from plumbline.experiments.reality.joint_effects import (
+    JointCompliance,
+    JointScale,
+    TransmissionRipple,
+)
 from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot
 from plumbline.kinematics.effects import JointCoupling
 from plumbline.kinematics.effects import TransmissionRipple as ModelledRipple
@@ -142,6 +146,14 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
     verdict = diagnose(recording, DiagnosisOptions(library=library)).verdict
     assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
     assert not gone & {c.effect for c in verdict.candidates}
+
+
+def test_an_effect_left_out_is_told_by_its_joint_as_simply_as_if_it_was_listed(tmp_path):
+    """No freedom that it does not use hides it: else all joints' loads together stand for it."""
+    case = with_fault(faultless(rows=40, seed=8), JointCompliance(0.0, 3), gap=2.0)
+    found = told(recorded(case, tmp_path)[0], library_without("joint_compliance"))
+    assert found.unlisted > 0.95
+    assert found.at == ("joint", 3)
 
 
 def test_a_cause_beside_an_unknown_is_named_and_explains_a_part(tmp_path):

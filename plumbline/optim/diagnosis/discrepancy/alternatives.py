@@ -3,8 +3,9 @@ r"""What may be at work besides the chosen causes, in one linear problem about t
 Beside every candidate of the library stand the unlisted mechanisms of
 :mod:`plumbline.optim.diagnosis.discrepancy.dependences`, rows that may be gross, and one shift of
 the tool that such rows may share. The prior probability that a term is of no effect of the library
-is one number u, shared alike among kinds of dependence, then elements, then forms; the library
-shares 1 - u as it does without (Kennedy and O'Hagan 2001, JRSS B 63(3), on why there must be one).
+is one number u, shared alike among kinds of dependence, then elements, then forms that no effect of
+the library has; that shares 1 - u as it does without (Kennedy and O'Hagan 2001, JRSS B 63(3), on
+why there must be one).
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import (
     Columns,
     Linear,
+    orthonormal,
 )
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
@@ -45,6 +47,7 @@ from plumbline.optim.diagnosis.prior import (
     NOISE_NEGLIGIBLE,
     PART_OF_UNLISTED,
     RESEMBLING,
+    SWALLOWED,
     USUAL,
 )
 
@@ -128,6 +131,7 @@ def alternatives(
     found = [f for f in dependences(recording, ports, pool.noise, seed) if f.columns.any()]
     if recording.element is None:
         found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
+    found = _not_listed(pool, ports, found)
     shares = _log_shares(found)
     design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
@@ -210,6 +214,33 @@ def _log_shares(found: Sequence[Dependence]) -> Array:
     elements = Counter((stage, on) for stage, _, on in {(f.stage, f.element, f.on) for f in found})
     each = [elements[f.stage, f.on] * len(kinds) for f in found]
     return np.array([f.log_prior for f in found]) - np.log(each)
+
+
+def _not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[Dependence]:
+    """Without what an effect of the library is already; its other forms have its share."""
+    flat = ports.base.reshape(len(ports.base), ports.target.size)
+    nuisances = orthonormal(flat[: pool.always].T)
+
+    def left(columns: Array) -> Array:
+        return columns - (columns @ nuisances) @ nuisances.T
+
+    listed: dict[tuple[str, int | None, str], list[Array]] = {}
+    for c in pool.candidates:
+        key = str(c.effect.stage), c.effect.element, c.effect.depends_on
+        listed.setdefault(key, []).append(orthonormal(left(flat[c.columns]).T))
+    kept, gone = [], Counter[tuple[str, int | None, str]]()
+    for f in found:
+        key, k = (f.stage, f.element, f.on), len(f.columns)
+        spans = [span for span in listed.get(key, []) if k <= span.shape[1]]
+        own = left(f.columns.reshape(k, -1)) if spans else np.empty(0)
+        rest = [np.linalg.norm(own - (own @ span) @ span.T) for span in spans]
+        if min(rest, default=np.inf) <= SWALLOWED * np.linalg.norm(own):
+            gone[key] += np.exp(f.log_prior)
+        else:
+            kept.append(f)
+    share = {key: float(np.log1p(-gone[key])) for key in gone}
+    of = [share.get((f.stage, f.element, f.on), 0.0) for f in kept]
+    return [replace(f, log_prior=f.log_prior - log) for f, log in zip(kept, of, strict=True)]
 
 
 def rows_compared(pool: Pool) -> NDArray[np.intp]:

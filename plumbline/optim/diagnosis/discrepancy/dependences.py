@@ -214,7 +214,12 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         words = f"joint {j + 1}'s error depends on joint {j + 1}'s angle"
         forms = [turns(q[:, j], count, constant=True) for count in (1, TURNS)]
         forms += [nearness(q[:, j], reach) for reach in REACHES]
-        yield from _one_of(_at(words, "own angle", "joint", j + 1, f, port[None]) for f in forms)
+        plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, turns(q[:, j], 1, constant=False)]
+        own = [
+            [_at(words, "own angle", "joint", j + 1, f, port[None]) for f in kind]
+            for kind in (forms, plain)
+        ]
+        yield from _one_of(*own)
     for j, port in enumerate(ports.joint):
         others = [k for k in range(len(ports.joint)) if k != j]
         yield from _one_of(f for k in others for f in _of_another(q[:, k], j, k, port))
@@ -248,8 +253,10 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     load = loads(recording)
     for j, port in enumerate(ports.joint):
         if np.ptp(load[:, j]) > STILL:
-            words = f"joint {j + 1}'s error depends on its load, not in proportion"
-            yield _at(words, "load", "joint", j + 1, cosines(load[:, j], 4), port[None])
+            words = f"joint {j + 1}'s error depends on its load"
+            curved, plain = cosines(load[:, j], 4), load[:, [j]].T / np.abs(load).max()
+            forms = ([_at(words, "load", "joint", j + 1, f, port[None])] for f in (curved, plain))
+            yield from _one_of(*forms)
             words = f"joint {j + 1}'s error depends on its angle and its load"
             around = turns(recording.q[:, j], 2, constant=True)
             both = around * normal(load[:, [j]]).T
@@ -278,7 +285,8 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         functions = np.concatenate([step, plays(whole.q[:, j])[:, place]])
         words = f"joint {j + 1}'s error depends on the way it came"
-        yield _at(words, "direction", "joint", j + 1, functions, port[None])
+        at = [_at(words, "direction", "joint", j + 1, f, port[None]) for f in functions[:, None]]
+        yield from _one_of([_at(words, "direction", "joint", j + 1, functions, port[None])], at)
     # Along one motion whatever is smooth in time looks like a memory.
     for j, port in enumerate([] if scope_of(recording).moving else ports.joint):
         words = f"joint {j + 1}'s error depends on what went before"
@@ -326,10 +334,15 @@ def _of_jumps(recording: Recording, ports: Ports, noise: NoisePrior) -> Iterator
             yield replace(own, columns=columns, log_prior=found.log_share)
 
 
-def _one_of(found: Iterable[Dependence]) -> Iterator[Dependence]:
-    """Forms of one dependence, which share its odds."""
-    forms = list(found)
-    yield from (replace(f, log_prior=-np.log(len(forms))) for f in forms)
+def _one_of(*kinds: Iterable[Dependence]) -> Iterator[Dependence]:
+    """Forms of one dependence, which share its odds: kinds of them alike, then the forms of each.
+
+    Beside what may be anything stands what is as simple as a listed effect: the price of a freedom
+    that it does not use (MacKay 1992) would else hide it behind a listed effect of another place.
+    """
+    for forms in (groups := [forms for kind in kinds if (forms := list(kind))]):
+        share = -float(np.log(len(forms) * len(groups)))
+        yield from (replace(f, log_prior=share) for f in forms)
 
 
 def _at(
