@@ -120,7 +120,8 @@ def diagnose(
         return
     recording = load_to_diagnose(folder)
     if recording.element is not None:
-        refused = {"--also": also, "--model": model} if recording.stand_in else {}
+        of_ct = recording.observation == "fiducials"
+        refused = {"--also": also, "--model": not of_ct and model} if recording.stand_in else {}
         refuse_for_parts(recording, {**refused, "--rehearse": calibrate})
     other = None if also is None else load_to_diagnose(also)
     if other is not None:

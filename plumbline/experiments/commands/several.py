@@ -60,8 +60,8 @@ def _models(found: Any, path: Path) -> Models:
     sections = found.sections if isinstance(found, Sections) else [found]
     made: dict[str, tuple[Path, Any]] = {"Model": (path, sections[0].model())}
     for one in sections[1:]:
-        if getattr(one.recording, "stand_in", False):
-            continue  # of no arm: there is none
         kind = one.recording.observation
+        if getattr(one.recording, "stand_in", False) and kind != "fiducials":
+            continue  # ranges from poses: there is none
         made[f"Model of {kind}"] = (path.with_stem(f"{path.stem}-{kind}"), one.model())
     return made

@@ -89,20 +89,20 @@ class Diagnosis(AlwaysFitted, Told):
     def model(self, recording: str = "") -> FoundModel:
         """What was found, to take home: where the tip is, what to command, files for others.
 
-        Ripples of many orders are carried as spectra.
+        Ripples of many orders are carried as spectra. Of fiducials it takes places of CT, three
+        joints [m], to where the robot finds them (``in_device``), markers that moved left out.
 
         Args:
             recording: Of several recordings the one whose frame and tool it has; the first that
                 says where the tip is, if not given.
 
         Raises:
-            PlumblineError: There is no recording of that name, or the rows are no arm's: fiducials,
-                or ranges from poses.
+            PlumblineError: There is no recording of that name, or the rows are ranges from poses.
         """
-        if self.recording.stand_in:
+        if self.recording.stand_in and self.recording.observation != "fiducials":
             raise PlumblineError(
-                f"{self.recording.name}: {self.recording.observation} without an arm's joints, of "
-                "which there is no model, an arm's expected; read its causes and nuisances"
+                f"{self.recording.name}: {self.recording.observation} from poses, of which there "
+                "is no model, an arm's joints q1, q2, ... expected; record them beside the poses"
             )
         session = self.recording.session
         if session is None:
@@ -113,7 +113,7 @@ class Diagnosis(AlwaysFitted, Told):
     @cached_property
     def _model(self) -> FoundModel:
         found = model_of(self.recording.training, self._carried, _held(self.verdict))
-        return beam_model(found) if self.recording.element is not None else found
+        return beam_model(found) if self.recording.observation == "plane_range" else found
 
     @cached_property
     def _carried(self) -> Fit:

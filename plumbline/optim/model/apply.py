@@ -141,7 +141,7 @@ def apply(model: Fitted, other: Recording) -> Applied:
     unit, per_row = gap_unit(other)
     by = newton_metres(other)
     residuals = solution.mapped.residuals(solution.x)
-    outside, columns = outside_range(model, other)
+    outside, columns = outside_range(carried, other)
     ends = [judged(nominal, "the fit without causes"), judged(solution, "the fit to other rows")]
     return Applied(
         recording=other.name,

@@ -3,10 +3,10 @@ r"""The command that brings the real tool where it should be.
 .. math:: q_c = \arg\min_q\ |p(q) - p_w|^2 + \ell^2 |\log R(q)^T R_w|^2 + \lambda^2 |q - q_w|^2
           \quad\text{s.t.}\quad l \le q \le u
 
-by Gauss-Newton steps over all postures at once, a joint that runs into its limit held there; then
-a few steps on the place alone, so that where place and orientation cannot both be had (few joints,
-a singular posture, a limit) the place is kept (Nakamura and Hanafusa 1986, J. Dyn. Sys. Meas.
-Control 108(3), sec. 3: damped least squares).
+by Gauss-Newton steps with the nominal arm's slope, over all postures at once, a joint that runs
+into its limit held there; then a few steps on the place alone, so that where place and orientation
+cannot both be had (few joints, a singular posture, a limit) the place is kept (Nakamura and
+Hanafusa 1986, J. Dyn. Sys. Meas. Control 108(3), sec. 3: damped least squares).
 """
 
 from collections.abc import Mapping
@@ -17,17 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import fault
-from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.rows import postures
-from plumbline.optim.model.statement import matrices
 
 LEVER = 0.1  # [m]: a milliradian of orientation counts as much as 0.1 mm of place
 DAMPING = 1e-3  # [m/rad]: a joint of less leverage than this is not moved for a small gain
-STEPS = 8  # Gauss-Newton steps: an error of degrees is gone after four
-LAST_STEPS = 4  # steps on the place alone
+STEPS = 12  # with the nominal arm's slope each leaves some hundredths of what the last has left
+SETTLED = 1e-11  # [rad or m] of a step after which no other is needed
 FAR_STEPS = 60  # steps from another posture
 LONGEST = 0.4  # [rad or m] of one step from another posture, within which an arm is near linear
 STARTS = 12  # postures of the recording that are tried for a pose
@@ -179,28 +177,44 @@ def _solved(
     arm: Arm, wanted: Array, goal: Array, context: Mapping[str, ArrayLike], *, placed: bool
 ) -> Command:
     q = wanted.copy()
-    for _ in range(STEPS if placed else 0):
-        miss, J = _misfit(arm, q, goal, context, LEVER)
-        q = _within(arm, q + _step(arm, q, miss, J, wanted - q, DAMPING))
-    for _ in range(LAST_STEPS if placed else STEPS):
-        miss, J = _misfit(arm, q, goal, context, 0.0)
-        q = _within(arm, q + _step(arm, q, miss, J, np.zeros_like(q), DAMPING))
+    if placed:
+        _walk(arm, q, goal, context, wanted, LEVER)
+    _walk(arm, q, goal, context, None, 0.0)
     miss, _ = _misfit(arm, q, goal, context, 1.0)
     turned = np.linalg.norm(miss[:, 3:], axis=1) if placed else np.zeros(len(q))
     resting = (q <= arm.chain.lower + SLACK) | (q >= arm.chain.upper - SLACK)
     return Command(q, np.linalg.norm(miss[:, :3], axis=1), turned, resting)
 
 
+def _walk(
+    arm: Arm,
+    q: Array,
+    goal: Array,
+    context: Mapping[str, ArrayLike],
+    wanted: Array | None,
+    lever: float,
+) -> None:
+    """Step joints (N, n) towards their goals, near to where they are wanted, until all are there.
+
+    All rows at once: to what remembers the way the posture before a row is a part of it.
+    """
+    for _ in range(STEPS):
+        miss, J = _misfit(arm, q, goal, context, lever)
+        back = np.zeros_like(q) if wanted is None else wanted - q
+        before = q.copy()
+        q[:] = _within(arm, q + _step(arm, q, miss, J, back, DAMPING))
+        if np.abs(q - before).max(initial=0.0) <= SETTLED:
+            break
+
+
 def _misfit(
     arm: Arm, q: Array, goal: Array, context: Mapping[str, ArrayLike], lever: float
 ) -> tuple[Array, Array]:
-    """What is missing to the goals (N, 6) [m], and its Jacobian (N, 6, n)."""
-    pose, J = over_rows(arm.statement.slope, arm.rows_of(q, context))
-    T = matrices(pose[:, 0])
+    """What is missing to the goals (N, 6) [m], and its Jacobian (N, 6, n), the nominal arm's."""
+    T, J = arm.placement(q, **context), arm.nominal.jacobian(q)
     turn = Rotation.from_matrix(goal[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
     miss = np.hstack([goal[:, :3, 3] - T[:, :3, 3], lever * turn])
-    J = J.transpose(0, 2, 1) * np.array([1.0, 1.0, 1.0, lever, lever, lever])[:, None]
-    return miss, J
+    return miss, J * np.array([1.0, 1.0, 1.0, lever, lever, lever])[:, None]
 
 
 def _step(arm: Arm, q: Array, miss: Array, J: Array, back: Array, damping: float) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from plumbline.errors import PlumblineError, fault, one_line, shown
 from plumbline.kinematics.effects import Effect
-from plumbline.kinematics.effects.effect import OF_AN_ARM, RANGES
+from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES
 from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
@@ -161,7 +161,7 @@ def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
     T[:3, :3] = _rotation(frame, "rotation")
     T[:3, 3] = array_of(frame, "translation", (3,))
     observation = word_of(top, "observation")
-    if observation not in (*KINDS, *RANGES):
+    if observation not in (*KINDS, *RANGES, *FIDUCIALS):
         raise top.fault("observation", ", ".join(KINDS), SAVE_IT)
     ranges = _ranges(top.section("ranges"))
     n = chain_of(robot, tip, observation, ranges).n

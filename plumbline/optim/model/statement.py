@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect, State
-from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS
+from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS, FIDUCIALS
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.kinematics.frames import Transform, constant, rotation
@@ -157,8 +157,12 @@ def _summed(state: State, effects: Sequence[Valued]) -> State:
 
 
 def acts_on_places(effect: Effect) -> bool:
-    """Whether an effect moves joints, links or the tip, rather than efforts alone."""
-    return bool(set(effect.observations) & set(ALL_OBSERVATIONS))
+    """Whether an effect moves joints, links, the tip or all of CT: not efforts or one marker alone.
+
+    Where a marker is that has moved says nothing of another place.
+    """
+    of_places = {*ALL_OBSERVATIONS, *FIDUCIALS} & {*effect.observations}
+    return bool(of_places) and effect.depends_on != "marker"
 
 
 def _three(part: dict[str, cs.SX], begin: str) -> cs.SX:

@@ -203,8 +203,24 @@ def test_an_answer_is_stored_and_restored(tmp_path):
         again = plumbline.load(tmp_path / f"{folder.name}.json")
         assert again.verdict.to_dict() == answer.verdict.to_dict()
         np.testing.assert_allclose(again.solution.x, answer.solution.x)
-        with pytest.raises(PlumblineError, match="of which there is no model"):
-            answer.model()
+    with pytest.raises(PlumblineError, match="record them beside the poses"):
+        diagnosed(ranges("range_scale")[0]).model()
+
+
+def test_fiducials_give_a_model_that_takes_places_of_ct_to_the_robot(tmp_path):
+    """A scale of CT moves every place; a marker that has moved says nothing of other places."""
+    answer = diagnosed(fiducials("ct_scale")[0])
+    model, rows = answer.model(), answer.recording
+    model.save(tmp_path / "ct.toml")
+    left = [np.linalg.norm(m.in_device(rows.q) - rows.measured, axis=1).mean()
+            for m in (plumbline.load(tmp_path / "ct.toml"), model.without("ct_scale"))]  # fmt: skip
+    assert left[0] < 0.7 * left[1]
+    assert left[0] == pytest.approx(answer.gap.after, rel=0.3)
+    moved = diagnosed(fiducials("marker_shift")[0]).model()
+    assert moved.labels
+    q = moved.samples["q"]
+    np.testing.assert_array_equal(moved.in_device(q), moved.nominal.in_device(q))
+    assert (np.sqrt(np.diagonal(moved.uncertainty(q, device=True), 0, 1, 2)) > 0.0).all()
 
 
 def test_ranges_of_an_arm_give_its_model_with_the_beam_for_a_tool(tmp_path):
@@ -251,6 +267,8 @@ def test_the_command_writes_verdict_and_report(made, name, picture, tmp_path, ca
 @pytest.mark.parametrize("made", [ranges, fiducials])
 @pytest.mark.parametrize("asked", REFUSED, ids=lambda asked: asked[-1])
 def test_what_is_not_offered_for_them_is_refused_in_one_line(made, asked, capsys):
+    if made is fiducials and "--model" in asked:
+        asked = ["diagnose", "--also", str(made(None)[0])]
     assert run([asked[0], str(made(None)[0]), *asked[1:]]) == 2
     assert capsys.readouterr().err.count("\n") == 1
 

@@ -107,7 +107,9 @@ def test_every_number_of_the_file_matters(constant, value, made, real, monkeypat
 
 
 def test_what_mujoco_has_no_word_for_is_told_with_its_size(made):
-    banded = drives(one((ActuationDeadband(), 0.02), (ActuationDelay(), 0.04)), one())
+    band, late = (ActuationDeadband(), 0.02), (ActuationDelay(), 0.04)
+    assert not drives(one(band, late), one()).as_mjcf().lacks  # dry friction does the same
+    banded = drives(one(band, (ActuationPlay(), 0.01), late), one())
     file = banded.as_mjcf()
     (lack,) = file.lacks
     assert lack.label == "actuation_deadband 1"
@@ -125,6 +127,8 @@ def test_an_actuator_is_what_was_found():
     assert a.friction == pytest.approx(0.01 * stiff * drives_mjcf.STIFF**2)
     assert -a.bias[2] == pytest.approx(0.1 * a.gain)  # the lag is the loop's own
     assert a.filter == 0.0
+    short = actuator_of(Law.POSITION, one((ActuationDeadband(), 0.01)), 0.0, 0.0)
+    assert short.friction == a.friction  # it stops a slow servo as play does
     known = actuator_of(Law.SERVO, one((ServoStiffness(), 0.05)), 20.0, 1.5)
     assert known.gain == pytest.approx(10.0)
     assert known.bias == pytest.approx((0.0, -10.0, -1.5))

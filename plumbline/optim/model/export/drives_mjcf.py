@@ -7,9 +7,10 @@ A servo on position is a spring to its command, damped, with dry friction about 
 
 :math:`b` half the play: slow motion of a spring against dry friction is the play operator
 (Prandtl 1928, ZAMM 8(2), the model of elastic and plastic elements in series); :math:`k` the
-servo's compliance. Where none was found the spring is so stiff that its own frequency is
+servo's compliance. A dead band stops a slow servo as short of its command, and is held so where
+there is no play. Where no compliance was found the spring is so stiff that its own frequency is
 ``STIFF``. The spring itself is late by :math:`2 \zeta / \omega`, which the lag of the filter, then
-the delay, is shorter by. What a format has no word for (a dead band, a largest speed) is told.
+the delay, is shorter by. What a format has no word for (a largest speed) is told.
 """
 
 from collections.abc import Mapping
@@ -39,7 +40,7 @@ STEP = 1e-3  # [s] of the simulation: a third of a radian of the stiffest spring
 SPAN = 20.0  # [s] of commands that the size of what a file lacks is judged by
 SAMPLE = 0.02  # [s] of such commands: 50 a second, as hobby servos take them
 # What MuJoCo's actuators cannot be told.
-NO_WORD = ("actuation_deadband", "velocity_limit", "acceleration_limit")
+NO_WORD = ("velocity_limit", "acceleration_limit")
 SPRINGY = (Law.POSITION, Law.SERVO)
 
 
@@ -113,6 +114,7 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
         own = damping / stiffness
         lag, late = max(lag - own, 0.0), late - max(own - lag, 0.0)
     play = inside + servo.value("actuation_play", inside=False)
+    play = play or servo.value("actuation_deadband")
     return Actuator(
         stiffness * scale, (stiffness * offset, -stiffness, -damping), lag, max(late, 0.0),
         strongest, stiffness * play,
@@ -173,7 +175,11 @@ def _attributes(joint: str, a: Actuator) -> dict[str, str]:
 
 
 def _lacked(law: Law, servo: Servo) -> tuple[MotionEffect, ...]:
-    names = NO_WORD if law in SPRINGY else (*NO_WORD, "actuation_play", "servo_stiffness")
+    names = set(NO_WORD)
+    if law not in SPRINGY:
+        names |= {"actuation_deadband", "actuation_play", "servo_stiffness"}
+    elif any(effect.name == "actuation_play" for effect in servo.effects):
+        names |= {"actuation_deadband"}
     return tuple(effect for effect in servo.effects if effect.name in names)
 
 
