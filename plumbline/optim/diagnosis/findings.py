@@ -38,7 +38,7 @@ MEANING = {
 }
 # What an element of a stage is: planes are read by a sensor, markers registered.
 NOUNS = {
-    "joint": "joint", "link": "link", "actuation": "joint", "registration": "marker",
+    "joint": "joint", "link": "link", "actuation": "drive", "registration": "marker",
     "sensor": "plane",
 }  # fmt: skip
 LISTED = 3  # causes that a line names

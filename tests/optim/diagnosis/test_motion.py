@@ -10,12 +10,13 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.drives import Wrong, follow
 from plumbline.experiments.report.diagnosis.motion import transfer_of
 from plumbline.kinematics.drive import Law
-from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
 from plumbline.optim.diagnosis.motion.rollout import WIDE, roll_out
+from plumbline.optim.diagnosis.motion.search import _with_parts
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
@@ -107,7 +108,7 @@ def test_the_verdict_is_that_of_any_recording(found, tmp_path):
     assert json.loads(json.dumps(found.to_dict()))["joints"][0]["element"] == 1
     verdict.save(tmp_path / "verdict.json")
     assert load(tmp_path / "verdict.json") == Verdict.load(tmp_path / "verdict.json") == verdict
-    assert "actuation_play of joint 1" in found.card()
+    assert "actuation_play of drive 1" in found.card()
 
 
 def test_an_answer_keeps_the_contract_and_comes_back_with_its_drives(found, tmp_path):
@@ -267,6 +268,45 @@ def test_a_faster_clock_makes_no_more_evidence():
     white = rng.normal(size=(40, 200))
     assert correlation_time(white) == pytest.approx(1.0, abs=0.2)
     assert correlation_time(np.repeat(white, 5, axis=1)) == pytest.approx(5.0, rel=0.2)
+
+
+def test_what_repeats_itself_makes_no_less_evidence():
+    rng = np.random.default_rng(0)
+    flat = rng.normal(size=(40, 200)) + 0.5 * rng.normal(size=(40, 1))
+    wave = np.sin(2 * np.pi * (np.arange(200) / 80 + rng.random((40, 1))))
+    assert correlation_time(flat + 0.5 * wave) < 0.75 * correlation_time(flat)
+
+
+def test_more_than_a_stated_noise_is_something_unlisted_and_a_cause_may_be_a_part_of_it():
+    """By the odds of its variance against what an explained gap may leave, 1.15 of the noise."""
+    windows, seen = windows_of(Law.POSITION)
+    models = Models(windows, (), seen)
+    none: frozenset[MotionEffect] = frozenset()
+    left = np.sqrt(models.found[none].square)
+    lack = models.lacking(none, 2.0, left / 1.15 / 1.2)
+    count = models.found[none].residual.size / 2.0
+    assert lack.gain == pytest.approx(count / 2 * (1.44 - 1 - np.log(1.44)))
+    assert lack.share == pytest.approx(1 - 1 / 1.44)
+    for sigma in (None, 1.1 * left):
+        assert models.lacking(none, 2.0, sigma).gain == 0.0
+    beside = dict(_with_parts({"small": 1.0, "large": 4.0}, 1.0, "time", 0.0))
+    whole, rest = ({"small", "large", "?time"}, {"large", "?time"})
+    assert {n: np.exp(w) for n, w in beside.items()} == pytest.approx(
+        {frozenset(whole): 0.6, frozenset(rest): 0.4}
+    )
+    assert _with_parts({"large": 4.0}, 1.0, "time", 0.5) == [(frozenset({"large", "?time"}), 0.5)]
+
+
+def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():
+    t, u = multisine(15.0)
+    rng = np.random.default_rng(1)
+    q = np.column_stack([follow(t, u[:, 0], 0 * t, Wrong(breakaway=0.02), rng), u[:, 1]])
+    q += rng.normal(0.0, 4e-3, q.shape)
+    verdict = diagnose(build_motion(robot=arm(), time=t, command=u, q=q, noise_std=4e-3)).verdict
+    assert verdict.outside_probability > 0.95
+    alike = ("actuation_play", "actuation_deadband")  # which it resembles, and each the other
+    listed = sum(c.probability for c in verdict.candidates if c.element == 1 and c.effect in alike)
+    assert 0.4 < listed < 0.95
 
 
 def test_what_is_held_out_is_never_fitted():

@@ -185,7 +185,7 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     tau = bare.measured + rng.normal(0, sigma, bare.measured.shape)
     tau[:, 1] += size * np.sign(bare.velocity[:, 1])
     found = diagnose(recorded(robot, measured=tau, noise_by_joint=sigma))
-    assert [c.label for c in found.causes] == ["coulomb_friction of joint 2"]
+    assert [c.label for c in found.causes] == ["coulomb_friction of drive 2"]
     value = found.causes[0].parameters["dry"]
     assert abs(value.value - size) < 4 * value.std
     gap = found.gap
@@ -220,7 +220,7 @@ def test_a_joint_that_creeps_to_and_fro_has_friction_that_remembers_its_way(robo
     efforts[:, 1] += 4 * sigma[1] * side
     given = {"q": q, "velocity": v, "time": t, "measured": efforts, "noise_by_joint": sigma}
     found = diagnose(recorded(robot, **given))
-    assert [c.label for c in found.causes] == ["coulomb_friction of joint 2"]
+    assert [c.label for c in found.causes] == ["coulomb_friction of drive 2"]
     assert "changes sides" in found.causes[0].variant
     assert abs(found.causes[0].parameters["dry"].value - 4 * sigma[1]) < 0.5 * sigma[1]
 

@@ -130,7 +130,9 @@ def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = F
 def correlation_time(residual: Array) -> float:
     """Integrated autocorrelation time of residuals (W, K) [samples], at least one.
 
-    Summed up to where pairs of autocorrelations turn negative (Geyer's initial positive sequence).
+    Summed over pairs of autocorrelations up to where one turns negative, none counting for more
+    than one before it (Geyer 1992, Statistical Science 7:473, initial monotone sequence): what is
+    left of a motion that repeats itself returns late, and adds to the noise of the sum.
     """
     W, K = residual.shape
     r = residual - residual.mean()
@@ -143,4 +145,4 @@ def correlation_time(residual: Array) -> float:
     pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
     ends = np.flatnonzero(pairs <= 0)
     last = ends[0] if len(ends) else len(pairs)
-    return float(max(2 * pairs[:last].sum() - 1, 1.0))
+    return float(max(2 * np.minimum.accumulate(pairs[:last]).sum() - 1, 1.0))

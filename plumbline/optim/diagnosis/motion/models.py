@@ -18,6 +18,7 @@ from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.optim.diagnosis.motion.constants import (
     ALIKE,
     CONTENDS,
+    EXPLAINED,
     LEAST_GAIN,
     MOVES,
     PRESENT,
@@ -27,6 +28,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.rollout import Effects, Windows
+from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, Unlisted
 
 Key = frozenset[MotionEffect]
 ODDS = float(np.log(PRESENT / (1 - PRESENT)))
@@ -63,8 +65,32 @@ class Models:
 
     def floor(self, fit: Fit, sigma: float) -> float:
         """What a fit leaves where nothing is missing [rad]: noise, and steps of a planned way."""
-        steps = STEPS * any(e.plans for e in fit.effects)
-        return float(np.hypot(sigma, steps * self.found[frozenset()].square ** 0.5))
+        return float(np.hypot(sigma, self._steps(fit) ** 0.5))
+
+    def _steps(self, fit: Fit) -> float:
+        """What steps of a planned way change, a mean square [rad^2]."""
+        planned = any(e.plans for e in fit.effects)
+        return STEPS**2 * self.found[frozenset()].square if planned else 0.0
+
+    def lacking(self, key: Key, time: float, sigma: float | None) -> Unlisted:
+        """What a fit leaves beyond an explained gap, by the odds of its variance against that.
+
+        With x their ratio, n / 2 (x - 1 - log x); of no form, and none where no noise is stated.
+        """
+        fit = self.found[key]
+        least = 0.0 if sigma is None else (EXPLAINED * self.floor(fit, sigma)) ** 2
+        x = max(fit.square / least, 1.0) if least else 1.0
+        gain = fit.residual.size / time / 2 * (x - 1.0 - float(np.log(x)))
+        return Unlisted(NO_FORM, gain, 1.0 - 1.0 / x)
+
+    def sizes(self, key: Key) -> dict[str, float]:
+        """What a model leaves more without each of its effects, root of squares [rad]."""
+        own, found = self.found[key], {}
+        for effect in own.effects:
+            self.fit(key - {effect}, own)
+            more = self.found[key - {effect}].square - own.square
+            found[effect.name] = max(more, 0.0) ** 0.5
+        return found
 
     def fit(self, key: Key, near: Fit) -> None:
         """Fit a model, from one that it differs from by an effect or two."""
@@ -164,8 +190,10 @@ class Models:
 
     def negligible(self, key: Key, beside: Key) -> bool:
         """Whether a model has more effects than another, and they take next to nothing."""
-        grows = self.found[beside].square - self.found[key].square
-        return len(key) > len(beside) and grows < LEAST_GAIN * self.found[beside].square
+        other = self.found[beside]
+        grows = other.square - self.found[key].square
+        least = max(LEAST_GAIN * other.square, self._steps(other))
+        return len(key) > len(beside) and grows < least
 
     def contenders(self, key: Key) -> list[Key]:
         """What may be better than a model once all windows count, itself first.

@@ -1,7 +1,8 @@
 """Which motion would tell apart what a recording leaves open, joint by joint.
 
 Delay and lag are one thing at low frequency, and part in a chirp; an offset and a droop part where
-the load changes; a play and a dead band in slow ramps to and fro; a limit shows in fast steps.
+the load changes; a play and a dead band where a lag brings the joint to rest, in steps that are
+held, and not at all without one; a limit shows in fast steps.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from plumbline.optim.diagnosis.motion.search import Joint
 PARTED: dict[frozenset[str], tuple[str, str]] = {
     frozenset(("actuation_delay", "actuation_lag")): ("chirp", "0.1 to 5 Hz in 30 s"),
     frozenset(("actuation_offset", "servo_stiffness")): ("hold", "5 s at postures of other loads"),
-    frozenset(("actuation_play", "actuation_deadband")): ("ramp", "slowly to and fro, twice"),
+    frozenset(("actuation_play", "actuation_deadband")): (
+        "steps",
+        "small and large ones, each held; a drive without any lag has one for the other",
+    ),
     frozenset(("actuation_play", "actuation_lag")): ("ramp", "slowly to and fro, twice"),
     frozenset(("velocity_limit", "torque_limit")): (
         "steps",

@@ -26,6 +26,9 @@ from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.models import Key, Models, names_of
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows
 from plumbline.optim.diagnosis.motion.unlisted import VARIABLES, Rivals, Unlisted, own_past
+from plumbline.optim.diagnosis.prior import DEVIATIONS, NO_EVIDENCE, PART_OF_UNLISTED
+
+IS_PART = DEVIATIONS[0]  # of an effect's size: what is unlisted and as large may be all of both
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,12 +120,21 @@ def _mechanisms(share: list[tuple[frozenset[str], float]]) -> tuple[dict[str, fl
 def _weights(
     models: Models, key: Key, time: float, prior: float, sigma: float | None
 ) -> list[tuple[frozenset[str], float]]:
-    """Names of the effects in each model, a function of a variable among them, and log weights."""
+    """Names of the effects in each model, a function of a variable among them, and log weights.
+
+    A model that leaves more than the stated noise is of that noise all the same, and so much less
+    probable, or something that nobody has listed is at work beside it, of whatever form.
+    """
     counted = [k for k in models.found if not models.negligible(k, key)]
-    found = [(names_of(k), models.score(k, time)) for k in counted]
+    lacking = {k: models.lacking(k, time, sigma) for k in (*counted, key)}
+    found = [(names_of(k), models.score(k, time) - lacking[k].gain) for k in counted]
     each = float(np.log(prior / (1 - prior) / len(VARIABLES)))
     resembles = float(np.log(RESEMBLES / len(models.odds)))
     best, own = models.score(key, time), models.found[key]
+    for k, lack in lacking.items():
+        if lack.share > LEAST_SHARE and best - models.score(k, time) < NO_EVIDENCE:
+            large = (lack.share * models.found[k].square) ** 0.5
+            found += _with_parts(models.sizes(k), large, lack.on, models.score(k, time) + each)
     for less in (key, *(key - {effect} for effect in key)):
         models.fit(less, own)
         score, fit = models.score(less, time), models.found[less]
@@ -135,20 +147,43 @@ def _weights(
         if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in beside):
             floor = models.floor(fit, sigma)
             past = (own_past(models.windows, fit, floor),)  # that no function tells
+        sizes = models.sizes(less)
         for u in (*beside, *past):
             if u.share > LEAST_SHARE:
-                found.append((names_of(less) | {f"?{u.on}"}, score + u.gain + each))
-        for k, effect in enumerate(fit.effects):
-            rest = less - {effect}
-            models.fit(rest, fit)
-            size = max(models.found[rest].square - fit.square, 0.0) ** 0.5
+                large = (u.share * fit.square) ** 0.5
+                found += _with_parts(sizes, large, u.on, score + u.gain + each)
+        for i, effect in enumerate(fit.effects):
             weight = score + each - np.log(2)  # functions, and the effect modulated
             instead = weight + resembles - models.odds[effect.name]
-            for u in (*rivals.resembling(k, size), *past):  # beside the effect, or instead of it
+            size, rest = sizes[effect.name], {n: s for n, s in sizes.items() if n != effect.name}
+            for u in (*rivals.resembling(i, size), *past):  # beside the effect, or instead of it
                 if u.share > LEAST_SHARE:
                     found.append((names_of(less) | {f"?{u.on}"}, weight + u.gain))
-                    found.append((names_of(rest) | {f"?{u.on}"}, instead + u.gain))
+                    found += _with_parts(rest, size, u.on, instead + u.gain)
     return found
+
+
+def _with_parts(
+    sizes: Mapping[str, float], large: float, on: str, weight: float
+) -> list[tuple[frozenset[str], float]]:
+    """A model beside which something unlisted is at work: some of its effects may be parts of it.
+
+    What nobody has listed need not be one function; an effect than which it is no smaller by far
+    may fit what the function leaves of it.
+
+    Args:
+        sizes: The model's effects, with what it leaves more without each [rad].
+        large: The same of what is unlisted [rad].
+        on: What that goes by.
+        weight: Log weight of both.
+    """
+    names = frozenset(sizes)
+    parts = {name for name, size in sizes.items() if IS_PART * size <= large}
+    shares = ((names, 1 - PART_OF_UNLISTED), (names - parts, PART_OF_UNLISTED))
+    return [
+        (held | {f"?{on}"}, weight + float(np.log(share)))
+        for held, share in (shares if parts else ((names, 1.0),))
+    ]
 
 
 def _instead(

@@ -41,6 +41,7 @@ from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
 STAGE = "actuation"
+SAME = frozenset(("actuation_play", "actuation_deadband"))  # of a drive that does not lag
 OWN = {"angle": "own angle"}  # as effects call what an unlisted function goes by
 
 
@@ -241,35 +242,23 @@ def _outside(found: Found, noise: NoiseLevel) -> tuple[float, str]:
     """Probability that something else is at work, and what it depends on."""
     spared, words = 1.0, []
     for joint in found.joints:
-        p, on = _outside_of(joint, noise, found.unlisted)
+        p, on = _outside_of(joint, noise)
         spared *= 1 - p
         words.append((p, f"{on} of joint {joint.number}" if on else ""))
     most = max(words, default=(0.0, ""), key=lambda pair: pair[0])
     return float(1 - spared), most[1]
 
 
-def _outside_of(joint: Joint, noise: NoiseLevel, unlisted: float) -> tuple[float, str]:
-    best = max(joint.unlisted, key=lambda u: u.gain)
+def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
+    unlisted = {name[1:]: p for name, p in joint.mechanisms.items() if name.startswith("?")}
+    on = max(unlisted, key=unlisted.__getitem__, default="")
     if noise.source != "fit":
-        return max(joint.outside, _lack_of_fit(joint, noise.sigma, unlisted)), best.on
+        return joint.outside, on
     r = joint.fit.residual
     past = float(np.sum(r[:, 1:] * r[:, :-1]) / max(np.sum(r[:, 1:] ** 2), 1e-300))
     if past > OWN_PAST and joint.outside < NAMED:
         return 1 - OWN_PAST / past * NAMED, "its own past"
-    return joint.outside, best.on
-
-
-def _lack_of_fit(joint: Joint, sigma: float, unlisted: float) -> float:
-    """Probability that what is left is more than the stated noise.
-
-    By the odds of another variance against the stated one, n / 2 (x - 1 - log x) with x their
-    ratio, where x is beyond what an explained gap may leave.
-    """
-    x = joint.fit.square / sigma**2
-    if x < EXPLAINED**2:
-        return 0.0
-    odds = joint.effective / 2 * (x - 1 - math.log(x)) + math.log(unlisted / (1 - unlisted))
-    return float(1 / (1 + math.exp(-min(max(odds, -500.0), 500.0))))
+    return joint.outside, on
 
 
 def _where(found: Found) -> tuple[Place, ...]:
@@ -307,6 +296,11 @@ def _notes(found: Found) -> list[str]:
         said.append(
             f"{found.recording.noun} {joint.number}: {before} -> {after} on what was left out"
         )
+        names = {e.name for e in joint.fit.effects}
+        if names & SAME and "actuation_lag" not in names:
+            said.append(
+                f"drive {joint.number}: play and a dead band are one and the same without a lag"
+            )
     return said
 
 

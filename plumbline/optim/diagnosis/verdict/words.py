@@ -177,9 +177,7 @@ def place_words(stage: str, element: int | None) -> str:
     """``joint 2``, ``drive 2``, or the stage where it has no element."""
     if element is None:
         return stage
-    if stage in ("registration", "sensor"):
-        return f"{NOUNS[stage]} {element}"
-    return f"drive {element}" if stage == "actuation" else f"{stage} {element}"
+    return f"{NOUNS.get(stage, stage)} {element}"
 
 
 def tree_lines(verdict: Verdict) -> tuple[str, ...]:
