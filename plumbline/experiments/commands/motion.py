@@ -14,6 +14,7 @@ from plumbline.experiments.console.progress_bar import progress_bar
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
     from plumbline.optim.diagnosis.options import DiagnosisOptions
+    from plumbline.optim.recording.recording import Recording
 
 
 def diagnose_motion(
@@ -65,12 +66,8 @@ def next_motion(
     Raises:
         PlumblineError: The recording cannot be used, or its commands are no positions.
     """
-    import numpy as np
-    import pandas as pd
-
     from plumbline.kinematics.drive import Law
     from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion as diagnosed
-    from plumbline.optim.diagnosis.motion.proposals import commanded
     from plumbline.optim.diagnosis.motion.tracking import load_drives
     from plumbline.optim.diagnosis.options import DiagnosisOptions
 
@@ -81,12 +78,42 @@ def next_motion(
         )
     with progress_bar(quiet=quiet or json == "-") as progress:
         found = diagnosed(recording, DiagnosisOptions(seed=seed), progress=progress)
-    rows = list(found.verdict.next)
-    write_json(json, {"recording": recording.name, "motions": rows})
+    moved = (recording.time, recording.command)
+    _propose(recording.name, list(found.verdict.next), moved, json, csv, quiet=quiet)
+
+
+def next_efforts(
+    recording: Recording, json: str | None, csv: Path | None, *, options: DiagnosisOptions,
+    quiet: bool,
+) -> None:  # fmt: skip
+    """The same where efforts were measured: motions within what the joints did."""
+    import numpy as np
+
+    from plumbline.optim.diagnosis.diagnose import diagnose
+    from plumbline.optim.diagnosis.motion.proposals import proposals_of_efforts
+
+    with progress_bar(quiet=quiet or json == "-") as progress:
+        found = diagnose(recording, options, progress=progress)
+    rows = list(proposals_of_efforts(found.verdict.causes, recording.chain.n))
+    time = recording.time if recording.time is not None else np.arange(len(recording)) * 1.0
+    _propose(recording.name, rows, (time, recording.q), json, csv, quiet=quiet)
+
+
+def _propose(
+    name: str, rows: list[dict[str, Any]], moved: tuple[Any, Any], json: str | None,
+    csv: Path | None, *, quiet: bool,
+) -> None:  # fmt: skip
+    """Hand out the motions of these rows, after what was moved: times (N,), commands (N, n)."""
+    import numpy as np
+    import pandas as pd
+
+    from plumbline.optim.diagnosis.motion.proposals import commanded
+
+    write_json(json, {"recording": name, "motions": rows})
     if csv is not None and rows:
         wanted = dict.fromkeys((int(r["joint"]), str(r["motion"]).split(",")[0]) for r in rows)
-        time, command = commanded(list(wanted), recording.time, recording.command)
-        names = [f"u{j + 1}" for j in range(recording.n)]
+        time, command = commanded(list(wanted), *moved)
+        names = [f"u{j + 1}" for j in range(command.shape[1])]
         table = pd.DataFrame(np.column_stack([time, command]), columns=["time", *names])
         write_text(csv, table.to_csv(index=False, float_format="%.9g"), "--csv")
     if talks(json, quiet):

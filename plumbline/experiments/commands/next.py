@@ -15,7 +15,7 @@ import typer
 
 from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.experiments.commands.diagnose import Folder, Force, Seed
-from plumbline.experiments.commands.motion import next_motion
+from plumbline.experiments.commands.motion import next_efforts, next_motion
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.outputs import Json, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
@@ -111,10 +111,10 @@ def next_(
     refuse_parts(folder)
     recording = load_recording(folder)
     if recording.observation == "joint_torque":
-        raise PlumblineError(
-            f"{recording.name}: efforts along a motion, postures expected to propose more of; read "
-            "what cannot be told in plumbline diagnose, and vary speed, load and direction"
+        next_efforts(
+            recording, json, csv, options=DiagnosisOptions(seed=seed, force=force), quiet=quiet
         )
+        return
     with progress_bar(quiet=quiet or json == "-") as progress:
         asked = DiagnosisOptions(seed=seed, force=force)
         diagnosis = diagnosis_module.diagnose(recording, asked, progress=progress)

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from plumbline.optim.diagnosis.motion.proposals import CHIRP, SECONDS, commanded, motion_of
+from plumbline.optim.diagnosis.findings import Blame, Cause
+from plumbline.optim.diagnosis.motion.proposals import (
+    CHIRP,
+    SECONDS,
+    commanded,
+    motion_of,
+    proposals_of_efforts,
+)
 
 TIME = np.arange(0.0, 20.0, 0.01)
 COMMAND = np.column_stack([0.5 * np.sin(2.0 * TIME), 0.2 + 0.0 * TIME])
@@ -31,3 +38,22 @@ def test_joints_move_one_after_the_other():
     assert u.shape == (len(t), 2)
     np.testing.assert_allclose(u[:, 1], 0.2)
     assert np.diff(t) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("effect", "element", "rival", "kind", "joint"),
+    [
+        ("payload", None, "link_inertia", "hold", 4),
+        ("viscous_friction", 2, "coulomb_friction", "ramp", 2),
+        ("link_inertia", 3, "rotor_inertia", "chirp", 3),
+    ],
+)
+def test_what_efforts_leave_open_has_a_motion(effect, element, rival, kind, joint):
+    other = Blame(rival, "actuation", element or 4)
+    cause = Cause(effect, "actuation", element, probability=0.6, confounded_with=(other,))
+    (row,) = proposals_of_efforts([cause], 5)
+    assert (row["joint"], row["motion"].split(",")[0]) == (joint, kind)
+    assert row["tells"] == f"{cause.label} from {other.label}"
+    t, u = commanded([(joint, kind)], TIME, np.tile(COMMAND[:, :1], 5))
+    assert np.ptp(u[:, joint - 1]) > 0.01
+    assert len(t) == len(u)

@@ -281,9 +281,13 @@ def test_what_no_library_of_drives_has_is_told_from_it(tmp_path):
     assert f"joint {facts['effects'][0]['element']}'s" in found.verdict.outside_depends_on
 
 
-def test_next_refuses_efforts_in_one_line(tmp_path, robot, capsys):
-    assert run(["next", str(folder(tmp_path, robot))]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_next_proposes_a_chirp_where_efforts_are_of_one_wave(tmp_path, robot, capsys):
+    """Acceleration and angle are one thing there, so a rotor and a spring are."""
+    place, table = tmp_path / "arm", tmp_path / "commands.csv"
+    place.mkdir()
+    assert run(["next", str(folder(place, robot)), "--csv", str(table)]) == 0
+    assert "chirp, 0.1 to 5 Hz in 30 s, tells rotor_inertia of drive 3" in capsys.readouterr().out
+    assert table.read_text().splitlines()[0] == "time,u1,u2,u3,u4"
 
 
 def test_a_sealed_set_of_efforts_is_made_and_sealed(tmp_path):

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 
@@ -30,6 +31,23 @@ PARTED: dict[frozenset[str], tuple[str, str]] = {
     ),
     frozenset(("actuation_gain", "servo_stiffness")): ("hold", "5 s at postures of other loads"),
 }
+# The same where efforts are measured, by the first of these that has either effect.
+PARTED_EFFORTS: tuple[tuple[str, str, frozenset[str]], ...] = (
+    ("chirp", "0.1 to 5 Hz in 30 s", frozenset(("rotor_inertia",))),
+    (
+        "ramp",
+        "slowly to and fro, twice, through standstill",
+        frozenset(
+            ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction",
+             "torque_offset", "cable_spring")
+        ),
+    ),
+    (
+        "hold",
+        "5 s at postures of other loads, and again with a known weight at the tip",
+        frozenset(("payload", "link_inertia", "gravity_direction", "torque_scale")),
+    ),
+)  # fmt: skip
 SECONDS = 30.0  # [s] of one motion: three periods of its slowest wave
 CHIRP = (0.1, 5.0)  # [Hz] from where delay and lag are one to where they part
 LIKELY = 0.05  # of an effect that may stand in another's place
@@ -44,6 +62,19 @@ def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:
                 if kind is not None and p > LIKELY:
                     motion = f"{kind[0]}, {kind[1]}"
                     yield {"joint": joint.number, "motion": motion, "tells": f"{name} from {other}"}
+
+
+def proposals_of_efforts(causes: Sequence[Cause], joints: int) -> Iterator[dict[str, Any]]:
+    """The same for causes of an arm's efforts; a load is held by the last of so many joints."""
+    for cause in causes:
+        for other in cause.confounded_with:
+            either = {cause.effect, other.effect}
+            for kind, how, effects in PARTED_EFFORTS:
+                if either & effects:
+                    tells = f"{cause.label} from {other.label}"
+                    joint = cause.element or other.element or joints
+                    yield {"joint": joint, "motion": f"{kind}, {how}", "tells": tells}
+                    break
 
 
 def motion_of(kind: str, q: Array, dt: float, fastest: float) -> Array:
