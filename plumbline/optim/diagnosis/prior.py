@@ -141,6 +141,7 @@ BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval
 FOLD_BELIEVED = 0.05  # share by which the square that a fold's step foretells may err
 SLOW = 0.1  # share of its way to go from which a step's curvature is worked out anew (cost only)
 MORE_STEPS = 6  # of a fold's own, where one from the fit of all does not do
+HALVINGS = 8  # of a step that leaves more than none: to less than a hundredth (cost only)
 MOST_BLOCKS = 2000  # of the bootstrap (memory only)
 
 ERROR_BLOCKS = 6  # of a recording: fewer know little of their spread, more resemble each other

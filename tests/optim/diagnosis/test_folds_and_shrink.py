@@ -155,19 +155,34 @@ def test_a_fold_s_step_that_leads_far_off_is_not_taken(offset_recording, monkeyp
     away = np.zeros(len(x))
     away[: pool.always] = 30.0
     monkeypatch.setattr(shrink, "_step", lambda *_: x / union.problem.scale + away)
-    found, ended = shrink._settled(pool, union, folds == 0, model, x, grams)
+    found, ended = shrink._settled(pool, union, folds == 0, model, x, x, grams)
     assert found is x
     assert not ended.converged
+
+
+def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_halved(offset_recording):
+    pool, folds, choice, best = pool_of(offset_recording)
+    model = fold_models(pool, choice, variance=1e-8)[0]
+    union = shrink._union(pool, [model], best)
+    start = union.started(best.by_name)
+    grams = Mapped(union.problem).grams(start, folds)
+    far = start.copy()
+    far[: pool.always] += 300.0 * union.problem.scale[: pool.always]
+    found, ended = shrink._settled(pool, union, folds == 0, model, start, far, grams)
+    assert ended.converged
+    np.testing.assert_allclose(found, start, atol=3.0 * union.problem.scale.max())
+    assert np.isnan(shrink._halved(Mapped(union.problem), start, start * np.nan)).sum() == 0
 
 
 @pytest.mark.parametrize(
     ("to_go", "rise", "long", "taken", "asked"),
     [
-        (0.05, 1.04, False, True, 2),
-        (0.05, 1.08, False, False, 2),  # it costs more than its foretold square may err
-        (0.2, 1.0, False, True, 3),  # a fifth is left to go: with its curvature worked out anew
-        (1.1, 1.0, False, False, 3),
-        (0.05, 1.0, True, False, 1),  # of many rows the step from the fit of all is the last
+        (0.05, 1.04, 0, True, 2),
+        (0.05, 1.08, 0, False, 2),  # it costs more than its foretold square may err
+        (0.2, 1.0, 0, True, 3),  # a fifth is left to go: with its curvature worked out anew
+        (1.1, 1.0, 0, False, 3),
+        (0.05, 1.0, 1.0, False, 1),  # of many rows the step from the fit of all is the last
+        (0.05, 1.0, 10.0, True, 2),  # unless what is left to go would tell
     ],
 )
 def test_a_fold_s_step_is_taken_where_it_comes_nearer_and_costs_no_more(
@@ -184,13 +199,14 @@ def test_a_fold_s_step_is_taken_where_it_comes_nearer_and_costs_no_more(
     def stands(*of):
         met.append(of[-1])
         first = of[-1] is x
-        ended = SimpleNamespace(stationarity=1.0 if first else to_go, converged=not first)
+        there = to_go * (long or 1.0)
+        ended = SimpleNamespace(stationarity=long or 1.0 if first else there, converged=not first)
         return ended, (1.0 if first else rise) * 10.0 * square
 
     monkeypatch.setattr(shrink, "_judged", stands)
     monkeypatch.setattr(shrink, "_step", lambda *_: x / union.problem.scale)
     monkeypatch.setattr(shrink, "LONG", 1 if long else 1000)
-    found, _ = shrink._settled(pool, union, folds == 0, model, x, rows.grams(x, folds))
+    found, _ = shrink._settled(pool, union, folds == 0, model, x, x, rows.grams(x, folds))
     assert (found is not x) == taken
     assert len(met) == asked
 

@@ -25,6 +25,7 @@ from plumbline.optim.diagnosis.posterior.selection import restricted, select
 from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
+    HALVINGS,
     LONG,
     MORE_STEPS,
     MOST_BLOCKS,
@@ -162,16 +163,19 @@ def held_out_residuals(
         best: The fit of all rows.
     """
     union = _union(pool, models, best)
-    at = union.started(best.by_name)
+    whole, at = Mapped(union.problem), union.started(best.by_name)
     for _ in range(ROUNDS):
         out, foretold, values, grams = _one_step(pool, union, folds, models, at)
         if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= FOLD_BELIEVED * foretold:
             break
         # Too far for one step: all folds moved alike, so their mean is nearer to each.
-        at = values.mean(axis=0)
+        mean = values.mean(axis=0)
+        if not whole.cost(mean) < whole.cost(at):
+            break
+        at = mean
     ended = []
     for f, model in enumerate(models):
-        x, judged = _settled(pool, union, folds == f, model, values[f], grams)
+        x, judged = _settled(pool, union, folds == f, model, at, values[f], grams)
         ended.append(replace(judged, fit=f"the fit without fold {f + 1}"))
         if x is not values[f]:
             rows = np.flatnonzero(folds == f)
@@ -184,13 +188,15 @@ def _settled(
     union: Model,
     left_out: NDArray[np.bool_],
     model: FoldModel,
+    start: Array,
     x: Array,
     grams: Sequence[Gram],
 ) -> tuple[Array, Judged]:
     """One fold's own values (P,) once no step moves them any more, and how that ended.
 
     The curvature is that of all folds' last step (``grams``), which is near, as long as steps with
-    it come nearer; the gradient is each point's own.
+    it come nearer; the gradient is each point's own. A step, the one from the ``start`` (P,) to the
+    first values ``x`` among them, that misses the rows by more than what it leaves is halved.
     """
     problem = union.problem
     both = [Mapped(problem.part(rows)) for rows in (~left_out, left_out)]
@@ -198,12 +204,11 @@ def _settled(
     bends += [g for k, g in enumerate(grams) if k == model.fold]
     together = _columns_of(pool, union, model)
     found: tuple[Array, Judged, float] | None = None
-    long = len(left_out) >= LONG  # there one step is enough, and many rows make more of them dear
+    # Of many rows every step is dear: enough are those that promise a change that tells.
+    long = len(left_out) >= LONG
+    x = _halved(both[0], np.where(np.isin(np.arange(len(x)), together), start, 0.0), x)
     for _ in range(MORE_STEPS):
         most = (1.0 + FOLD_BELIEVED) * found[2] if found else np.inf
-        # So far off no derivative is a number any more.
-        if found and not np.abs(both[0].white_residuals(x)).max() < np.sqrt(most):
-            break
         near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
         ended, cost = _judged(pool, problem, model, together, near[0], x)
         if found and not ended.stationarity < SLOW * found[1].stationarity:
@@ -213,13 +218,27 @@ def _settled(
         if found and not (ended.stationarity < found[1].stationarity and cost < most):
             break
         found = x, ended, cost
-        if ended.converged or long:
+        told = ended.stationarity**2 <= FOLD_BELIEVED * near[0].count
+        if ended.converged or (long and told):
             break
         gram = near[0] + pool.shared_at(x[: pool.always]).padded(problem.size)
         linear, fold = (Linear.about(g, x, problem.scale) for g in (gram, near[1]))
-        x = _step(pool, linear, fold, together, model) * problem.scale
+        x = _halved(both[0], x, _step(pool, linear, fold, together, model) * problem.scale)
     assert found is not None
     return found[:2]
+
+
+def _halved(rows: Mapped, start: Array, end: Array) -> Array:
+    """The end (P,) of a step, or of half of it, a quarter, ..., that leaves no more than its start.
+
+    So far off that no residual is a number it has to be halved, too.
+    """
+    most = (1.0 + FOLD_BELIEVED) * np.sum(rows.white_residuals(start) ** 2)
+    for _ in range(HALVINGS):
+        if np.sum(rows.white_residuals(end) ** 2) <= most:
+            return end
+        end = (start + end) / 2.0
+    return start
 
 
 def _judged(
