@@ -26,7 +26,6 @@ LONG = (
     "test_gross_rows.py",
     "test_reproduce_dh_fit.py",
     "test_sweep_cluster.py",
-    "test_jumps.py",
     "test_dh_fit_honesty.py",
     "03_dh_fit.ipynb",
     "01_registration_and_pointing.ipynb",

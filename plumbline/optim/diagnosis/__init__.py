@@ -10,10 +10,10 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``linearise``     The model as linear least squares about a fit, and the ports of the chain.
 ``posterior``     Which effects: evidence (``evidence``), terms that enter or leave (``selection``),
                   fit and linearisation in turn (``search``), gross errors (``robust``).
-``discrepancy``   What no effect explains: smooth unknowns against the causes (``outside``).
+``discrepancy``   What no effect explains: smooth unknowns against the causes (``dependences``).
 ``predict``       Rows left out: the folds (``folds``), figures on them (``held_out``, ``shrink``).
-``verdict``       What is said: causes excluded again (``exclusion``, ``criticism``), their
-                  ``probabilities``, lack of fit, shares of places (``where``), words.
+``verdict``       What is said: probabilities and their tree (``explanation``, ``tree``), lack of
+                  fit, shares of places (``where``), words.
 ``design``        The next experiment: rows that tell the leading explanations apart.
 ``options``       How a diagnosis is asked for.
 ``asked``         The same as it is stored.

@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
-from plumbline.optim.diagnosis.posterior.robust import distrusted_given, lone_rows, noise_lever
+from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import (
     SelectedModel,
     about_its_fit,
@@ -30,11 +30,10 @@ from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while
 from plumbline.optim.diagnosis.prior import (
-    LEVER_ALIKE,
-    LONG,
     NO_EVIDENCE,
     ROUNDS,
     SAME_CORRELATION,
+    SETTLED_VARIANCE,
 )
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
 from plumbline.optim.diagnosis.verdict.judge import judge
@@ -77,7 +76,7 @@ def diagnose(
     if _lever_unknown(training):
         # What the first search leaves tells what a rotation's noise counts against a position's.
         lever = noise_lever(selected.best, training)
-        if abs(np.log(lever / rotation_lever(training))) > LEVER_ALIKE:
+        if abs(np.log(lever / rotation_lever(training))) > -np.log(SETTLED_VARIANCE):
             training, recording = (replace(r, lever=lever) for r in (training, recording))
             task = replace(task, recording=training)
             selected, bad = find_causes(task, tell)
@@ -87,12 +86,6 @@ def diagnose(
     if task.recording is not training:
         training = task.recording
         recording = replace(recording, wander=training.wander, alike=training.alike)
-    if len(training) < LONG:
-        more = bad | distrusted_given(selected.best, task.noise.sigma) & ~lone_rows(training)
-        if more.sum() > bad.sum():
-            # What is not named may have accounted for gross rows.
-            selected, bad = find_causes(task, tell, more)
-            selected, told = _explained(task, selected, bad, options)
     tell("leaving rows out", 0.7)
     task, selected, by = _in_between(task, selected, options)
     selected, evaluation = _foretold(recording, task, selected, bad, by, seed)
@@ -243,11 +236,11 @@ def _diagnosis(
         trusted=evaluation.trusted,
         places=recording.chain.placement(recording.q)[:, :3, 3],
         effects=selected.effects_of_fit,
-        spared=selected.spared,
         stated=selected.model,
         solution=selected.best,
         options=options,
         search=selected,
+        spared=selected.spared,
     )
     return replace(found, verdict=replace(verdict, nuisances=nuisances_found(found)))
 

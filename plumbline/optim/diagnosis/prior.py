@@ -12,18 +12,23 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import logsumexp
 
+# How often what hangs on its own answer is asked again, unless it settles before: a search, a
+# posterior about a new fit, gross rows given the causes; and what costs little, such as a noise and
+# the priors that weigh each other, where a gap may be 1e4 times the noise.
+ROUNDS, MANY_ROUNDS = 4, 8
+ALARM = 0.01  # probability that what is right is accused: of a gross row, of rows missed by too far
+SLIGHT = 0.05  # share by which two figures may differ and say the same
+DRAWS = 200  # of readings, or of orders: shares are then known to some per cent (cost only)
+
 # Evidence (posterior/evidence). Gelman et al. (2013), Bayesian Data Analysis, sec. 14.8.
 # The width of a prior, over its scale, is summed over a grid of three decades about one, log-normal
 # with three quarters of a decade: a declared scale is meant to within a decade.
-LOG_SCALES = np.linspace(-1.5, 1.5, 7)  # decimal logarithms
-LOG_SCALES_STD = 0.75  # decades
-SCALES = 10.0**LOG_SCALES
-LOG_SCALE_WEIGHTS = -0.5 * (LOG_SCALES / LOG_SCALES_STD) ** 2
+SCALES = 10.0 ** np.linspace(-1.5, 1.5, 7)
+LOG_SCALE_WEIGHTS = -0.5 * (np.log10(SCALES) / 0.75) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 # Equations that a stated noise is worth: a sigma of n of them is known to 1 / sqrt(2 n), 7 %.
 KNOWN_NOISE_FREEDOM = 100.0
-VARIANCE_ROUNDS = 8  # of noise and priors that weigh each other: a gap may be 1e4 times the noise
-SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances at which they have settled
+SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, at which they have settled
 FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
 
@@ -31,43 +36,28 @@ ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without
 # has a cause about as often as not, and one cause more is rare.
 FIRST_SLOT_ODDS = 0.7
 NEXT_SLOT_ODDS = 0.1
-MOST_SLOTS = 400  # terms of a model, so that a path ends
 MANY_SLOTS = 40  # terms from which pairs are no longer tried; a quarter of it takes several at once
 BETTER = 1e-6  # log odds by which another model must win: more than rounding
-FRESH = 30  # terms after which a reduction is worked out anew: rounding adds up
 AT_ONCE = 8  # terms that a long model takes at once (cost only)
-STRONG_TERM = 10.0  # log odds of each of these
 LITTLE_OVERLAP = 0.02  # their largest squared correlation: each explains what the others do not
 
 # Search (posterior/search, task).
-MOST_ROUNDS = 4  # fits and linearisations; the selection settles in two or three
-ROUNDS = 3  # in which what hangs on its own answer settles; a posterior is linearised anew (cost)
-WIDE_PRIOR = 30.0  # width of an effect that is always fitted [its scale]: data decide
-LONG = 4000  # rows from which a part is searched first (cost only)
-SECOND_LOOKS = 2  # at gross rows, given the causes
+WIDE_PRIOR = 30.0  # width about its fit of what is always fitted [its scale]: data decide
+LONG = 4000  # rows, or blocks of them, from which only a part is looked at (cost only)
 
 # Short lists of dense families (posterior/shortlists); sizes bound memory.
 LEAST_SHORTLIST = 6
 MOST_COLUMNS = 80  # of a family's variants on the short list, together
 NO_EVIDENCE = 3.0  # log Bayes factor, or divergence, below which rows tell nothing (Jeffreys 1961)
-MOST_REFINED = 12
 
 # Gross errors (posterior/robust). Belsley, Kuh, Welsch (1980), sec. 2.1.
-GROSS_CHANCE = 0.01  # probability that a recording without gross rows is accused of one
-ANISOTROPY = 1.7  # of a limit: noise that differs from axis to axis looks gross
+ANISOTROPY = 1.7  # ratio of squares up to which one axis, or joint, may be noisier than all
 MOST_GROSS_SHARE = 0.2  # of all rows: were there more, it would be an effect
-GROSS_ROUNDS = 4
 MANY_ROWS = 10  # readings a column from which no single row has leverage
-FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows by another name
 LEVER_CHANGE = (0.1, 10.0)  # of the usual lever between noises of position and rotation
-LEVER_ALIKE = 0.1  # log of a ratio of levers that makes no difference
-
-# A tool that slipped (discrepancy/alternatives).
-FEWEST_SLIPPED = 2  # rows that may be gross from which one shift may be all of them
 
 # Noise (posterior/noise).
 FEWEST_REPEATS = 6  # degrees of freedom: sigma is then known to 17 % (18 numbers)
-REPEATS_CHANCE = 3.0  # standard errors by which repeats may say more than the fit leaves
 
 # Correlated rows (posterior/correlation).
 CORRELATIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # that are tried
@@ -76,37 +66,24 @@ SAME_CORRELATION = 0.15  # change up to which they have: to a neighbour on the g
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
 SPECTRUM_FROM = 8  # orders of one joint that make a spectrum
 HIGHEST_ORDER = 40  # orders above it are kept as the search found them
-MIDDLE_ORDER = 15.0  # at which a width is the spectrum's own
 SLOPES = (0.0, 0.5, 1.0)  # of the widths over the order: white, and two that fall
-FIRST_WIDTH = 5e-5  # [rad] where the widths' steps begin
-WIDTH_ROUNDS = 12
-SPECTRUM_STEPS = 2
-OTHERS_WIDTH = 10.0  # width of all else about its fit [its scale]
 
 # Unknown dependences (discrepancy).
 USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn
-REACHES = (0.25, 0.6, 1.5)  # [rad] over which an unknown function of a joint's angle is smooth
+REACHES = (0.25, 0.6, 1.5)  # [rad, or spread of places] over which what is unknown is smooth
 FULLEST = 15  # columns of a family, its leading ones (cost only)
-TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
+TURNS, FEW = 6, 3  # orders of one angle; of a second one, and of time where what warms up is slow
 FEATURES = 24  # random Fourier features (Rahimi and Recht 2007)
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
 CENTRES = 40  # places about which local bumps are tried
 SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
 COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
-WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
-EDGE = 3  # rows at either end that a step may not part from the others
-PART_REACHES = (0.6, 1.2)  # of smooth functions of slopes, of places on planes or in CT [spread]
-MOST_MOTIONS = 20  # whose ranges may each err by their own
-PATH_ROWS = 4000  # of a motion's way through play operators (cost only)
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
-MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
+MOST_GROSS_ROWS = 20  # distrusted rows, or ranged motions, that may each err by their own
 GROSS_ODDS = 0.01  # of a row to be grossly wrong
-EXTREME = 100.0  # residual of a distrusted row [usual one] beyond which no smooth effect is meant
 NOISE_NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
-HETEROSCEDASTIC = 1.3  # noise of a joint's reading [all] at which it stands out
+EXTREME = 100.0  # residual of a distrusted row [usual one] beyond which no smooth effect is meant
 LEAST_SPREAD = 0.05  # of the noise's variance that one axis has [mean]
-MOST_JUMPS, PATIENCE = 50, 8  # of a pursuit, and the steps that it goes on without a gain
-JUMP_PRICE = 1.5  # log evidence that the size of one more column costs, about
 
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
@@ -117,59 +94,39 @@ RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (test_joint_posterior.py)
-SCALE_ROUNDS = 2  # in which the widths of a state's terms settle given each other
-MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
+MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are, or refined (cost only)
 NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not count: a millionth
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
-GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
-CHAINS_APART = 0.02  # by which chains that agree may differ; a probability below states nothing
-ASKED_AGAIN = 4  # passes over the slots of a state too long for chains (cost only)
-MOST_ADDED = 8  # terms that such a state gets in one pass (cost only)
+GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
 LEAST_NAMED = 0.5  # probability of a cause at which it is named
-LEAST_TOLD = 0.01  # probability of a place, or of an explanation, below which it is not told
+LEAST_TOLD = 0.02  # probability that states nothing: two chains that agree differ by as much
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
-HELD_OUT_ALARM = 0.01  # probability that rows left out of a right model are missed by more
 
 # Rows left out (predict).
-MOST_FOLDS = 5  # Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
-FEWEST_ROWS = 4  # of a fold
+MOST_FOLDS = 5  # and blocks; Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
+FEWEST_ROWS = 4  # of a fold, or between two bumps of the base
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval
-FOLD_BELIEVED = 0.05  # share by which the square that a fold's step foretells may err
 SLOW = 0.1  # share of its way to go from which a step's curvature is worked out anew (cost only)
-MORE_STEPS = 6  # of a fold's own, where one from the fit of all does not do
-HALVINGS = 8  # of a step that leaves more than none: to less than a hundredth (cost only)
-MOST_BLOCKS = 2000  # of the bootstrap (memory only)
 
-ERROR_BLOCKS = 6  # of a recording: fewer know little of their spread, more resemble each other
 
 # Causes that are not named (predict/negligible, verdict/explanation).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, below which it is spared
 NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one is spared
 HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
-WORSE = 1.05  # ratio of held-out figures at which what was excluded is missed
 MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
 
 # The verdict.
-SIGMA_SPREAD = (2.0 * KNOWN_NOISE_FREEDOM) ** -0.5  # relative error of a stated noise
-LACKING = 2.5  # deviations at which a lack of fit is as probable as not
+LACKING = 2.5  # deviations at which more than chance is as probable as not
 LACKING_SLOPE = 2.0  # log odds a deviation
 FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
-REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
 SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less
-FAINT_SIGNAL = 1.0  # an effect's whole usual signal [noise] below which it cannot be seen
-SHAPLEY_ORDERS = 200  # all, or so many drawn: shares are then known to some per cent
 
 # The next experiment (design).
 SETTLED = 0.95  # probability of the leading explanation at which nothing is left to separate
-FORECAST_DRAWS = 200  # of readings
-HOPELESS = 0.5  # share of the doubt that these may leave
-NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
-COOLING = 3.0  # time constants of a rest as long as the recording
-MEMORY = 1000  # rows that the path of a joint may reach back
 WIDER = 0.1  # of the box of tips, on each side [its size]
 REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
 

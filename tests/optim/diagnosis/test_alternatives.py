@@ -60,7 +60,7 @@ def about(selected):
     rows = rows_compared(pool)
     ports = Ports.about(pool.model, pool.x, rows, pool.always)
     recording = pool.model.recording.select(rows)
-    found = [f for f in dependences(recording, ports, pool.noise, 0) if f.columns.any()]
+    found = [f for f in dependences(recording, ports, 0) if f.columns.any()]
     found += _shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports)
     return ports, found
 

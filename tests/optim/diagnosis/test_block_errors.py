@@ -11,7 +11,7 @@ from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.posterior.agreement import agreement
 from plumbline.optim.diagnosis.predict.folds import blocks_of
 from plumbline.optim.diagnosis.predict.shrink import FoldModel
-from plumbline.optim.diagnosis.prior import ERROR_BLOCKS
+from plumbline.optim.diagnosis.prior import MOST_FOLDS
 from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
@@ -84,21 +84,20 @@ def fitted(rows=None):
 def test_errors_from_blocks_are_those_of_fits_without_each():
     selected = fitted()
     blocks = blocks_of(selected.model.recording)
-    found = np.array([fitted(blocks != b).best.x for b in range(ERROR_BLOCKS)])
-    expected = np.sqrt((ERROR_BLOCKS - 1) * np.var(found, axis=0))
+    found = np.array([fitted(blocks != b).best.x for b in range(MOST_FOLDS)])
+    expected = np.sqrt((MOST_FOLDS - 1) * np.var(found, axis=0))
     np.testing.assert_allclose(block_errors(selected), expected, rtol=0.02)
 
 
 def test_rows_with_a_clock_are_cut_in_stretches_others_in_blocks_of_the_workspace():
     recording = replace(bench("ur5", "tip_position"), group=None)
-    assert blocks_of(recording).tolist() == np.repeat(np.arange(6), 10).tolist()
+    assert blocks_of(recording).tolist() == np.repeat(np.arange(5), 12).tolist()
     still = replace(recording, time=None)
     places = still.chain.placement(still.q)[:, :3, 3]
     labels = blocks_of(still)
-    assert sorted(np.bincount(labels)) == [10] * 6
-    spread = [np.ptp(places[labels == b], axis=0).prod() for b in range(6)]
+    assert sorted(np.bincount(labels)) == [12] * 5
+    spread = [np.ptp(places[labels == b], axis=0).prod() for b in range(5)]
     assert np.mean(spread) < 0.5 * np.ptp(places, axis=0).prod()
-    assert 5 <= ERROR_BLOCKS <= 10
 
 
 def test_errors_tell_how_far_an_estimate_moves_with_what_is_chosen_beside_it():

@@ -22,7 +22,6 @@ from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.robust import noise_lever, rows_between_bumps
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
@@ -158,7 +157,7 @@ def test_every_dependence_has_columns_words_and_one_share_a_question(observation
     recording = bench("ur5", observation)
     model, best = fitted(recording)
     ports = Ports.about(model, best.x, np.arange(len(recording)))
-    found = list(dependences(recording, ports, NoisePrior(), 0))
+    found = list(dependences(recording, ports, 0))
     shares: dict[tuple[str, str, int | None], float] = {}
     for f in found:
         of = (f.on, f.stage, f.element)

@@ -68,10 +68,10 @@ def test_eliminating_columns_is_marginalising_them_under_their_prior(seed):
 def test_the_factored_form_is_the_same_elimination(seed):
     X, t = drawn(seed)
     out, precision = np.array([0, 5]), np.array([1.5, 0.2])
-    left = statistics(X, t).given(out, precision)
-    G = left.linear.G - left.root @ left.root.T
-    b = left.linear.b - left.root @ left.hidden
-    assert_same((G, b, left.tt, left.n), marginal(X, t, out, precision))
+    linear = statistics(X, t)
+    _, root, hidden, tt, n = linear.given(out, precision)
+    found = (linear.G - root @ root.T, linear.b - root @ hidden, tt, n)
+    assert_same(found, marginal(X, t, out, precision))
 
 
 def test_eliminating_nuisances_first_is_eliminating_all_at_once():
@@ -80,7 +80,7 @@ def test_eliminating_nuisances_first_is_eliminating_all_at_once():
     prior = np.array([1e-9, 1e-9, 2.0, 4.0])
     twice = statistics(X, t).without(a, prior[:2]).given(b, prior[2:])
     once = statistics(X, t).given(np.concatenate([a, b]), prior)
-    assert_same((twice.tt, twice.n), (once.tt, once.n))
+    assert_same(twice[3:], once[3:])
 
 
 def test_a_flat_prior_leaves_the_residual_of_least_squares():
@@ -126,11 +126,6 @@ def numbers(left):
     return (*left.blocks, left.b, left.tt, left.n)
 
 
-def assert_same_reduction(ours, theirs):
-    assert {c.index for c in ours.chosen} == {c.index for c in theirs.chosen}
-    assert_same(numbers(ours), numbers(theirs))
-
-
 CHOSEN = (SelectedTerm(1, 3.0), SelectedTerm(3, 0.1), SelectedTerm(5, 1.0))
 
 
@@ -149,7 +144,7 @@ def test_a_reduction_is_the_dense_problem_given_its_terms(seed):
 def test_taking_a_term_back_is_never_having_added_it(seed, gone):
     left = reduced(seed, CHOSEN)[0].without(CHOSEN[gone])
     rest = [c for c in CHOSEN if c is not CHOSEN[gone]]
-    assert_same_reduction(left, reduced(seed, rest)[0])
+    assert_same(numbers(left), numbers(reduced(seed, rest)[0]))
 
 
 @pytest.mark.parametrize("gone", range(len(CHOSEN)))
@@ -165,20 +160,6 @@ def test_what_all_others_leave_of_a_term_is_known_without_taking_it_back(gone):
     np.testing.assert_allclose(block, whole.blocks[place[0]][place[1]], atol=1e-9)
     np.testing.assert_allclose(b, whole.b[columns], atol=1e-9)
     assert (tt, n) == pytest.approx((whole.tt, whole.n))
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_adding_a_term_is_having_had_it_at_once(seed):
-    left, found, *_ = reduced(seed, CHOSEN[:1])
-    for term in CHOSEN[1:]:
-        left = left.plus(term, found, 0.7)
-    assert_same_reduction(left, reduced(seed, CHOSEN)[0])
-
-
-def test_what_was_updated_cannot_be_taken_back():
-    left, found, *_ = reduced(0, CHOSEN[:2])
-    with pytest.raises(ValueError, match="fresh reduction"):
-        left.plus(CHOSEN[2], found, 0.7).without(CHOSEN[0])
 
 
 # Evidence
@@ -276,7 +257,7 @@ def test_the_wrong_side_of_a_bound_earns_nothing():
     for sign in (1.0, -1.0):
         linear = statistics(x[:, None], sign * 0.3 * x)
         gathered = batches(linear, [stiff])
-        left = Reduced.nothing(linear, gathered)
+        left = Reduced.given(linear, gathered, [stiff], [], 1.0)
         scores.append(float(scan(left, gathered, NoisePrior.of(0.2)).log_bayes[0]))
     assert scores[0] > 10
     assert scores[1] < 0
@@ -295,7 +276,8 @@ def test_evidence_does_not_depend_on_the_unit_of_the_readings(factor, freedom):
 def scanned(X, t, found):
     linear = statistics(X, t)
     gathered = batches(linear, found)
-    return scan(Reduced.nothing(linear, gathered), gathered, NoisePrior.of(1.0)).log_bayes
+    nothing = Reduced.given(linear, gathered, found, [], 1.0)
+    return scan(nothing, gathered, NoisePrior.of(1.0)).log_bayes
 
 
 def test_neither_the_order_of_rows_nor_of_columns_matters():

@@ -11,7 +11,7 @@ from plumbline.experiments.reality.joint_effects import (
     JointScale,
     TransmissionRipple,
 )
-from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot
+from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip
 from plumbline.kinematics.effects import JointCoupling
 from plumbline.kinematics.effects import TransmissionRipple as ModelledRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -19,7 +19,6 @@ from plumbline.optim.diagnosis.discrepancy.dependences import _of_links, depende
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.diagnosis.verdict.explanation import explain
 from plumbline.optim.diagnosis.verdict.lack_of_fit import noisiest_joint
@@ -56,6 +55,13 @@ def field(tmp_path_factory):
 def bent(tmp_path_factory):
     """A recording in which joint 2's error depends on joint 3's angle."""
     return crossed(2, 3, tmp_path_factory.mktemp("bent"))
+
+
+def test_a_joint_that_sticks_and_slips_is_no_cause_of_the_library(tmp_path):
+    case = with_fault(faultless(rows=90, seed=22), StickSlip(0.0, 4, 22), gap=2.5)
+    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
+    assert verdict.verdict == Kind.OUTSIDE
+    assert [(p.stage, p.element) for p in verdict.where] == [("joint", 4)]
 
 
 def test_one_joint_s_error_that_depends_on_another_is_named(bent):
@@ -111,7 +117,7 @@ def test_a_tip_at_rest_in_sockets_has_no_place_of_its_own(tmp_path):
     nuisance, weights = nuisances_of(recording), np.ones(len(recording))
     model, best = fit(recording, (), nuisance, weights, SOLVER)
     ports = Ports.about(model, best.x, np.arange(len(recording)))
-    words = {d.words for d in dependences(recording, ports, NoisePrior(), 0)}
+    words = {d.words for d in dependences(recording, ports, 0)}
     assert "the posture" in words
     assert not [w for w in words if w.startswith("the place of the tip")]
 

@@ -15,9 +15,9 @@ from scipy.stats import chi2, norm
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.discrepancy import alternatives
-from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
 from plumbline.optim.diagnosis.findings import NoiseLevel
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.joint_problem import LOG_GROSS_ODDS
 from plumbline.optim.diagnosis.posterior.noise import _chance, repeat_noise
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit, rows_between_bumps
@@ -89,7 +89,7 @@ def test_a_size_is_told_up_to_thirty_times_the_usual_one(size):
 
 
 def test_a_size_ten_times_the_usual_one_is_a_little_less_probable():
-    weights = dict(zip(np.round(prior.LOG_SCALES, 6), prior.LOG_SCALE_WEIGHTS, strict=True))
+    weights = dict(zip(np.round(np.log10(prior.SCALES), 6), prior.LOG_SCALE_WEIGHTS, strict=True))
     assert -1.2 < weights[1.0] - weights[0.0] < -0.6
     assert np.exp(prior.LOG_SCALE_WEIGHTS).sum() == pytest.approx(1.0)
 
@@ -186,18 +186,8 @@ def test_repeats_may_say_more_than_the_fit_leaves_as_far_as_chance_in_a_thousand
 # Unknown dependences
 
 
-def test_a_row_is_gross_from_three_and_a_half_sigma_where_a_jump_may_be():
-    rows = np.zeros((1, 1, N))
-    rows[0, 0, 30] = 1.0
-    always, none = 1e-9 * np.ones((1, N)), np.zeros((0, N))
-    after = 1e-9 * np.where(np.arange(N) > np.arange(N - 1)[:, None], 0.5, -0.5)
-
-    def gross(size):
-        target = np.zeros(N)
-        target[30] = size * SIGMA
-        return bool(find_jumps(always, after, rows, target, none, NoisePrior(SIGMA, 1e9)).rows)
-
-    assert limit_of(gross, 1.0, 8.0) == pytest.approx(3.49, abs=0.08)
+def test_a_row_is_gross_one_time_in_a_hundred():
+    assert 0.006 < probability(LOG_GROSS_ODDS) < 0.016
 
 
 def looked_at(monkeypatch, sizes):

@@ -7,11 +7,9 @@ from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import (
-    asked_again,
     path_evidence,
     reconsider,
     select,
-    slots,
 )
 from tests.designs import selection
 
@@ -62,30 +60,6 @@ def test_of_two_columns_alike_one_is_kept():
     assert kept[0].index in (2, 5)
 
 
-def between(rng, variants):
-    """Two columns and a third that is nearly their sum, which is what the signal is."""
-    u, w, off = unit(rng, 3).T
-    lost = np.sqrt(2.0 * SIGMA**2 / N)  # costs the third column one unit of log likelihood
-    X = np.column_stack([u, w, u + w + lost * off])
-    return selection(X, u + w, SIGMA, variants=variants)
-
-
-BOTH = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
-
-
-def test_one_variant_stands_for_two_of_the_same_cause():
-    asked = between(np.random.default_rng(5), [JointCoupling(joint=3, by=k) for k in (2, 4, 5)])
-    assert indices(asked_again(asked, BOTH)) == [0, 1]  # slot by slot, both stay
-    assert indices(reconsider(asked, BOTH)) == [2]
-
-
-def test_different_causes_and_orders_of_a_ripple_are_not_merged():
-    apart = between(np.random.default_rng(5), [JointCoupling(joint=k, by=1) for k in (2, 3, 4)])
-    orders = between(np.random.default_rng(5), [GearRipple(joint=3, order=k) for k in (5, 6, 7)])
-    for asked in (apart, orders):
-        assert indices(reconsider(asked, BOTH)) == [0, 1]
-
-
 def test_a_cause_is_weighed_with_all_its_variants_and_stands_by_the_best_of_them():
     X = np.random.default_rng(6).normal(size=(N, 3))
     variants = [JointCoupling(joint=3, by=2), JointCoupling(joint=3, by=4), GearRipple(joint=1)]
@@ -114,31 +88,6 @@ def test_noise_of_unknown_size_names_nothing_either():
     assert alarms <= 2
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_slot_s_probabilities_are_shares_of_one(seed):
-    rng = np.random.default_rng(seed)
-    X = rng.normal(size=(N, 12))
-    X[:, 6] = X[:, 1] + 0.3 * rng.normal(size=N)  # a rival that takes a share
-    asked = selection(X, 0.04 * X[:, 1] + 0.1 * X[:, 9] + noise(rng), SIGMA)
-    chosen = [SelectedTerm(1, 0.1), SelectedTerm(9, 0.1)]
-    for slot in slots(asked, chosen):
-        assert (slot.probabilities >= 0).all()
-        assert slot.probabilities.sum() <= 1 + 1e-12
-        other = next(c.index for c in chosen if c is not slot.term)
-        assert slot.probabilities[other] == 0  # it fills a slot of its own
-        odds = slot.probabilities[slot.term.index] / (1 - slot.probabilities.sum())
-        assert np.log(odds) == pytest.approx(slot.gain, abs=1e-6)
-
-
-def test_probabilities_of_rivals_alike_are_alike():
-    rng = np.random.default_rng(11)
-    X = rng.normal(size=(N, 6))
-    X[:, 4] = X[:, 1]
-    asked = selection(X, 0.3 * X[:, 1] + noise(rng), SIGMA)
-    [slot] = slots(asked, select(asked))
-    np.testing.assert_allclose(slot.probabilities[[1, 4]], 0.5, atol=1e-3)
-
-
 def test_what_is_not_allowed_is_never_chosen():
     rng = np.random.default_rng(12)
     X = rng.normal(size=(N, 10))
@@ -151,8 +100,6 @@ def test_what_is_not_allowed_is_never_chosen():
     chosen = select(asked)
     assert 7 in indices(chosen)  # the next best
     assert not set(indices(chosen)) & {2, 5}
-    for slot in slots(asked, chosen):
-        assert (slot.probabilities[[2, 5]] == 0).all()
 
 
 def test_nothing_allowed_names_nothing():

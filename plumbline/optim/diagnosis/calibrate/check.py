@@ -28,9 +28,9 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Cause, Key, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.prior import (
-    CHAINS_APART,
     GAP_SPREAD,
     LEAST_GAP,
+    LEAST_TOLD,
     MOST_SIMULATED_CAUSES,
     NOTHING_WRONG,
     TRUTH_HELD,
@@ -232,7 +232,7 @@ def _tried(
     stated = {
         (c.effect, c.element): c.probability
         for c in verdict.candidates
-        if c.probability >= CHAINS_APART
+        if c.probability >= LEAST_TOLD
     }
     named = tuple((c.effect, c.element) for c in verdict.causes)
     return SimulatedCase(fault.keys, named, stated, ranks(verdict.causes, fault))

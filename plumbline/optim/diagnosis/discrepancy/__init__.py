@@ -1,1 +1,1 @@
-"""What a closed list lacks: unknown smooth dependences and jumps."""
+"""What a closed list lacks: unknown smooth dependences."""

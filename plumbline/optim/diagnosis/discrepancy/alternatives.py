@@ -38,7 +38,6 @@ from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     EXTREME,
-    FEWEST_SLIPPED,
     FIRST_SLOT_ODDS,
     LEAST_SPREAD,
     MOST_COMPARED_ROWS,
@@ -128,7 +127,7 @@ def alternatives(
     rows = rows_compared(pool)
     ports = Ports.about(model, x, rows, pool.always)
     recording = model.recording.select(rows)
-    found = [f for f in dependences(recording, ports, pool.noise, seed) if f.columns.any()]
+    found = [f for f in dependences(recording, ports, seed) if f.columns.any()]
     if recording.element is None:
         found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
     found = _not_listed(pool, ports, found)
@@ -270,7 +269,7 @@ def _shared_shift(R_base_tip: Array, ports: Ports) -> list[Dependence]:
     Which rows was chosen from many, so its share is that of these rows among all as many.
     """
     count, of = int(ports.gross.sum()), len(ports.gross)
-    if count < FEWEST_SLIPPED or ports.shift.shape[0] != 3 or not len(ports.body):
+    if count < 2 or ports.shift.shape[0] != 3 or not len(ports.body):
         return []
     # In the device's frame the shift is turned as the base's own translation is.
     turned = np.einsum("nkj,knm->jnm", R_base_tip, ports.body[:3])

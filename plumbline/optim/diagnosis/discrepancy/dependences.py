@@ -37,21 +37,18 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     waves,
     weight_directions,
 )
-from plumbline.optim.diagnosis.discrepancy.jumps import find_jumps
 from plumbline.optim.diagnosis.discrepancy.part_dependences import part_functions
 from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_functions
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.prior import (
     COSINES,
-    EDGE,
+    FEW,
     FULLEST,
     JUMPS,
     REACHES,
     STEPS,
     TURNS,
     USUAL,
-    WARMTH,
 )
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
@@ -80,15 +77,12 @@ class Dependence:
     log_prior: float = 0.0
 
 
-def dependences(
-    recording: Recording, ports: Ports, noise: NoisePrior, seed: int
-) -> Iterator[Dependence]:
+def dependences(recording: Recording, ports: Ports, seed: int) -> Iterator[Dependence]:
     """All that an unknown effect may depend on, given what the recording holds.
 
     Args:
         recording: N rows.
         ports: Its ports on these rows.
-        noise: The prior of the noise.
         seed: Of the random features.
     """
     if recording.observation == "joint_torque":
@@ -106,7 +100,7 @@ def dependences(
     if recording.observation not in ("joint_position", "fixed_point", "plane_range"):
         yield from _of_place(recording, ports, rng)
     if recording.observation != "joint_position":
-        posture = random_features(normal(recording.q), 1.5, rng)
+        posture = random_features(normal(recording.q), REACHES[-1], rng)
         yield _at("the posture", "posture", "link", None, posture, ports.shift)
         yield from _of_links(recording, ports)
         yield from _of_time(recording, ports)
@@ -115,8 +109,6 @@ def dependences(
     yield from _of_load(recording, ports)
     yield from _of_payload(recording, ports)
     yield from _of_motion(recording, ports)
-    if not scope_of(recording).moving:
-        yield from _of_jumps(recording, ports, noise)
 
 
 def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> Iterator[Dependence]:
@@ -126,7 +118,7 @@ def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> I
     """
     place = recording.chain.placement(recording.q)[:, :3, 3]
     words, on = "the place of the tip, locally", "place, locally"
-    forms = [random_features(normal(place), 0.35, rng)]
+    forms = [random_features(normal(place), REACHES[0], rng)]
     forms += [form for bump in spots(place) for form in (bump[:1], bump)]
     yield from _one_of(_at(words, on, "sensor", None, form, ports.shift) for form in forms)
     forms = [polynomials(normal(place), degree) for degree in (1, 2, 3)]
@@ -163,11 +155,11 @@ def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         place = normal(_true_places(recording))
         spread = np.concatenate([np.ones((1, len(place))), place.T])
         rise = np.stack([np.ones(len(place)), normal(temperature)])
-        grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, WARMTH))]
+        grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, FEW))]
         forms = [form.reshape(-1, len(place)) for form in grown]
         on = "temperature"
         yield from _one_of(_at(on, on, "link", None, form, ports.shift) for form in forms)
-        yield from _each_part(ports, temperature, on, cosines(temperature, WARMTH))
+        yield from _each_part(ports, temperature, on, cosines(temperature, FEW))
 
 
 def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterator[Dependence]:
@@ -178,7 +170,7 @@ def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterat
         yield from _one_of(_at(words, on, "joint", j + 1, form, port[None]) for form in forms)
     for i, port in enumerate(ports.link):
         words = f"the place of link {i + 1} depends on {on}"
-        yield _at(words, on, "link", i + 1, cosines(values, WARMTH), port)
+        yield _at(words, on, "link", i + 1, cosines(values, FEW), port)
 
 
 def _true_places(recording: Recording) -> Array:
@@ -309,29 +301,6 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
             functions = np.stack([v, np.abs(v), np.sign(v), v * np.abs(v)])
             words = f"joint {j + 1}'s error depends on its speed"
             yield _at(words, "velocity", "joint", j + 1, functions, port[None])
-
-
-def _of_jumps(recording: Recording, ports: Ports, noise: NoisePrior) -> Iterator[Dependence]:
-    """Joints whose error jumps at some readings and follows the angle in between."""
-    at = np.arange(len(recording))
-    if len(at) < 2 * EDGE:
-        return
-    # A step that parts but the first or last rows from the others is an offset of those others.
-    after = np.where(at > at[EDGE - 1 : -EDGE, None], 0.5, -0.5)
-    target = ports.target.ravel()
-    nuisances = ports.base[: ports.always].reshape(ports.always, target.size)
-    none = np.zeros((0, 1, target.size))
-    seen = [(j, port) for j, port in enumerate(ports.joint) if port.any()]
-    for j, port in seen:
-        words = f"joint {j + 1}'s error depends on what went before"
-        line = np.concatenate([np.ones((1, len(at))), normal(recording.q[:, [j]]).T])
-        own = _at(words, "history", "joint", j + 1, line, port[None])
-        each = USUAL * after[:, :, None] * port
-        angle, moments = (d.reshape(len(d), -1) for d in (own.columns, each))
-        found = find_jumps(angle, moments, none, target, nuisances, noise)
-        if found.steps:
-            columns = np.concatenate([own.columns, each[found.steps]])
-            yield replace(own, columns=columns, log_prior=found.log_share)
 
 
 def _one_of(*kinds: Iterable[Dependence]) -> Iterator[Dependence]:

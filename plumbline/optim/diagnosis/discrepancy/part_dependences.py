@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     spots,
     steps,
 )
-from plumbline.optim.diagnosis.prior import COSINES, MOST_MOTIONS, PART_REACHES, STEPS, WARMTH
+from plumbline.optim.diagnosis.prior import COSINES, FEW, MOST_GROSS_ROWS, REACHES, STEPS
 from plumbline.optim.measurement.parts import cosines_at_start, spots_at_start
 from plumbline.optim.recording.origin import Integers
 from plumbline.optim.recording.recording import Recording
@@ -50,7 +50,7 @@ def _of_ranges(r: Recording, rng: np.random.Generator) -> Iterator[Offered]:
     assert r.element is not None
     cosine, slopes = cosines_at_start(r)
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    wide = [random_features(normal(slopes), reach, rng) for reach in PART_REACHES]
+    wide = [random_features(normal(slopes), reach, rng) for reach in REACHES[1:]]
     words = "the incidence of the beam"
     yield Offered(words, "incidence", "sensor", None, [cosines(angle, COSINES), *wide])
     yield Offered("the range", "range", "sensor", None, [cosines(r.measured[:, 0], COSINES)])
@@ -58,13 +58,13 @@ def _of_ranges(r: Recording, rng: np.random.Generator) -> Iterator[Offered]:
     for k in range(1, len(r.elements) + 1):
         mine = r.element == k
         flat = np.column_stack([places, np.zeros(len(places))])
-        local = random_features(normal(places[mine]), PART_REACHES[0], rng)
+        local = random_features(normal(places[mine]), REACHES[1], rng)
         forms = [_only(local, mine), *(_only(one, mine) for one in spots(flat[mine]))]
         yield Offered(f"the place on plane {k}", "place", "sensor", k, forms)
     if r.stand_in:
-        posture = random_features(normal(r.q), 1.5, rng)
+        posture = random_features(normal(r.q), REACHES[-1], rng)
         yield Offered("the pose of the flange", "posture", "link", None, [posture])
-    if r.motion is not None and 1 < len(np.unique(r.motion)) <= MOST_MOTIONS:
+    if r.motion is not None and 1 < len(np.unique(r.motion)) <= MOST_GROSS_ROWS:
         yield Offered("the motion", "motion", "sensor", None, [_each(r.motion)])
     yield from _of_time(r, "plane", "sensor")
 
@@ -72,7 +72,7 @@ def _of_ranges(r: Recording, rng: np.random.Generator) -> Iterator[Offered]:
 def _of_fiducials(r: Recording, rng: np.random.Generator) -> Iterator[Offered]:
     assert r.element is not None
     place = normal(r.q)
-    forms = [random_features(place, reach, rng) for reach in PART_REACHES]
+    forms = [random_features(place, reach, rng) for reach in REACHES[1:]]
     forms += [polynomials(place, degree) for degree in (2, 3)]
     yield Offered("the place in CT", "place", "registration", None, forms)
     yield Offered("each marker's own place", "marker", "registration", None, [_each(r.element)])
@@ -89,7 +89,7 @@ def _of_time(r: Recording, noun: str, stage: str) -> Iterator[Offered]:
     for k in range(1, len(r.elements) + 1):
         mine = r.element == k
         if np.ptp(r.time[mine]) > 0.0:
-            own = np.where(mine, cosines(r.time, WARMTH), 0.0)
+            own = np.where(mine, cosines(r.time, FEW), 0.0)
             yield Offered(f"the place of {noun} {k} depends on time", "time", stage, k, [own])
 
 

@@ -37,7 +37,7 @@ from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.prior import DEVIATIONS, MANY_CAUSES, MOST_RESEMBLED, WARMTH
+from plumbline.optim.diagnosis.prior import DEVIATIONS, FEW, MANY_CAUSES, MOST_RESEMBLED
 from plumbline.optim.recording.recording import Recording
 
 VARIANTS_SEEN = 8  # of each of the best effects, so that enough effects are among them (cost only)
@@ -152,9 +152,9 @@ def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[Array]:
         place = recording.chain.placement(recording.q)[:, :3, 3]
         yield _unit(polynomials(normal(place), 2))
     if recording.time is not None and np.ptp(recording.time) > 0:
-        yield _unit(cosines(recording.time, WARMTH))
+        yield _unit(cosines(recording.time, FEW))
     if recording.temperature is not None and np.ptp(recording.temperature) > 0:
-        yield _unit(cosines(recording.temperature, WARMTH))
+        yield _unit(cosines(recording.temperature, FEW))
 
 
 def _unit(functions: Array) -> Array:

@@ -54,11 +54,16 @@ class Linear:
         used = np.trace(solved(A, self.G[np.ix_(columns, columns)]))
         return Linear(G, b, max(float(tt), 0.0), self.n - float(used))
 
-    def given(self, columns: Columns, precision: Array) -> Conditional:
-        """What is left given some columns, without working out all of it."""
+    def given(self, columns: Columns, precision: Array) -> tuple[Array, Array, Array, float, float]:
+        r"""What is left given some columns, in factored form, without working out all of it.
+
+        Their Cholesky factor L (K, K); :math:`R = G_{\cdot B} L^{-T}` (P, K) and
+        :math:`h = L^{-1} b_B` (K,), such that :math:`G' = G - R R^T` and :math:`b' = b - R h`; the
+        target's square, and equations.
+        """
         lower, hidden, tt, n = self._factored(columns, precision)
         root = solve_triangular(lower, self.G[columns], lower=True, check_finite=False).T
-        return Conditional(self, root, hidden, lower, tt, n)
+        return lower, root, hidden, tt, n
 
     def left(self, columns: Columns, precision: Array) -> tuple[float, float]:
         """Square of the target, and equations, that some columns leave."""
@@ -66,6 +71,8 @@ class Linear:
 
     def _factored(self, columns: Columns, precision: Array) -> tuple[Array, Array, float, float]:
         """The Cholesky factor L of some columns (K, K), L^-1 b (K,), and what they leave."""
+        if not len(columns):
+            return np.zeros((0, 0)), np.zeros(0), self.tt, self.n
         A = self.G[np.ix_(columns, columns)]
         lower = cholesky(A + np.diag(precision + JITTER * np.diag(A)), np.diag(A))
         hidden = solve_triangular(lower, self.b[columns], lower=True, check_finite=False)
@@ -124,15 +131,3 @@ def orthonormal(columns: Array) -> Array:
     unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     basis, sizes, _ = np.linalg.svd(unit, full_matrices=False)
     return np.asarray(basis[:, sizes > 1e-10 * sizes.max(initial=0.0)])
-
-
-@dataclass(frozen=True, eq=False)
-class Conditional:
-    r"""A linear problem given eliminated columns, in factored form."""
-
-    linear: Linear  # the whole problem
-    root: Array  # :math:`G_{\cdot B} L^{-T}` (P, K): subtract ``root @ root.T`` from G
-    hidden: Array  # :math:`L^{-1} b_B` (K,): subtract ``root @ hidden`` from b
-    lower: Array  # the Cholesky factor L (K, K)
-    tt: float  # square of the target that is left
-    n: float  # equations left

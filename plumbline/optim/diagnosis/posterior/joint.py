@@ -27,8 +27,8 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.posterior.joint_problem import LOG_GROSS_ODDS, JointProblem, weighed
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
-    CHAINS_APART,
     GROSS_TURN,
+    LEAST_TOLD,
     MOST_TERMS,
     MOVES,
     NEARLY_NOTHING,
@@ -36,7 +36,7 @@ from plumbline.optim.diagnosis.prior import (
 )
 
 State = frozenset[int]
-LEAST_HEARD = float(np.log(CHAINS_APART))  # of a chain's weight, log of that of the best
+LEAST_HEARD = float(np.log(LEAST_TOLD))  # of a chain's weight, log of that of the best
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,7 @@ import numpy as np
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.findings import NoiseLevel
-from plumbline.optim.diagnosis.prior import (
-    FEWEST_REPEATS,
-    FINEST,
-    REPEATS_CHANCE,
-    ROUNDING,
-)
+from plumbline.optim.diagnosis.prior import FEWEST_REPEATS, FINEST, LACKING, ROUNDING
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.torque import stated_noise
 from plumbline.optim.recording.recording import Recording
@@ -70,4 +65,4 @@ def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
 
 def _chance(noise: NoiseLevel) -> float:
     """By how much repeats may say more than the fit leaves: three of their standard errors."""
-    return REPEATS_CHANCE * float(np.sqrt(0.5 / (3 * noise.repeats)))
+    return LACKING * float(np.sqrt(0.5 / (3 * noise.repeats)))

@@ -26,13 +26,7 @@ from plumbline.optim.diagnosis.posterior.evidence import block_evidence
 from plumbline.optim.diagnosis.posterior.joint import Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
-from plumbline.optim.diagnosis.prior import (
-    ASKED_AGAIN,
-    LOG_SCALE_WEIGHTS,
-    MOST_ADDED,
-    NO_EVIDENCE,
-    TILT,
-)
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, MOST_TERMS, NO_EVIDENCE, ROUNDS, TILT
 
 
 def one_by_one(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
@@ -43,7 +37,7 @@ def one_by_one(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
     """
     reduced = _given(problem, state, problem.variance(problem.reduce([], 1.0)))
     reduced = _thinned(problem, reduced)
-    for _ in range(ASKED_AGAIN):
+    for _ in range(ROUNDS):
         before = {t.index for t in reduced.chosen}
         reduced = _asked_again(problem, _extended(problem, reduced))
         if {t.index for t in reduced.chosen} == before:
@@ -112,7 +106,7 @@ def _thinned(problem: JointProblem, reduced: Reduced) -> Reduced:
 
 def _extended(problem: JointProblem, reduced: Reduced) -> Reduced:
     """With what the state lacks, until nothing more is as probable as not."""
-    for _ in range(MOST_ADDED):
+    for _ in range(MOST_TERMS):
         log_odds, scores = problem.odds(reduced)
         if logsumexp(log_odds) <= 0.0:
             break

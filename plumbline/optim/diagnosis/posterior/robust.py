@@ -30,13 +30,13 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.linearise.linear import cholesky, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (
+    ALARM,
     ANISOTROPY,
-    FEWEST_BETWEEN,
-    GROSS_CHANCE,
-    GROSS_ROUNDS,
+    FEWEST_ROWS,
     LEVER_CHANGE,
     MANY_ROWS,
     MOST_GROSS_SHARE,
+    ROUNDS,
 )
 from plumbline.optim.measurement.observation import rotation_lever
 from plumbline.optim.recording.recording import Recording
@@ -47,10 +47,10 @@ def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
     rows = len(pool.model.recording)
     bad = np.zeros(rows, dtype=bool)
     sigma2, freedom = _first_guess(pool), pool.model.problem.freedom
-    for _ in range(GROSS_ROUNDS):
+    for _ in range(ROUNDS):
         statistic = _deletion_statistics(pool, bad, sigma2)
         scale = _size(statistic, freedom, ~bad)
-        limit = ANISOTROPY * chdtri(freedom, GROSS_CHANCE / rows)
+        limit = ANISOTROPY * chdtri(freedom, ALARM / rows)
         found = statistic > limit * scale
         if not found.any() or found.sum() > MOST_GROSS_SHARE * rows:
             break
@@ -69,7 +69,7 @@ def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
     rows, m = residuals.shape
     square = (residuals**2).sum(axis=1)
     scale = np.median(square) / _typical(m)
-    bad = square > ANISOTROPY * chdtri(m, GROSS_CHANCE / rows) * scale
+    bad = square > ANISOTROPY * chdtri(m, ALARM / rows) * scale
     return bad if bad.sum() <= MOST_GROSS_SHARE * rows else np.zeros(rows, dtype=bool)
 
 
@@ -91,7 +91,7 @@ def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
         turned = np.einsum("nji,nj->ni", vectors, r)
         found[part] = (turned**2 / np.maximum(values, 1e-3)).sum(axis=1)
     scale = max(_size(found, freedom, weights > 0), sigma**2)
-    bad = found > ANISOTROPY * chdtri(freedom, GROSS_CHANCE / rows) * scale
+    bad = found > ANISOTROPY * chdtri(freedom, ALARM / rows) * scale
     return bad if bad.sum() <= MOST_GROSS_SHARE * rows else weights == 0
 
 
@@ -110,7 +110,7 @@ def lone_rows(recording: Recording) -> NDArray[np.bool_]:
 
 
 def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:
-    """Rows (N,), fewer than :data:`FEWEST_BETWEEN`, that two bumps or slips set apart.
+    """Rows (N,), fewer than :data:`FEWEST_ROWS`, that two bumps or slips set apart.
 
     One bump of the base, or slip of the tool, and another soon after are gross errors by another
     name.
@@ -121,7 +121,7 @@ def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArr
     moments = sorted({e.moment for e in effects if isinstance(e, BaseBump | ToolSlip)})
     for first, second in pairwise(moments):
         between = (recording.time > first) & (recording.time <= second)
-        if between.sum() < FEWEST_BETWEEN:
+        if between.sum() < FEWEST_ROWS:
             apart |= between
     return apart
 

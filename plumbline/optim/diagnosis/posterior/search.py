@@ -17,7 +17,7 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
-from plumbline.optim.diagnosis.prior import MOST_ROUNDS, WIDE_PRIOR
+from plumbline.optim.diagnosis.prior import ROUNDS, WIDE_PRIOR
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
@@ -75,7 +75,7 @@ def search(
     fixed: Sequence[Effect] = (),
     library: Sequence[type[Effect]] = EFFECTS,
     solver: Solver | None = None,
-    rounds: int = MOST_ROUNDS,
+    rounds: int = ROUNDS,
 ) -> SelectedModel:
     """Find the effects of a recording.
 

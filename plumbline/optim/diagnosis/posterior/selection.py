@@ -12,7 +12,6 @@ found; then each slot is asked again in the light of the others.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,14 +36,13 @@ from plumbline.optim.diagnosis.prior import (
     AT_ONCE,
     BETTER,
     FIRST_SLOT_ODDS,
-    FRESH,
     LITTLE_OVERLAP,
+    MANY_ROUNDS,
     MANY_SLOTS,
-    MOST_SLOTS,
     NEXT_SLOT_ODDS,
+    NO_EVIDENCE,
+    ROUNDS,
     SETTLED_VARIANCE,
-    STRONG_TERM,
-    VARIANCE_ROUNDS,
 )
 
 
@@ -100,8 +98,6 @@ class SelectionProblem:
             chosen: The terms.
             like: A reduction whose noise is near enough, where one is at hand.
         """
-        if not chosen:
-            return Reduced.nothing(self.linear, self.gathered)
         variance = float(self.noise.variance(like.tt, like.n)) if like else self._settled(chosen)[0]
         return Reduced.given(self.linear, self.gathered, self.candidates, chosen, variance)
 
@@ -112,7 +108,7 @@ class SelectionProblem:
     def _settled(self, chosen: Sequence[SelectedTerm]) -> tuple[float, float]:
         """The noise variance that weighs the terms' priors, and the one that they then leave."""
         before = variance = float(self.noise.variance(self.linear.tt, self.linear.n))
-        for _ in range(VARIANCE_ROUNDS if chosen else 0):
+        for _ in range(MANY_ROUNDS if chosen else 0):
             left = self.linear.left(*stack(self.candidates, chosen, variance))
             before, variance = variance, float(self.noise.variance(*left))
             if variance > SETTLED_VARIANCE * before:
@@ -126,24 +122,6 @@ class SelectionProblem:
         log_odds = scores.log_bayes + self.log_priors + np.log(odds)
         log_odds[[term.index for term in reduced.chosen]] = -np.inf
         return log_odds, scores
-
-
-@dataclass(frozen=True, eq=False)
-class Slot:
-    """One filled slot and its rivals, given all others."""
-
-    term: SelectedTerm  # what fills it
-    log_odds: Array  # log odds (C,) against emptiness of every candidate for this slot
-
-    @property
-    def gain(self) -> float:
-        """Log odds of the term against leaving the slot empty."""
-        return float(self.log_odds[self.term.index])
-
-    @property
-    def probabilities(self) -> Array:
-        """Probability of every candidate in this slot (C,); what is missing to 1 is emptiness."""
-        return np.asarray(np.exp(self.log_odds - np.logaddexp(0.0, logsumexp(self.log_odds))))
 
 
 def select(selection: SelectionProblem, *, thorough: bool = True) -> list[SelectedTerm]:
@@ -164,17 +142,13 @@ def select(selection: SelectionProblem, *, thorough: bool = True) -> list[Select
 def _extend(selection: SelectionProblem, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
     """Fill slots until emptiness is more probable than all candidates together."""
     reduced = selection.reduce(chosen)
-    while len(reduced.chosen) < MOST_SLOTS:
+    while reduced.n > 1.0:  # as long as there are more equations than terms
         log_odds, scores = selection.scan(reduced)
         if not len(log_odds) or logsumexp(log_odds) <= 0.0:
             break
         variance = float(selection.noise.variance(reduced.tt, reduced.n))
-        before = len(reduced.chosen) // FRESH
-        for i in _strongest(selection, reduced, log_odds):
-            term = SelectedTerm(i, float(scores.scale[i]))
-            reduced = reduced.plus(term, selection.candidates, variance)
-        if len(reduced.chosen) // FRESH > before:
-            reduced = selection.reduce(reduced.chosen, reduced)
+        best = _strongest(selection, reduced, log_odds)
+        reduced = reduced.plus([SelectedTerm(i, float(scores.scale[i])) for i in best], variance)
     return list(reduced.chosen)
 
 
@@ -184,7 +158,7 @@ def _strongest(selection: SelectionProblem, reduced: Reduced, log_odds: Array) -
     taken = [selection.best(log_odds)]
     if len(reduced.chosen) < MANY_SLOTS // 4:
         return taken
-    least = max(STRONG_TERM, 0.3 * float(log_odds[order[0]]))
+    least = max(NO_EVIDENCE, 0.3 * float(log_odds[order[0]]))
     for i in order[:MANY_SLOTS].tolist():
         if log_odds[i] < least or len(taken) >= AT_ONCE:
             break
@@ -205,7 +179,7 @@ def _better_start(selection: SelectionProblem, chosen: list[SelectedTerm]) -> li
     for i in _best_variants(selection, singles):
         # Alone it may seem tiny; with its partner it may have its usual size.
         first = SelectedTerm(i, max(float(scores.scale[i]), 1.0))
-        seconds, found = selection.scan(empty.plus(first, selection.candidates, variance))
+        seconds, found = selection.scan(empty.plus([first], variance))
         j = int(np.argmax(seconds))
         if singles[i] + seconds[j] > best + BETTER:
             best = float(singles[i] + seconds[j])
@@ -227,27 +201,22 @@ def _best_variants(selection: SelectionProblem, log_odds: Array) -> list[int]:
     return list(best.values())
 
 
-def path_evidence(
-    selection: SelectionProblem, chosen: Sequence[SelectedTerm], given: Sequence[SelectedTerm] = ()
-) -> float:
-    """Log odds of a model against the one that is given, slot by slot."""
-    total = 0.0
-    reduced = selection.reduce(given)
+def path_evidence(selection: SelectionProblem, chosen: Sequence[SelectedTerm]) -> float:
+    """Log odds of a model against none, slot by slot."""
+    total, reduced = 0.0, selection.reduce([])
     for term in chosen:
         total += float(selection.scan(reduced)[0][term.index])
         variance = float(selection.noise.variance(reduced.tt, reduced.n))
-        reduced = reduced.plus(term, selection.candidates, variance)
+        reduced = reduced.plus([term], variance)
     return total
 
 
-def reconsider(
-    selection: SelectionProblem, chosen: list[SelectedTerm], rounds: int = 3
-) -> list[SelectedTerm]:
+def reconsider(selection: SelectionProblem, chosen: list[SelectedTerm]) -> list[SelectedTerm]:
     """Ask every slot again given the others: keep, swap or empty it, until nothing changes."""
-    for _ in range(1 if len(chosen) > MANY_SLOTS else rounds):
+    for _ in range(1 if len(chosen) > MANY_SLOTS else ROUNDS):
         before = {c.index for c in chosen}
         chosen = asked_again(selection, chosen)
-        chosen = _extend(selection, _merge(selection, chosen))
+        chosen = _extend(selection, chosen)
         if {c.index for c in chosen} == before:
             break
     return chosen
@@ -273,27 +242,6 @@ def asked_again(selection: SelectionProblem, chosen: list[SelectedTerm]) -> list
             continue
         reduced = selection.reduce(chosen, reduced)
     return chosen
-
-
-def _merge(selection: SelectionProblem, chosen: list[SelectedTerm]) -> list[SelectedTerm]:
-    """One candidate in place of two variants of the same cause, where that is better."""
-    keys = Counter(selection.candidates[c.index].key for c in chosen)
-    for key in [k for k, count in keys.items() if count > 1]:
-        variants = [c for c in chosen if selection.candidates[c.index].key == key]
-        if any(selection.candidates[c.index].effect.scanned for c in variants):
-            continue
-        others = [c for c in chosen if c not in variants]
-        log_odds, scores = selection.scan(selection.reduce(others))
-        best = int(np.argmax(log_odds))
-        if log_odds[best] > path_evidence(selection, variants, others):
-            chosen = [*others, SelectedTerm(best, float(scores.scale[best]))]
-    return chosen
-
-
-def slots(selection: SelectionProblem, chosen: Sequence[SelectedTerm]) -> list[Slot]:
-    """Every slot of a model with its rivals."""
-    reduced = selection.reduce(chosen)
-    return [Slot(c, selection.scan(reduced.without(c))[0]) for c in chosen]
 
 
 def restricted(selection: SelectionProblem, allowed: NDArray[np.bool_]) -> SelectionProblem:

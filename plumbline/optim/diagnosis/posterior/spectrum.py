@@ -26,14 +26,13 @@ from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.prior import (
-    FIRST_WIDTH,
     HIGHEST_ORDER,
-    MIDDLE_ORDER,
-    OTHERS_WIDTH,
+    MANY_ROUNDS,
+    ROUNDS,
     SLOPES,
     SPECTRUM_FROM,
-    SPECTRUM_STEPS,
-    WIDTH_ROUNDS,
+    USUAL,
+    WIDE_PRIOR,
 )
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
@@ -77,7 +76,7 @@ def as_spectra(
         x[term.columns] = known.get(term.effect, x[term.columns])
     prior = _Prior.of(full, joints, spared)
     centre = np.where(prior.family >= 0, 0.0, x)
-    for _ in range(SPECTRUM_STEPS):
+    for _ in range(ROUNDS):
         gram = Solution(full.problem, x).gram
         noise = 2 * best.cost / gram.count
         right = gram.matrix @ (x - centre) - gram.vector
@@ -120,13 +119,13 @@ class _Prior:
     def of(cls, model: Model, joints: Sequence[int], spared: Sequence[Effect] = ()) -> _Prior:
         """Of a model whose ripples are filled up, and of effects that no fit has found."""
         size = model.problem.size
-        family, order = np.full(size, -1), np.full(size, MIDDLE_ORDER)
+        family, order = np.full(size, -1), np.ones(size)
         for term in model.terms:
             effect = term.effect
             if isinstance(effect, TransmissionRipple) and effect.joint in joints:
                 family[term.columns] = joints.index(effect.joint)
                 order[term.columns] = effect.order
-        flat = OTHERS_WIDTH * model.problem.scale
+        flat = WIDE_PRIOR * model.problem.scale
         for term in model.terms:
             if term.effect in spared:
                 flat[term.columns] = model.problem.scale[term.columns]
@@ -144,10 +143,10 @@ class _Prior:
 
     def _climb(self, matrix: Array, right: Array, slope: float) -> tuple[float, Array, Array]:
         """Log evidence, up to a constant, mean and widths after the widths' fixed-point steps."""
-        shape = (MIDDLE_ORDER / self.order) ** slope
+        shape = self.order**-slope
         inside = self.family >= 0
-        width = np.full(int(self.family.max()) + 1, FIRST_WIDTH)
-        for _ in range(WIDTH_ROUNDS):
+        width = np.full(int(self.family.max()) + 1, USUAL)
+        for _ in range(MANY_ROUNDS):
             spread = np.where(inside, width[self.family] * shape, self.flat)
             factor = cho_factor(matrix * np.outer(spread, spread) + np.eye(len(spread)))
             unit = cho_solve(factor, right * spread)

@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.posterior.robust import (
     rows_between_bumps,
 )
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, on_all_rows, search
-from plumbline.optim.diagnosis.prior import LONG, SECOND_LOOKS
+from plumbline.optim.diagnosis.prior import LONG, ROUNDS
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.recording.recording import Recording
@@ -78,7 +78,7 @@ def _from_nothing(
     tell: Progress,
     rounds: int,
     known: NDArray[np.bool_] | None,
-    looks: int = SECOND_LOOKS,
+    looks: int = ROUNDS,
 ) -> tuple[SelectedModel, NDArray[np.bool_]]:
     tell("looking for gross errors", 0.0)
     pool, bad = None, known

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.diagnosis.prior import ERROR_BLOCKS, FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
+from plumbline.optim.diagnosis.prior import FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording, Session
@@ -75,7 +75,7 @@ def blocks_of(recording: Recording) -> NDArray[np.intp]:
 
     Recordings of several; else stretches of a motion, or of what has a clock, or of the workspace.
     """
-    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, ERROR_BLOCKS))
+    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, MOST_FOLDS))
     if recording.session is not None and recording.part is not None:
         return np.asarray(recording.part, dtype=np.intp)
     if recording.time is not None or scope_of(recording).moving:

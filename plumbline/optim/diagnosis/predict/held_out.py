@@ -29,7 +29,7 @@ from plumbline.optim.diagnosis.predict.shrink import (
     shrink_interval,
     whole_model,
 )
-from plumbline.optim.diagnosis.prior import GROSS_KEPT_BACK, HELD_OUT_ALARM
+from plumbline.optim.diagnosis.prior import ALARM, GROSS_KEPT_BACK
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import figure, gap_unit, refitted, rows_of_gap
 from plumbline.optim.recording.recording import Recording
@@ -247,7 +247,7 @@ def by_chance(recording: Recording, selected: SelectedModel, evaluation: Evaluat
         spread += 2.0 * (free + 2.0 * trace + float(np.sum(M * M.T)))
     if not count > 0.0 or not mean > 0.0:
         return 1.0
-    square = spread / mean * gammainccinv(mean**2 / spread, HELD_OUT_ALARM)
+    square = spread / mean * gammainccinv(mean**2 / spread, ALARM)
     return float(np.sqrt(square / count))
 
 

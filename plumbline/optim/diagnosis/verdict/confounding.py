@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.linearise.linear import Columns
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
-from plumbline.optim.diagnosis.prior import FAINT_SIGNAL, NO_EVIDENCE, SWALLOWED
+from plumbline.optim.diagnosis.prior import NO_EVIDENCE, SWALLOWED
 
 
 def rivals(
@@ -77,7 +77,7 @@ def unobservable(
     for strength, share, effect in seen.values():
         if strength < 1e-12 or share < SWALLOWED:
             why = "what is always fitted absorbs it" if strength else "no row excites it"
-        elif strength < FAINT_SIGNAL:
+        elif strength < 1.0:
             size = f"{np.sqrt(strength):.1g}"
             why = f"at its usual size its whole signal is {size} times the noise"
         else:

@@ -8,7 +8,7 @@ from scipy.special import expit
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import Evaluation
-from plumbline.optim.diagnosis.prior import HETEROSCEDASTIC, LACKING, LACKING_SLOPE, SIGMA_SPREAD
+from plumbline.optim.diagnosis.prior import ANISOTROPY, KNOWN_NOISE_FREEDOM, LACKING, LACKING_SLOPE
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible
 
@@ -24,7 +24,7 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
     if noise.source == "fit":
         return 0.0
     n = max(selected.best.gram.count - selected.best.problem.size, 1.0)
-    known = 0.5 / (3 * noise.repeats) if noise.repeats else SIGMA_SPREAD**2
+    known = 0.5 / (3 * noise.repeats) if noise.repeats else 0.5 / KNOWN_NOISE_FREEDOM
     spread = float(np.sqrt(known + 0.5 / n))
     return float(expit(LACKING_SLOPE * ((noise.ratio - 1.0) / spread - LACKING)))
 
@@ -55,6 +55,6 @@ def noisiest_joint(recording: Recording, selected: SelectedModel) -> str:
     r = selected.best.mapped.residuals(selected.best.x)[selected.best.problem.weights > 0]
     each = np.sqrt(np.mean(r**2, axis=0))
     k = int(np.argmax(each))
-    if each[k] < HETEROSCEDASTIC * float(np.sqrt(np.mean(each**2))):
+    if each[k] ** 2 < ANISOTROPY * float(np.mean(each**2)):
         return ""
     return f"joint {recording.measured_joints[k] + 1}'s error changes from reading to reading"
