@@ -16,7 +16,6 @@ from plumbline.errors import PlumblineError, fault, shown
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.outputs import STDOUT, Json, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
-from plumbline.kinematics.files import write_whole
 
 if TYPE_CHECKING:
     from rich.console import JustifyMethod
@@ -89,7 +88,9 @@ def sweep(
     _refuse_if_all_are(found)
     table = None if factors is None else found.table(*factors, figure)
     if table is not None and plot is not None:
-        _draw(table, plot)
+        drawn = io.BytesIO()
+        table.plot().savefig(drawn, format=plot.suffix[1:])
+        outputs.write_text(plot, drawn.getvalue(), "--plot")
     if outputs.talks(json, quiet):
         _print(found, table)
 
@@ -120,14 +121,6 @@ def _two_of(
     if len(names) != 2 or not set(names) <= set(options):
         raise fault("--by", shown(by), f"two of {', '.join(options)}", "write --by A,B")
     return names[0], names[1]
-
-
-def _draw(table: Crossed, path: Path) -> None:
-    try:
-        table.plot().savefig(path)
-    except OSError as error:
-        found = f"a file that cannot be written ({error.strerror or error})"
-        raise fault(f"--plot {path}", found, "a place", "name another") from None
 
 
 def _refuse_if_all_are(found: Sweep) -> None:
@@ -193,28 +186,25 @@ class Tables:
         if self.so_far is not None and self.csv is not None:
             outputs.write_text(self.csv, as_csv(self.so_far()), "--csv")
         if self.so_far is not None and self.parquet is not None:
-            _write_parquet(self.parquet, self.so_far())
+            outputs.write_text(self.parquet, as_parquet(self.so_far()), "--parquet")
         self.due = monotonic() + (monotonic() - began) / WRITING
 
 
-def _write_parquet(path: Path, found: Sweep) -> None:
-    """Write the outcomes as a table of columns.
+def as_parquet(found: Sweep) -> bytes:
+    """The outcomes as a table of columns.
 
     Raises:
-        PlumblineError: It cannot be written.
+        PlumblineError: Nothing that writes it is installed.
     """
     import pandas as pd
 
     whole = io.BytesIO()
     try:
         pd.DataFrame(as_rows(found)).convert_dtypes().to_parquet(whole, index=False)
-        write_whole(path, whole.getvalue())
     except ImportError:
         mend = "pip install 'plumbline-robotics[parquet]', or take --csv"
         raise fault("--parquet", "no pyarrow here", "it installed", mend) from None
-    except OSError as error:
-        found_there = f"a file that cannot be written ({error.strerror or error})"
-        raise fault(f"--parquet {path}", found_there, "a place", "name another") from None
+    return whole.getvalue()
 
 
 def _print(found: Sweep, table: Crossed | None) -> None:

@@ -117,8 +117,8 @@ def check_distinct(outputs: Mapping[str, str | Path | None]) -> None:
             raise PlumblineError(f"{other} and {option} both name {path}; name two files")
 
 
-def write_text(path: str | Path, text: str, option: str) -> None:
-    """Write a text file, whole or not at all.
+def write_text(path: str | Path, text: str | bytes, option: str) -> None:
+    """Write a file, whole or not at all.
 
     Raises:
         PlumblineError: It cannot be written; what was there is there still.

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands import sweep as command
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.sweep.cases import keeping
@@ -209,6 +210,22 @@ def test_a_sweep_that_was_ended_goes_on_where_it_was(spec, monkeypatch, tmp_path
     # What one sweep in one go would have written.
     assert run([*command[:-1], str(tmp_path / "again.csv")]) == 0
     assert (tmp_path / "again.csv").read_text() == out.read_text()
+
+
+def test_tables_as_they_stand_take_a_fiftieth_of_the_time(monkeypatch, tmp_path):
+    now = [0.0]
+
+    def as_csv(found):
+        now[0] += 1.0
+        return ""
+
+    monkeypatch.setattr(command, "monotonic", lambda: now[0])
+    monkeypatch.setattr(command, "as_csv", as_csv)
+    tables = command.Tables(tmp_path / "t.csv", None)
+    for _ in range(1490):  # cases of 0.1 s: written at the first one, then once in 50 s
+        now[0] += 0.1
+        tables.stand(lambda: None)
+    assert now[0] == pytest.approx(149.0 + 3.0)
 
 
 def test_cases_of_another_recording_or_code_are_left_alone(spec, quick, tmp_path, capsys):
