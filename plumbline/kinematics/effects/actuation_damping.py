@@ -19,7 +19,6 @@ class ActuationDamping(MotionEffect):
     reference = "Siciliano et al. (2009), Robotics, sec. 7.2 (viscous friction at the joints)"
     source = "by hand: as of viscous_friction, as much as dry friction at 1 rad/s"
     laws = (Law.TORQUE, Law.SAMPLED_TORQUE)
-    linear = True
     damping = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction at 1 rad/s, per that")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:

@@ -17,7 +17,6 @@ class ActuationDelay(MotionEffect):
     name = "actuation_delay"
     depends_on = "time"
     words = "joint {element} obeys its commands late"
-    linear = True
     reference = "Tan et al. (2018), RSS XIV, sec. V-B (latency of a quadruped's drives)"
     source = (
         "by hand: buses and controllers answer within 1 to 100 ms; the bound is a slow wireless "

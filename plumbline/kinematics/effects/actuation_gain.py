@@ -16,7 +16,6 @@ class ActuationGain(MotionEffect):
     name = "actuation_gain"
     depends_on = "command"
     words = "the drive of joint {element} scales its command"
-    linear = True
     reference = "Armstrong, Khatib, Burdick (1986), ICRA, sec. 4 (drive gains of a PUMA 560)"
     source = (
         "by hand: gains are set to a tenth; the bounds are a joint that hardly moves and one that "

@@ -17,7 +17,6 @@ class ActuationLag(MotionEffect):
     name = "actuation_lag"
     depends_on = "time"
     words = "joint {element} follows its commands with a lag"
-    linear = True
     reference = "Siciliano et al. (2009), Robotics, sec. 8.3 (position loop of first order)"
     source = "by hand: loops of position close at 2 to 30 Hz"
     # 2 ms for current loops, 20 to 100 ms for hobby servos on position (Hwangbo et al. 2019).

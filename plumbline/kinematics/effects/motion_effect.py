@@ -52,9 +52,6 @@ class MotionEffect(ABC):
     laws: ClassVar[tuple[Law, ...]] = tuple(Law)  #: drives that can have it
     #: whether nothing can be said without the masses of the robot
     needs_masses: ClassVar[bool] = False
-    #: whether twice the command makes twice the motion with it: such terms can hide each other, and
-    #: are looked for by twos as well
-    linear: ClassVar[bool] = False
     plans: ClassVar[bool] = False  #: whether it has a way of its own between command and servo
     of_command: ClassVar[bool] = False  #: whether its parameter is measured in the commands' unit
     #: where scale and bounds are from, if the parameter does not say it itself

@@ -66,7 +66,6 @@ SAME_CORRELATION = 0.15  # change up to which they have: to a neighbour on the g
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
 SPECTRUM_FROM = 8  # orders of one joint that make a spectrum
 HIGHEST_ORDER = 40  # orders above it are kept as the search found them
-SLOPES = (0.0, 0.5, 1.0)  # of the widths over the order: white, and two that fall
 
 # Unknown dependences (discrepancy).
 USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn

@@ -1,28 +1,25 @@
 r"""The models of one joint's drive that were fitted so far, and the climb over them.
 
-Effects go in one by one while the evidence grows, by twos where none pays alone; then every
-neighbour of where that ends (one effect less, one more, one exchanged) is fitted too, and the
-search moves on if one is better. All this looks at a few windows on a coarse clock. What may win
-there is fitted to all windows, from where those fits ended.
+Effects go in one by one while the evidence grows; then every neighbour of where that ends (one
+effect less, one more, one exchanged) is fitted too, and the search moves on if one is better. All
+this looks at a few windows on a coarse clock. What may win there is fitted to all windows, from
+where those fits ended.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from itertools import combinations
 
 import numpy as np
 
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.optim.diagnosis.motion.constants import (
-    ALIKE,
     CONTENDS,
     EXPLAINED,
     LEAST_GAIN,
     MOVES,
     PRESENT,
-    REMEMBERS,
     STEPS,
     WORTH_A_FIT,
 )
@@ -45,7 +42,6 @@ class Models:
     def __init__(self, windows: Windows, library: Effects, seen: Seen) -> None:
         self.windows, self.library, self.seen = windows, library, seen
         self.found: dict[Key, Fit] = {frozenset(): fitted(windows, (), np.empty(0))}
-        self.alike: dict[MotionEffect, set[MotionEffect]] = {}
         forms = Counter(e.name for e in library)  # which share an effect's odds
         self.odds = {name: ODDS - float(np.log(count)) for name, count in forms.items()}
 
@@ -108,30 +104,14 @@ class Models:
         self.found[key] = min(fits, key=lambda fit: fit.square)
 
     def climb(self) -> Key:
-        """Add effects while that pays, one by one, and by twos where none pays alone."""
+        """Add effects one by one while that pays."""
         here: Key = frozenset()
         while True:
             names = {e.name for e in here}
             more = [here | {e} for e in self.library if e.name not in names]
-            there, moved = self._best(here, more)
-            if not moved:
-                more = self._pairs(here)
-                there, moved = self._best(here, more)
+            here, moved = self._best(here, more)
             if not moved:
                 return here
-            self._compare(here, there, more)
-            here = there
-
-    def _pairs(self, here: Key) -> list[Key]:
-        """Models with two linear effects more, where what is left still has a past.
-
-        A gain hides a delay from a lag that stands for both: either alone brings next to nothing.
-        """
-        if self.time < REMEMBERS:
-            return []
-        names = {e.name for e in here}
-        more = [e for e in self.library if e.linear and e.name not in names]
-        return [here | {a, b} for a, b in combinations(more, 2) if a.name != b.name]
 
     def settle(self, here: Key) -> Key:
         """Exchange, add and drop while that pays."""
@@ -142,21 +122,11 @@ class Models:
                 break
         return here
 
-    def _compare(self, here: Key, there: Key, tried: list[Key]) -> None:
-        """Note which effects would have brought nearly as much as those that were taken."""
-        gained = {k: self.found[here].square - self.found[k].square for k in tried}
-        near = [k for k in tried if gained[k] > ALIKE * gained[there]]
-        for taken in there - here:
-            rest = there - {taken}
-            self.alike[taken] = {e for k in near if rest < k for e in k - rest}
-
     def around(self, key: Key) -> list[Key]:
-        """Models with one effect less, or with one exchanged for another that does alike."""
-        found = [key - {e} for e in key]
-        for effect in key:
-            others = self.alike.get(effect, set(self.library)) - key
-            found += [(key - {effect}) | {other} for other in others]
-        return found
+        """Models with one effect less, or with one exchanged for another."""
+        others = [e for e in self.library if e not in key]
+        less = [key - {effect} for effect in key]
+        return [*less, *(rest | {other} for rest in less for other in others)]
 
     def _best(self, here: Key, others: list[Key]) -> tuple[Key, bool]:
         for key in others:

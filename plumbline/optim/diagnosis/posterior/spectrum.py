@@ -1,14 +1,14 @@
 r"""Ripples as whole spectra: the model that is carried to postures which the recording lacks.
 
-.. math:: a_N, b_N \sim N(0,\ s_{j,N}^2), \qquad s_{j,N} = s_j\, (N_0 / N)^p, \qquad N = 1 .. 40
+.. math:: a_N, b_N \sim N(0,\ s_{j,N}^2), \qquad s_{j,N} = s_j / \sqrt N, \qquad N = 1 .. 40
 
 Over less than a turn neighbouring orders look alike. The few that a search picks may cancel each
 other there with amplitudes that are far too large, and do not cancel where the recording holds no
 posture. All whole orders together under one prior a joint fall back to nothing there. The widths
-:math:`s_j` and the slope p are those of the greatest evidence (MacKay 1992, Neural Computation 4,
-sec. 4): at a maximum, :math:`s_j^2` is the mean of :math:`m_N^2 + \Sigma_{NN}` over the orders. All
-other unknowns stay near their fit: lengths of parallel links, which the rows tell only together,
-would else run apart until a bound stops one of them.
+:math:`s_j` are those of the greatest evidence (MacKay 1992, Neural Computation 4, sec. 4): at a
+maximum, :math:`s_j^2` is the mean of :math:`m_N^2 + \Sigma_{NN}` over the orders. All other
+unknowns stay near their fit: lengths of parallel links, which the rows tell only together, would
+else run apart until a bound stops one of them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from plumbline.optim.diagnosis.prior import (
     HIGHEST_ORDER,
     MANY_ROUNDS,
     ROUNDS,
-    SLOPES,
     SPECTRUM_FROM,
     USUAL,
     WIDE_PRIOR,
@@ -112,7 +111,7 @@ class _Prior:
     """Which unknowns belong to which joint's spectrum."""
 
     family: NDArray[np.intp]  # index of the spectrum of every unknown (P,), -1 for all others
-    order: Array  # order of every unknown (P,), the middle one where there is none
+    order: Array  # order of every unknown (P,), one where there is none
     flat: Array  # width of the prior of the others about their fit (P,)
 
     @classmethod
@@ -138,12 +137,7 @@ class _Prior:
             matrix: Information (P, P) of the rows.
             right: Information times the estimate that the rows alone would give (P,).
         """
-        fits = [self._climb(matrix, right, slope) for slope in SLOPES]
-        return max(fits, key=lambda fit: fit[0])[1:]
-
-    def _climb(self, matrix: Array, right: Array, slope: float) -> tuple[float, Array, Array]:
-        """Log evidence, up to a constant, mean and widths after the widths' fixed-point steps."""
-        shape = self.order**-slope
+        shape = self.order**-0.5
         inside = self.family >= 0
         width = np.full(int(self.family.max()) + 1, USUAL)
         for _ in range(MANY_ROUNDS):
@@ -151,7 +145,6 @@ class _Prior:
             factor = cho_factor(matrix * np.outer(spread, spread) + np.eye(len(spread)))
             unit = cho_solve(factor, right * spread)
             variance = np.diag(cho_solve(factor, np.eye(len(spread))))
-            evidence = unit @ (right * spread) / 2 - np.log(np.diag(factor[0])).sum()
             growth = unit**2 + variance  # of the unit-width amplitudes: 1 at the fixed point
             width *= [np.sqrt(growth[self.family == k].mean()) for k in range(len(width))]
-        return float(evidence), unit * spread, spread
+        return unit * spread, spread
