@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
 MOST = 100
+WIDEST = 1000  # characters of a line: more than 100 joints take
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 NAMED = 3  # causes of an explanation that a line names
 SIDES = {-1: "-", 0: "0", 1: "+"}
@@ -266,7 +267,11 @@ def _print(recording: Recording, found: NextExperiment) -> None:
     for letter, label, probability in zip(LETTERS, labels, found.probabilities, strict=False):
         console.print(f"  {letter}  {percent(probability):>6}  {label}", markup=False)
     if found.rows:
-        console.print("", _table(found))
+        table = _table(found)
+        # Wider than the terminal rather than without the last joints.
+        whole = console.options.update(width=WIDEST)
+        wide = max(console.width, console.measure(table, options=whole).maximum)
+        Console(highlight=False, width=wide).print("", table)
         console.print(_legend(found), markup=False)
     if found.forecast is not None:
         console.print(f"\n{_foreseen(found, found.forecast)}", markup=False)

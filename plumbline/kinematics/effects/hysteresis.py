@@ -54,8 +54,14 @@ class Hysteresis(JointEffect):
         return f"play{self.joint}_{self.width:g}"
 
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
-        """The normalised lag (p - q) / w of every row, between -1/2 and 1/2."""
-        return {self._column: lag_of_play(rows["q"][:, self.joint - 1], self.width)}
+        """The normalised lag (p - q) / w of every row, between -1/2 and 1/2.
+
+        The path begins with the way that the first row was come to, where ``direction`` says it.
+        """
+        start = 0.0
+        if "direction" in rows:
+            start = -0.5 * float(np.sign(rows["direction"][0, self.joint - 1]))
+        return {self._column: lag_of_play(rows["q"][:, self.joint - 1], self.width, start)}
 
     def apply(self, state: State, *values: cs.SX) -> State:
         return state.move_joint(self.joint, values[0] * state.row[self._column])

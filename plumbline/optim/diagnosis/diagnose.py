@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
@@ -246,10 +246,10 @@ def _diagnosis(
 
 
 def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) -> None:
-    """Refuse to fit always what there are fewer readings for than unknowns.
+    """Refuse rows that what is always fitted goes through, whatever is wrong with the robot.
 
     Raises:
-        PlumblineError: It names the effect that takes the most.
+        PlumblineError: It names the effect of ``[fit] always`` that takes the most, if any.
     """
     if recording.session is not None:
         return  # each was asked on its own
@@ -260,7 +260,11 @@ def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) 
     a_row = {"pose": 6, "plane_range": 1}.get(recording.observation, 3)
     a_row = len(recording.measured_joints) or a_row
     readings = len(recording) * a_row
-    if taken and unknowns >= readings:
+    if unknowns >= readings and not taken:
+        found = f"{readings} readings in {len(recording)} rows to fit"
+        more = f"more than {unknowns}, as many as are always fitted"
+        raise fault(recording.name, found, more, "record more postures")
+    if unknowns >= readings:
         name, most = taken.most_common(1)[0]
         raise PlumblineError(
             f"{recording.name}: [fit] always takes {unknowns} unknowns, {most} of them for {name}, "

@@ -95,7 +95,10 @@ class Applied:
             named = ", ".join(
                 f"{c.label} ({percent(c.saves)} of what is left)" for c in self.changes
             )
-            return " ".join([*said, f"Changed since, or not what it seemed: {named}."])
+            stays = self.after * (1.0 - max(c.saves for c in self.changes))
+            then, was = (quantity(v, self.unit) for v in (stays, self.promised))
+            changed = f"Changed since, or not what it seemed: {named}"
+            return " ".join([*said, f"{changed}; then {then} stays, where it left {was} before."])
         more = f"{self.after / self.promised:.1f} times what it left where it was fitted"
         return " ".join([*said, f"It leaves {more}, and no single cause explains that."])
 

@@ -28,6 +28,7 @@ STEPS = 12  # with the nominal arm's slope each leaves some hundredths of what t
 SETTLED = 1e-11  # [rad or m] of a step after which no other is needed
 FAR_STEPS = 60  # steps from another posture
 LONGEST = 0.4  # [rad or m] of one step from another posture, within which an arm is near linear
+PLACE_FIRST = 100.0  # times as dear is the place where the orientation cannot be had with it
 STARTS = 12  # postures of the recording that are tried for a pose
 REACHED = 1e-6  # [m] from its goal within which a tip has arrived: far below any arm's noise
 SLACK = 1e-9  # [rad or m] beyond a limit that rounding makes
@@ -97,13 +98,29 @@ def _nearest(
         if not len(open_rows):
             break
     assert best is not None
+    return _placed(arm, goal, starts, context, best) if posed else best
+
+
+def _placed(
+    arm: Arm, goal: Array, starts: list[Array], context: Mapping[str, ArrayLike], best: Command
+) -> Command:
+    """The same with the place kept where place and orientation cannot both be had."""
+    for start in (best.q, *starts):
+        rows = np.flatnonzero(~best.reached)
+        if not len(rows):
+            break
+        some = {k: _some(v, rows, len(goal)) for k, v in context.items()}
+        there = _approach(arm, start[rows], goal[rows], posed=False)
+        there = _approach(arm, there, goal[rows], posed=True, dear=PLACE_FIRST)
+        best = _better(best, _solved(arm, there, goal[rows], some, placed=True, far=True), rows)
     return best
 
 
 def _better(best: Command, found: Command, rows: NDArray[np.intp]) -> Command:
     """The best so far with those rows exchanged that came nearer."""
-    badness = best.missed[rows] + LEVER * best.turned[rows]
-    nearer = found.missed + LEVER * found.turned < badness
+    badness, found_bad = (c.missed + LEVER * c.turned for c in (best, found))
+    nearer = found_bad < badness[rows]
+    nearer = np.where(found.reached == best.reached[rows], nearer, found.reached)
     merged = {f.name: getattr(best, f.name).copy() for f in fields(best)}
     for name, values in merged.items():
         values[rows[nearer]] = getattr(found, name)[nearer]
@@ -140,7 +157,11 @@ def _goals(pose: ArrayLike) -> tuple[Array, bool]:
         T[:, :3, 3] = points
         return T, False
     T = given.reshape(-1, 4, 4)
-    off = float(np.abs(T[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1) - np.eye(3)).max(initial=0.0))
+    R = T[:, :3, :3]
+    off = float(np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0))
+    if (np.linalg.det(R) < 0.0).any():
+        mend = "turn one of its axes round"
+        raise fault("pose", "axes that are mirrored", "right-handed ones", mend)
     if off > 1e-6:
         mend = "give a rotation in its first three columns"
         raise fault("pose", f"a rotation off by {off:.1e}", "at most 1e-06", mend)
@@ -159,12 +180,14 @@ def _refuse_outside(arm: Arm, q: Array) -> None:
         )
 
 
-def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool) -> Array:
-    """Walk from other postures (N, n) towards the goals on the nominal arm."""
+def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool, dear: float = 1.0) -> Array:
+    """Walk from other postures (N, n) towards the goals on the nominal arm, places so dear."""
     nominal = arm.nominal
     lever = LEVER if posed else 0.0
+    weight = np.array([dear, dear, dear, 1.0, 1.0, 1.0])
     for _ in range(FAR_STEPS):
         miss, J = _misfit(nominal, q, goal, {}, lever)
+        miss, J = miss * weight, J * weight[:, None]
         step = _step(nominal, q, miss, J, np.zeros_like(q), 30 * DAMPING)
         size = np.abs(step).max(axis=1, keepdims=True)
         q = _within(nominal, q + step * np.minimum(1.0, LONGEST / np.maximum(size, 1e-12)))
@@ -174,10 +197,17 @@ def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool) -> Array:
 
 
 def _solved(
-    arm: Arm, wanted: Array, goal: Array, context: Mapping[str, ArrayLike], *, placed: bool
+    arm: Arm,
+    wanted: Array,
+    goal: Array,
+    context: Mapping[str, ArrayLike],
+    *,
+    placed: bool,
+    far: bool = False,
 ) -> Command:
+    """Commands about postures; where the orientation is ``far`` out of reach the place counts."""
     q = wanted.copy()
-    if placed:
+    if placed and not far:
         _walk(arm, q, goal, context, wanted, LEVER)
     _walk(arm, q, goal, context, None, 0.0)
     miss, _ = _misfit(arm, q, goal, context, 1.0)

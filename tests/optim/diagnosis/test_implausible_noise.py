@@ -1,6 +1,7 @@
 """What no robot with a right set-up leaves is no noise: it is never `no-gap`, never `explained`."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Kind, NoiseLevel
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.verdict.judge import _missed
 from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise
 from plumbline.optim.recording import set_up
 from tests.benches import readings
@@ -94,3 +96,20 @@ def test_what_is_large_and_taken_for_noise_is_said_to_be(share, said):
     verdict = diagnose(told(given, measured=noisy)).verdict
     assert verdict.verdict == Kind.NO_GAP
     assert ("taken for noise, since none is stated" in " ".join(verdict.notes)) == said
+
+
+@pytest.mark.parametrize(
+    ("ratio", "formless", "source", "words"),
+    [
+        (2.1, True, "given", "what is left is 2.1 times the noise that is stated and follows no"),
+        (1.0, False, "given", "rows left out are missed by 2.5 times their noise: too few rows"),
+        (2.1, False, "given", None),  # what it follows is in the tree
+        (2.1, False, "fit", None),
+    ],
+)
+def test_noise_that_is_stated_too_small_is_told_from_rows_that_are_too_few(
+    ratio, formless, source, words
+):
+    gap = SimpleNamespace(after=2.5e-4, noise_floor=1e-4, unit="m", is_far=True)
+    said = list(_missed(gap, NoiseLevel(4e-5, source, ratio), formless=formless))
+    assert [s.startswith(words) for s in said] == [True] if words else not said

@@ -7,6 +7,7 @@ import pytest
 
 import plumbline.optim.diagnosis.diagnose as diagnose_module
 import plumbline.optim.diagnosis.posterior.task as task_module
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.body_effects import BaseBump as RealBump
 from plumbline.experiments.reality.joint_effects import Backlash as RealBacklash
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
@@ -53,6 +54,11 @@ def test_a_part_without_rows_kept_back_is_diagnosed_like_any_other(bent):
         diagnose(part, DiagnosisOptions(library=SMALL)).verdict
         == diagnose(plain, DiagnosisOptions(library=SMALL)).verdict
     )
+
+
+def test_rows_that_frame_and_tool_go_through_tell_nothing_and_are_refused(bent):
+    with pytest.raises(PlumblineError, match="found 9 readings in 3 rows to fit, expected more"):
+        diagnose(bent.select(range(3)))
 
 
 def test_the_interval_knows_only_the_rows_it_is_given():

@@ -142,6 +142,16 @@ def test_a_place_is_told_from_two_per_cent_on():
     assert [found["element"] for found in tree_of(places, {})] == [1]
 
 
+def test_what_mechanisms_lack_of_their_place_is_of_none_of_the_library():
+    """A name that is only 60 % sure, at a place that is sure, leaves 40 % to something unlisted."""
+    at = ("joint", 2)
+    [place] = tree_of({at: 1.0}, {(*at, "own angle", "gear_ripple"): 0.6})
+    [on] = place["dependences"]
+    told = {m["effect"]: (m["probability"], m["inclusion"]) for m in on["mechanisms"]}
+    assert told == {"gear_ripple": pytest.approx((0.6, 0.6)), None: pytest.approx((0.4, 0.4))}
+    assert on["probability"] == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize(("after", "earned"), [(1.1, True), (1.22, False)])
 def test_a_gap_is_explained_down_to_a_seventh_above_the_noise(after, earned):
     gap = SimpleNamespace(is_far=False, after=after, noise_floor=1.0)

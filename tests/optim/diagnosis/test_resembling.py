@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plumbline.kinematics.effects import JointScale
+from plumbline.kinematics.effects import JointOffset, JointScale
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.discrepancy.resembling import _modulated, resembling
@@ -88,6 +88,17 @@ def test_it_sits_where_the_effect_sits_and_depends_on_the_same(beside):
         assert f.words == "nearly as joint_scale has it, joint 1's error depends on own angle"
 
 
+def test_what_bends_a_constant_depends_on_what_bends_it(beside):
+    """A zero that follows the clock does not depend on the joint's angle."""
+    recording, ports, *_ = beside
+    listed = Candidate(JointOffset(joint=1), np.array([1]), 0.0)
+    clock = Dependence("w", "temperature", "joint", 1, np.ones((1, N, 3)) * ports.base[0])
+    found = list(resembling([listed], [clock], recording, ports, lambda c: np.linalg.norm(c)))
+    assert {f.on for f in found} == {"own angle", "load", "time", "temperature"}
+    for f in found:
+        assert f.words == f"nearly as joint_offset has it, joint 1's error depends on {f.on}"
+
+
 def test_a_family_of_another_place_is_no_deviation(beside):
     """Angle, load, time, and the one unknown function of this joint."""
     assert len(beside[-1]) == 4 * len(DEVIATIONS)
@@ -161,7 +172,7 @@ def test_what_resembles_a_ripple_may_have_any_form_of_its_period():
     ripple, plain = GearRipple(joint=1, order=32.0), JointScale(joint=1)
     load = np.zeros((N, 2))
     for effect, near in ((ripple, True), (plain, False)):
-        spans = [d[:, :, 0] for d in _modulated(own, recording, load, effect)]
+        spans = [d[:, :, 0] for _, d in _modulated(own, recording, load, effect)]
         third = np.sin(96.0 * q + 0.4)
         left = min(
             np.sum((third - s.T @ np.linalg.lstsq(s.T, third, rcond=1e-9)[0]) ** 2) for s in spans

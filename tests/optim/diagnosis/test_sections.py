@@ -14,6 +14,7 @@ from plumbline.optim.diagnosis.carried import Carries, OfRecording
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.proof import proofs
 from plumbline.optim.diagnosis.several.motions import joined_motions
+from plumbline.optim.diagnosis.several.sections import refuse_unlike
 from plumbline.optim.diagnosis.several.together import beyond_its_noise
 from plumbline.optim.diagnosis.verdict.words import left_over
 from plumbline.optim.recording.session import build_session, joined
@@ -148,6 +149,14 @@ def test_what_is_not_of_one_robot_is_refused(motions, both):
     moved = replace(motions[0], robot=plumbline.Robot.from_dh(longer))
     with pytest.raises(PlumblineError, match="m0, robot: found joints placed elsewhere, expected"):
         plumbline.diagnose([tips(), moved])
+    more = replace(motions[0], robot=plumbline.Robot.from_dh([*longer, longer[-1]]))
+    with pytest.raises(PlumblineError, match="m0, robot: found joints placed elsewhere, expected"):
+        refuse_unlike([tips(), replace(more, joints=tuple(more.robot.model.names[1:]))])
+
+
+def test_kinds_may_speak_of_some_joints_of_the_robot_alone(motions):
+    longer = plumbline.Robot.from_dh([*ROWS, ROWS[-1]])
+    refuse_unlike([tips(), replace(motions[0], robot=longer, joints=tuple(longer.model.names[1:]))])
 
 
 def test_a_recording_that_states_too_little_noise_is_named():

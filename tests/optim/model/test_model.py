@@ -19,6 +19,7 @@ from plumbline.experiments.reality.scene import built
 from plumbline.experiments.reality.session import draw_session
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.model import Model, apply
 from plumbline.optim.recording.loading import load_recording
@@ -328,7 +329,10 @@ def test_a_cause_that_has_changed_since_is_named(model, case, tmp_path):
     found = apply(model, recorded(other, tmp_path)[0])
     assert not found.holds
     assert found.changes[0].label == "backlash 3"
+    stays = found.after * (1.0 - found.changes[0].saves)
+    then, was = quantity(stays, "m"), quantity(found.promised, "m")
     assert "backlash 3" in found.words
+    assert f"; then {then} stays, where it left {was} before." in found.words
 
 
 def test_rows_outside_of_the_fitted_range_are_counted(model, diagnosis):

@@ -22,7 +22,7 @@ def recordings(verdict: Verdict) -> Grid:
     rows = [
         (
             r.name,
-            r.observation,
+            r.observation.replace("_", " "),
             f"{r.rows}",
             quantity(r.before, r.unit),
             quantity(r.after, r.unit),

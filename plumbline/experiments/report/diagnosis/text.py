@@ -28,6 +28,7 @@ COLOURS = {
     Kind.PARTLY: "bold cyan",
     Kind.OUTSIDE: "bold yellow",
 }
+WORD = 14  # characters of a table's words that are not broken
 BAR = 30  # characters of the longest bar
 MOST_RIVALS = 5  # candidates that are shown with the causes
 MOST_LINES = 12  # of what the recording cannot see
@@ -133,7 +134,10 @@ def _grid(grid: Grid) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     for k, name in enumerate(grid.columns):
         side: JustifyMethod = "right" if k in grid.numbers else "left"
-        table.add_column(name, justify=side, overflow="fold")  # names that end alike stay apart
+        cells = " ".join((name, *(row[k] for row in grid.rows)))
+        longest = max(map(len, cells.split()))
+        # Lines break between words, and long names fold: those that end alike stay apart.
+        table.add_column(name, justify=side, overflow="fold", min_width=min(longest, WORD))
     for row in grid.rows:
         table.add_row(*map(Text, row))
     return table

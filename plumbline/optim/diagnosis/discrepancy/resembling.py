@@ -21,6 +21,7 @@ from scipy.special import logsumexp
 
 from plumbline.kinematics.effects import Effect, Stage
 from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, leading
 from plumbline.optim.diagnosis.discrepancy.functions import (
@@ -72,24 +73,29 @@ def resembling(
         size = visible(own)
         if size <= 0.0:
             continue
-        beside = [(leading(d), 0.0) for d in _modulated(own, recording, load, effect)]
+        beside = [(on, leading(d), 0.0) for on, d in _modulated(own, recording, load, effect)]
         # What bends a body moves all joints before it: an unknown torque of one is not like it.
         at = None if torques and effect.acts_at else place
         beside += [
-            (f.columns, f.log_prior)
+            (f.on, f.columns, f.log_prior)
             for f in families
             if (f.stage, f.element) == at and f.on not in APART
         ]
-        sized = ((d, log, visible(d) / size) for d, log in beside)
-        found = [(d / ratio, log) for d, log, ratio in sized if ratio > STILL]
-        words = _words(*place, effect.depends_on, effect.name)
+        sized = ((on, d, log, visible(d) / size) for on, d, log in beside)
+        found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > STILL]
         # Forms share; those that the data have chosen bear the price of that choice.
-        ways = float(logsumexp([log for _, log in found])) if found else 0.0
-        for deviation, log in found:
+        ways = float(logsumexp([log for *_, log in found])) if found else 0.0
+        for seen, deviation, log in found:
             share = candidate.log_prior + log - ways - float(np.log(len(DEVIATIONS)))
+            on = seen if _is_constant(effect) else effect.depends_on
+            words = _words(*place, on, effect.name)
             for r in DEVIATIONS:
-                columns = np.concatenate([own, r * deviation])
-                yield Dependence(words, effect.depends_on, *place, columns, share)
+                yield Dependence(words, on, *place, np.concatenate([own, r * deviation]), share)
+
+
+def _is_constant(effect: Effect) -> bool:
+    """Whether an effect is the same in every row: only how it deviates depends on anything."""
+    return effect.depends_on == "nothing" or isinstance(effect, JointOffset)
 
 
 def resembled(pool: Pool, looks: Sequence[Sequence[SelectedTerm]]) -> list[Candidate]:
@@ -125,36 +131,40 @@ def _words(stage: str, element: int | None, on: str, name: str) -> str:
     )
 
 
-def _modulated(own: Array, recording: Recording, load: Array, effect: Effect) -> Iterator[Array]:
-    """Columns (k, N, m) of an effect times smooth functions of what its port sees."""
-    for functions in _seen(recording, load, effect):
-        yield (functions[:, None, :, None] * own[None]).reshape(-1, *own.shape[1:])
+def _modulated(
+    own: Array, recording: Recording, load: Array, effect: Effect
+) -> Iterator[tuple[str, Array]]:
+    """Columns (k, N, m) of an effect times smooth functions of what its port sees, named."""
+    for on, functions in _seen(recording, load, effect):
+        unit = _unit(functions)
+        yield on, (unit[:, None, :, None] * own[None]).reshape(-1, *own.shape[1:])
 
 
-def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[Array]:
-    """Functions (K, N) of unit size of the angle, the load (N, n), the place, time and temperature.
+def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[tuple[str, Array]]:
+    """Functions (K, N) of the angle, the load (N, n), the place, time and temperature, named.
 
     Of a ripple also of its own phase: harmonics, so that any form of the same period is near it.
     """
     element = effect.element
     joint = 1 if element is None else element
     angle = recording.q[:, joint - 1]
+    turn = "own angle" if effect.stage == Stage.JOINT else "angle"
     if isinstance(effect, GearRipple):
-        yield _unit(turns(effect.order * angle, 2, constant=False))
+        yield turn, turns(effect.order * angle, 2, constant=False)
     if recording.observation == "joint_torque":
-        yield from map(_unit, seen_by_drives(recording, joint))
+        yield from seen_by_drives(recording, joint)
     elif effect.stage != Stage.SENSOR:
-        yield _unit(turns(angle, 2, constant=False))
+        yield turn, turns(angle, 2, constant=False)
         own = load[:, min(joint - 1 + (element is None), load.shape[1] - 1)]
         if np.ptp(own) > STILL:
-            yield _unit(polynomials(normal(own[:, None]), 2))
+            yield "load", polynomials(normal(own[:, None]), 2)
     else:
         place = recording.chain.placement(recording.q)[:, :3, 3]
-        yield _unit(polynomials(normal(place), 2))
+        yield "place", polynomials(normal(place), 2)
     if recording.time is not None and np.ptp(recording.time) > 0:
-        yield _unit(cosines(recording.time, FEW))
+        yield "time", cosines(recording.time, FEW)
     if recording.temperature is not None and np.ptp(recording.temperature) > 0:
-        yield _unit(cosines(recording.temperature, FEW))
+        yield "temperature", cosines(recording.temperature, FEW)
 
 
 def _unit(functions: Array) -> Array:

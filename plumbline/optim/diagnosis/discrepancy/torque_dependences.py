@@ -87,14 +87,14 @@ def _sized(values: Array) -> Array:
     return np.asarray((values / np.maximum(np.sqrt(np.mean(values**2, axis=0)), 1e-12)).T)
 
 
-def seen_by_drives(recording: Recording, joint: int) -> Iterator[Array]:
-    """Functions (K, N) that may bend a listed effect on a drive: of its angle, load and speed."""
+def seen_by_drives(recording: Recording, joint: int) -> Iterator[tuple[str, Array]]:
+    """Functions (K, N) that may bend a listed effect on a drive, named: of angle, load, speed."""
     assert recording.velocity is not None
     j = joint - 1
     speed = np.abs(recording.velocity[:, j])
-    yield turns(recording.q[:, j], 2, constant=False)
-    yield polynomials(normal(nominal_efforts(recording)[:, [j]]), 2)
-    yield polynomials(normal(speed[:, None]), 2)
+    yield "own angle", turns(recording.q[:, j], 2, constant=False)
+    yield "load", polynomials(normal(nominal_efforts(recording)[:, [j]]), 2)
+    yield "velocity", polynomials(normal(speed[:, None]), 2)
 
 
 def _changes(recording: Recording) -> Array:

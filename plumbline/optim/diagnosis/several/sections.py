@@ -201,14 +201,20 @@ def _family(one: Recording | MotionRecording) -> int:
 
 
 def _refuse_other_arms(recordings: Sequence[Recording | MotionRecording]) -> None:
-    """Refuse kinds of different robots under one verdict, where as many joints tell."""
+    """Refuse kinds of different robots under one verdict; each may speak of some joints alone."""
     arms = [(r.name, _placed(r)) for r in recordings]
     arms = [(name, placed) for name, placed in arms if len(placed)]
     for name, placed in arms[1:]:
         first, like = arms[0]
-        if len(placed) == len(like) and not np.allclose(placed, like, rtol=0.0, atol=ALIKE):
+        if not _holds(*sorted((placed, like), key=len)):
             mend = "give recordings of one robot"
             raise fault(f"{name}, robot", "joints placed elsewhere", f"those of {first}", mend)
+
+
+def _holds(some: Array, more: Array) -> bool:
+    """Whether these placements (n, 4, 4) are among those (m, 4, 4), in their order."""
+    rest = iter(more)
+    return all(any(np.allclose(a, b, rtol=0.0, atol=ALIKE) for b in rest) for a in some)
 
 
 def _placed(one: Recording | MotionRecording) -> Array:

@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.predict.held_out import (
     by_chance,
     judgement_of,
 )
-from plumbline.optim.diagnosis.prior import EARNED, LEAST_TOLD, SLIGHT, UNLISTED
+from plumbline.optim.diagnosis.prior import EARNED, FAR, LEAST_TOLD, SLIGHT, UNLISTED
 from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
@@ -197,12 +197,7 @@ def _notes(
             f"two searches from different starts differ by {told.apart:.2f} in a probability: "
             "what is told apart here is told by little"
         )
-    if is_far(gap, noise):
-        ratio = gap.after / gap.noise_floor
-        notes.append(
-            f"rows left out are missed by {ratio:.1f} times their noise: too few rows are left to "
-            "fit without them, or what happened among them does not show in the others"
-        )
+    notes += _missed(gap, noise, formless=lack_of_fit(noise, selected) > 0.5 and not told.words)
     if not recording.chain.has_masses and not recording.stand_in:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     if stand_ins := selected.selection.keys(selected.chosen) - told.named:
@@ -221,6 +216,28 @@ def _notes(
             f"{'; '.join(merged(excluded, why=False))}"
         )
     return tuple(notes)
+
+
+def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool) -> Iterator[str]:
+    """What is said of residuals far above the noise: those of the fit, or of rows left out alone.
+
+    Args:
+        gap: The gap.
+        noise: The noise, and how many times as much the fit leaves.
+        formless: Whether the fit leaves more than the noise, and nothing tells what that follows.
+    """
+    if formless and noise.source == "given":
+        left = quantity(noise.ratio * noise.sigma, gap.unit)
+        yield (
+            f"what is left is {noise.ratio:.1f} times the noise that is stated and follows nothing "
+            f"that was recorded: so would noise of {left} be, were noise_std too small"
+        )
+    elif is_far(gap, noise) and noise.ratio < FAR:
+        ratio = gap.after / gap.noise_floor
+        yield (
+            f"rows left out are missed by {ratio:.1f} times their noise: too few rows are left to "
+            "fit without them, or what happened among them does not show in the others"
+        )
 
 
 def _correlated(recording: Recording) -> Iterator[str]:

@@ -17,7 +17,9 @@ def tree_of(
     """Place, dependence, mechanism: probabilities add up from each level to the one above.
 
     Where several mechanisms of a place may be at work together, each has its share of the place's
-    probability; ``inclusion`` is the probability that it is at work at all, alone or not.
+    probability; ``inclusion`` is the probability that it is at work at all, alone or not. What the
+    mechanisms together lack of the place's probability is a part of what the library lacks: listed
+    terms may stand for it.
 
     Args:
         places: Probability of each place, any mechanism there.
@@ -33,7 +35,21 @@ def tree_of(
     return tuple(found)
 
 
+def _with_parts(own: Mapping[Mechanism, float], p: float) -> dict[Mechanism, float]:
+    """Mechanisms of a place of probability p, what listed ones may stand for among them."""
+    found = dict(own)
+    listed = {m: q for m, q in own.items() if m[3] is not None}
+    lacking = max(p - sum(own.values()), 0.0)
+    if lacking <= LEAST_TOLD:
+        return found
+    for (stage, element, on, _), q in listed.items():
+        none = stage, element, on, None
+        found[none] = found.get(none, 0.0) + lacking * q / sum(listed.values())
+    return found
+
+
 def _dependences(own: Mapping[Mechanism, float], p: float) -> list[dict[str, Any]]:
+    own = _with_parts(own, p)
     share = p / max(sum(own.values()), 1e-300)
     by: dict[str, list[dict[str, object]]] = {}
     for mechanism, q in sorted(own.items(), key=lambda item: (-item[1], str(item[0]))):

@@ -207,7 +207,7 @@ def _branches(
 ) -> list[str]:
     shown = [b for b in found if b["probability"] >= SHOWN] or list(found[:1])
     told = [f" {chance(_inclusion(b))}" if len(shown) > 1 else "" for b in shown]
-    called = [b[name] or "unlisted" for b in shown]
+    called = [{None: "unlisted", "nothing": "constant"}.get(b[name], b[name]) for b in shown]
     return [f"{c}{p}{inside(b)}" for c, p, b in zip(called, told, shown, strict=True)]
 
 

@@ -1,0 +1,74 @@
+"""Commands where place and orientation cannot both be had, and where a joint remembers its path."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.model import Model
+
+Q = np.array([0.4, -1.2, 0.9, 0.1, 0.6, 0.0])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """A UR5 without any effect."""
+    robot = Robot.bundled("ur5")
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (30, 6))
+    none = np.zeros(3)
+    return Model(
+        recording="made up",
+        observation="tip_position",
+        robot=robot,
+        tip_frame=robot.default_tip,
+        effects=(),
+        values=np.empty(0),
+        covariance=np.empty((0, 0)),
+        nuisance_names=(),
+        always=(),
+        T_device_base=np.eye(4),
+        centre=none,
+        tool_offset=none,
+        tool=np.array([0.0, 0.0, 0.2]),
+        R_tip_tool=np.eye(3),
+        sockets={},
+        samples={"q": q},
+        ranges={"q": np.array([q.min(axis=0), q.max(axis=0)])},
+    )
+
+
+def test_where_a_pose_cannot_be_had_its_place_is_kept(arm):
+    """A stretched arm that is to point its tool back at itself."""
+    q = np.random.default_rng(4).uniform(-1.2, 1.2, (12, 6))
+    q[:, 2:] *= 0.1
+    goal = arm.nominal.placement(q)
+    goal[:, :3, :3] = np.diag([1.0, -1.0, -1.0]) @ goal[:, :3, :3]
+    command = arm.joint_command_for(goal)
+    assert (command.turned > 0.1).sum() > 3
+    assert command.reached.all()
+    np.testing.assert_allclose(arm.tip(command.q), goal[:, :3, 3], atol=1e-6)
+
+
+def test_a_mirrored_pose_is_refused(arm):
+    with pytest.raises(PlumblineError, match="pose: found axes that are mirrored"):
+        arm.joint_command_for(np.diag([1.0, 1.0, -1.0, 1.0]))
+
+
+def test_one_posture_of_a_joint_that_lags_is_commanded_by_the_way_it_came(arm):
+    lag = REGISTRY["hysteresis"](joint=2, width=1e-3)
+    arm = replace(arm, effects=(lag,), values=np.array([1e-3]), covariance=np.zeros((1, 1)))
+    for side in (-1.0, 1.0):
+        way = side * np.eye(6)[1]
+        behind = arm.joint_corrections(Q, direction=way)[0, 1]
+        np.testing.assert_allclose(behind, -0.5e-3 * side, atol=1e-12)
+        command = arm.joint_command(Q, direction=way)
+        np.testing.assert_allclose(command.q[0, 1] - Q[1], 0.5e-3 * side, atol=1e-6)
+
+
+def test_a_path_that_begins_with_no_known_way_begins_in_the_middle_of_its_play(arm):
+    lag = REGISTRY["hysteresis"](joint=2, width=1e-3)
+    arm = replace(arm, effects=(lag,), values=np.array([1e-3]), covariance=np.zeros((1, 1)))
+    assert arm.joint_corrections(Q)[0, 1] == 0.0
