@@ -54,9 +54,10 @@ def asked(place):
     return alternatives(place.pool, place.chosen, UNLISTED, 0)
 
 
-def about(selected):
-    """Rows, ports and families there."""
-    pool = selected.pool
+@pytest.fixture(scope="module")
+def offered(place):
+    """Ports and families there."""
+    pool = place.pool
     rows = rows_compared(pool)
     ports = Ports.about(pool.model, pool.x, rows, pool.always)
     recording = pool.model.recording.select(rows)
@@ -101,14 +102,14 @@ def test_what_the_library_lacks_has_the_share_that_is_stated(unlisted, place, as
     assert (asked.problem.log_priors[asked.problem.gross] == -np.inf).all()
 
 
-def test_all_that_the_library_lacks_shares_one(place):
+def test_all_that_the_library_lacks_shares_one(offered):
     """A shift of chosen rows has but its part of all choices of as many rows."""
-    _, found = about(place)
+    _, found = offered
     assert np.exp(_log_shares(found)).sum() == pytest.approx(1.0, rel=0.1)
 
 
-def test_half_the_odds_of_a_joint_s_dependence_are_of_what_is_as_simple_as_an_effect(place):
-    _, found = about(place)
+def test_half_the_odds_of_a_joint_s_dependence_are_of_what_is_as_simple_as_an_effect(offered):
+    _, found = offered
     for on in ("own angle", "load", "direction"):
         own = [f for f in found if (f.on, f.element) == (on, 2)]
         simple = [f for f in own if len(f.columns) <= 2]
@@ -116,9 +117,9 @@ def test_half_the_odds_of_a_joint_s_dependence_are_of_what_is_as_simple_as_an_ef
         assert min(len(f.columns) for f in simple) == 1
 
 
-def test_what_the_library_lists_it_does_not_lack(place):
+def test_what_the_library_lists_it_does_not_lack(place, offered):
     """A joint's scale is lacked where it is not listed; other forms have its share where it is."""
-    ports, found = about(place)
+    ports, found = offered
     short = [c for c in place.pool.candidates if c.effect.name != "joint_scale"]
     without = replace(place.pool, candidates=tuple(short))
     angle = about_joint_2(found)[1]
@@ -238,10 +239,10 @@ def test_one_row_alone_shares_no_shift():
 # The linear problem
 
 
-def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, asked):
+def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, asked, offered):
     """Every column and the target, against residuals of dense least squares on the nuisances."""
     pool = place.pool
-    ports, _ = about(place)
+    ports, _ = offered
     found = [t.family for t in asked.problem.terms if of_none(t)]
     spread = spread_of_noise(pool, place.chosen, ports)
     blocks = [ports.base, *(f.columns for f in found)]
