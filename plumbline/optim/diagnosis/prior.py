@@ -137,5 +137,4 @@ MOST_SIMULATED_CAUSES = 3
 LEAST_SEEN = 1e-3  # share of a fault that frame and tool must leave, for it to be worth drawing
 SLOPE_WIDTH, OFFSET_WIDTH = 0.5, 1.0  # priors of the recalibration's line about the identity
 TRUTH_HELD = 0.9  # share of cases whose true causes the set of causes holds
-RANK_BINS = 10  # of the ranks of true values: a tenth is a share that a reader can judge
 SUREST = 1e-6  # of a stated probability, from 0 and 1: what it counts for is finite

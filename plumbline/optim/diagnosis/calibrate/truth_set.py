@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from plumbline.optim.diagnosis.calibrate.simulation import Fault
 from plumbline.optim.diagnosis.findings import Cause
-from plumbline.optim.diagnosis.prior import RANK_BINS, TRUTH_HELD
+from plumbline.optim.diagnosis.prior import TRUTH_HELD
 
 
 def threshold(scores: Sequence[float]) -> float | None:
@@ -43,4 +43,4 @@ def ranks(causes: Sequence[Cause], fault: Fault) -> tuple[float, ...]:
 
 def histogram(places: Sequence[float]) -> tuple[int, ...]:
     """How many ranks lie in each tenth."""
-    return tuple(int(n) for n in np.histogram(places, RANK_BINS, (0.0, 1.0))[0])
+    return tuple(int(n) for n in np.histogram(places, 10, (0.0, 1.0))[0])
