@@ -126,6 +126,7 @@ SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding l
 
 # The next experiment (design).
 SETTLED = 0.95  # probability of the leading explanation at which nothing is left to separate
+NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
 WIDER = 0.1  # of the box of tips, on each side [its size]
 REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
 
