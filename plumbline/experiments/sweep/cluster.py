@@ -1,4 +1,4 @@
-"""A list of tasks on one recording, done by the workers of a Dask cluster, wherever they run.
+"""A list of tasks on one recording, done by a Dask cluster's or a joblib backend's workers.
 
 The recording's files travel with the task, as the workers may share no disk with this process. A
 task whose worker ends is given to another by the scheduler; what comes of it comes once.
@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from joblib import Parallel, delayed
 
 from plumbline.errors import PlumblineError, fault
 from plumbline.experiments.withheld.running import code_hash
@@ -60,6 +62,21 @@ def _unpacked(shipped: Shipped) -> Path:
 def _worked(work: Callable[[Path, Task], Found], shipped: Shipped, task: Task) -> Found:
     """One task, on a worker."""
     return work(shipped.unpacked(), task)
+
+
+def done_as_configured(
+    work: Callable[[Path, Task], Found], folder: Path | None, tasks: Sequence[Task]
+) -> Iterator[Found]:
+    """What comes of each task, by the backend that `joblib.parallel_config` names.
+
+    Args:
+        work: What is done with a recording's folder; a function of a module.
+        folder: The recording's folder, here; None where a case makes its own.
+        tasks: What it is done to.
+    """
+    shipped, each = Shipped.of(folder), delayed(_worked)
+    asked = (each(work, shipped, task) for task in tasks)
+    yield from Parallel(return_as="generator_unordered")(asked)
 
 
 def done_on(

@@ -27,7 +27,7 @@ from plumbline.optim.recording.recording import Recording
 def sweep(
     spec: Spec | str | Path,
     *,
-    jobs: int = -1,
+    jobs: int | None = -1,
     dask: str | None = None,
     keep: Path | None = None,
     stands: Callable[[Callable[[], Sweep]], None] | None = None,
@@ -37,7 +37,8 @@ def sweep(
 
     Args:
         spec: The recording, or the reality and the method, and the cases; or its TOML file.
-        jobs: Processes at a time; -1 for one a core. None outlives this one.
+        jobs: Processes at a time; -1 for one a core. No process outlives this one. None for what
+            `joblib.parallel_config` says: any backend that joblib knows, with its `n_jobs`.
         dask: Address of a Dask scheduler, whose workers take the cases instead.
         keep: A file that takes a line for each case as it is done, and is read first.
         stands: Called after each case with what gives the sweep as it stands, cases done alone.
@@ -85,15 +86,19 @@ def _varied(cases: Sequence[Any]) -> tuple[str, ...]:
     return tuple(k for k in options[0] if len({str(option[k]) for option in options}) > 1)
 
 
-def _done(folder: Path | None, cases: list[Any], jobs: int, dask: str | None) -> Iterator[Outcome]:
-    """What comes of each case, here or on a cluster."""
+def _done(
+    folder: Path | None, cases: list[Any], jobs: int | None, dask: str | None
+) -> Iterator[Outcome]:
+    """What comes of each case, here, on a backend of joblib's, or on a cluster."""
     work: Callable[[Any, Any], Outcome] = simulated.outcome_of
     if folder is not None:
         work = recorded.outcome_of
-    if dask is None or not cases:
-        return done_by(partial(work, folder), cases, jobs)
-    from plumbline.experiments.sweep.cluster import done_on
+    if not cases or (dask is None and jobs is not None):
+        return done_by(partial(work, folder), cases, jobs or -1)
+    from plumbline.experiments.sweep.cluster import done_as_configured, done_on
 
+    if dask is None:
+        return done_as_configured(work, folder, cases)
     return done_on(dask, work, folder, cases)
 
 

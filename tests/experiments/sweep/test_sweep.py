@@ -16,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from joblib import parallel_config, register_parallel_backend
+from joblib.parallel import ThreadingBackend
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands import sweep as command
@@ -87,6 +89,27 @@ def test_rows_are_drawn_by_the_seed_and_held_out_rows_stay(tmp_path):
     apart = load_recording(write_folder(tmp_path))
     part = part_of(apart, Case(rows=12))
     assert len(part) - 12 == part.held_out.sum() == apart.held_out.sum() > 0
+
+
+class Counting(ThreadingBackend):
+    """A backend that nobody's package brings, and what it was given."""
+
+    given = 0
+    supports_return_generator = True
+
+    def submit(self, func, callback=None):
+        Counting.given += 1
+        return super().submit(func, callback)
+
+
+def test_any_backend_that_joblib_knows_does_the_cases(spec, quick):
+    register_parallel_backend("counting", Counting)
+    alone = sweep(spec, jobs=1)
+    with parallel_config(backend="counting", n_jobs=2):
+        found = sweep(spec, jobs=None)
+    assert Counting.given == len(found.outcomes) == len(quick) / 2
+    assert [o.case for o in found.outcomes] == [o.case for o in alone.outcomes]
+    assert found.outcomes == alone.outcomes
 
 
 def test_options_that_do_not_fit_the_rows_are_told_in_the_table(spec, quick, capsys):
