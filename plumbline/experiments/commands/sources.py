@@ -57,8 +57,12 @@ def fetch(
     """Write a public recording as a folder of that name, checked by its hash."""
     check_output(json, "--json", [(to or Path()) / name])
     from plumbline.experiments.sources import fetch as fetch_source
+    from plumbline.experiments.sources import list_sources
 
     folder = fetch_source(
         name, to, progress=not quiet and sys.stderr is not None and sys.stderr.isatty()
     )
-    say(json, quiet, {"name": name, "folder": str(folder)}, str(folder))
+    source = next(source for source in list_sources() if source.name == name)
+    about = {"licence": source.licence, "citation": source.citation}
+    words = f"{folder}\nlicence: {source.licence}\nto cite: {source.citation}"
+    say(json, quiet, {"name": name, "folder": str(folder), **about}, words)

@@ -331,11 +331,13 @@ def test_list_names_the_effects_and_what_they_need(capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_fetch_says_where_it_wrote(monkeypatch, tmp_path, capsys):
+def test_fetch_says_where_it_wrote_and_under_which_licence(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr("plumbline.experiments.sources.fetch", lambda name, to, progress: to / name)
     assert run(["fetch", "ur5-grid", "--to", str(tmp_path), "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found == {"name": "ur5-grid", "folder": str(tmp_path / "ur5-grid")}
+    assert (found["name"], found["folder"]) == ("ur5-grid", str(tmp_path / "ur5-grid"))
+    assert run(["fetch", "ur5-grid", "--to", str(tmp_path)]) == 0
+    assert f"licence: {found['licence']}\nto cite: {found['citation']}\n" in capsys.readouterr().out
 
 
 def test_without_a_command_the_help_is_shown(capsys):

@@ -12,6 +12,7 @@ import pytest
 
 from plumbline import PlumblineError, fit_dh, load, write_report
 from plumbline.experiments.commands.app import run
+from plumbline.experiments.report import named
 from plumbline.experiments.report.diagnosis.scene import scene
 from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.diagnosis.turned import turned
@@ -143,6 +144,7 @@ def test_a_notebook_shows_the_report_s_scene_in_a_frame_that_fetches_nothing():
     assert json.loads(html.unescape(data)) == json.loads(scene(Subject.of(diagnosis)))
     assert not tags(page).open
     assert "http" not in page
+    assert named.of_diagnosis(diagnosis)["scene"]() == turned(diagnosis)
     encoders = replace(diagnosis.recording, observation="joint_position")
     with pytest.raises(PlumblineError, match="scene: joint_position observed, tips or poses"):
         turned(replace(diagnosis, recording=encoders))

@@ -80,9 +80,7 @@ def _colour_scale(scale: Normalize, unit: str) -> Figure:
     drawn.outline.set_visible(False)
     if drawn.solids is not None:
         drawn.solids.set_edgecolor("face")
-    bar.set_xlabel(
-        f"distance between predicted and measured tip [{unit}]; larger ones in the last colour"
-    )
+    bar.set_xlabel(f"from the predicted to the measured tip [{unit}]; larger: last colour")
     return figure
 
 

@@ -78,7 +78,7 @@ def _scale(scale: Normalize, unit: str) -> Figure:
     bar = figure.add_subplot()
     drawn = figure.colorbar(ScalarMappable(scale, SIGNED), cax=bar, orientation="horizontal")
     drawn.outline.set_visible(False)
-    bar.set_xlabel(f"predicted less measured range [{unit}]; larger ones in the last colours")
+    bar.set_xlabel(f"predicted less measured range [{unit}]; larger: last colours")
     return figure
 
 

@@ -25,7 +25,7 @@ class Turned:
     def _repr_html_(self) -> str:
         """The page in a frame that may run its own script and reach nothing else."""
         given = html.escape(self.page, quote=True)
-        style = "width:100%;height:33rem;border:0"
+        style = "width:100%;height:36rem;border:0"
         return f'<iframe sandbox="allow-scripts" srcdoc="{given}" style="{style}"></iframe>'
 
 

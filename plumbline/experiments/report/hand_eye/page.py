@@ -74,6 +74,7 @@ def _pictures(answer: HandEye) -> Picture:
         "Distances of the readings from their boards over the angle of the beam, and where each "
         "board stands out of its plane.",
         (residuals(answer.calibration), bows(answer.calibration)),
+        wide=True,
     )
 
 
