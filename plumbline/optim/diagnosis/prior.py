@@ -12,13 +12,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import logsumexp
 
-# How often what hangs on its own answer is asked again, unless it settles before: a search, a
-# posterior about a new fit, gross rows given the causes; and what costs little, such as a noise and
-# the priors that weigh each other, where a gap may be 1e4 times the noise.
-ROUNDS, MANY_ROUNDS = 4, 8
+# At most so many rounds of what hangs on its own answer, unless it settles before: a search, a
+# posterior about a new fit, gross rows given the causes (cost only; two or three are usual).
+ROUNDS = 4
 ALARM = 0.01  # probability that what is right is accused: of a gross row, of rows missed by too far
-SLIGHT = 0.05  # share by which two figures may differ and say the same
-DRAWS = 200  # of readings, or of orders: shares are then known to some per cent (cost only)
 
 # Evidence (posterior/evidence). Gelman et al. (2013), Bayesian Data Analysis, sec. 14.8.
 # The width of a prior, over its scale, is summed over a grid of three decades about one, log-normal
@@ -28,6 +25,7 @@ LOG_SCALE_WEIGHTS = -0.5 * (np.log10(SCALES) / 0.75) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 # Equations that a stated noise is worth: a sigma of n of them is known to 1 / sqrt(2 n), 7 %.
 KNOWN_NOISE_FREEDOM = 100.0
+VARIANCE_ROUNDS = 8  # of noise and priors that weigh each other: a gap may be 1e4 times the noise
 SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, at which they have settled
 FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
@@ -36,24 +34,28 @@ ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without
 # has a cause about as often as not, and one cause more is rare.
 FIRST_SLOT_ODDS = 0.7
 NEXT_SLOT_ODDS = 0.1
-MANY_SLOTS = 40  # terms from which pairs are no longer tried; a quarter of it takes several at once
+MANY_SLOTS = 40  # terms from which pairs are no longer tried (cost only)
 BETTER = 1e-6  # log odds by which another model must win: more than rounding
-AT_ONCE = 8  # terms that a long model takes at once (cost only)
+TAKES_SEVERAL = 10  # terms from which a model takes others along with the best (cost only)
+AT_ONCE, AMONG = 8, 40  # so many at the most, of so many of the best (cost only)
+AS_STRONG = 0.3  # of the best one's log odds, which these have at the least
 LITTLE_OVERLAP = 0.02  # their largest squared correlation: each explains what the others do not
 
 # Search (posterior/search, task).
 WIDE_PRIOR = 30.0  # width about its fit of what is always fitted [its scale]: data decide
-LONG = 4000  # rows, or blocks of them, from which only a part is looked at (cost only)
+LONG = 4000  # rows from which a part is searched first, and few steps are enough (cost only)
 
 # Short lists of dense families (posterior/shortlists); sizes bound memory.
 LEAST_SHORTLIST = 6
 MOST_COLUMNS = 80  # of a family's variants on the short list, together
 NO_EVIDENCE = 3.0  # log Bayes factor, or divergence, below which rows tell nothing (Jeffreys 1961)
+MOST_REFINED = 12  # chosen ones of which finer variants are tried (cost only)
 
 # Gross errors (posterior/robust). Belsley, Kuh, Welsch (1980), sec. 2.1.
 ANISOTROPY = 1.7  # ratio of squares up to which one axis, or joint, may be noisier than all
 MOST_GROSS_SHARE = 0.2  # of all rows: were there more, it would be an effect
 MANY_ROWS = 10  # readings a column from which no single row has leverage
+FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows by another name
 LEVER_CHANGE = (0.1, 10.0)  # of the usual lever between noises of position and rotation
 
 # Noise (posterior/noise).
@@ -71,14 +73,17 @@ HIGHEST_ORDER = 40  # orders above it are kept as the search found them
 USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn
 REACHES = (0.25, 0.6, 1.5)  # [rad, or spread of places] over which what is unknown is smooth
 FULLEST = 15  # columns of a family, its leading ones (cost only)
-TURNS, FEW = 6, 3  # orders of one angle; of a second one, and of time where what warms up is slow
+TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
+WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
 FEATURES = 24  # random Fourier features (Rahimi and Recht 2007)
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
 CENTRES = 40  # places about which local bumps are tried
 SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
 COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
-MOST_GROSS_ROWS = 20  # distrusted rows, or ranged motions, that may each err by their own
+MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
+MOST_MOTIONS = 20  # whose ranges may each err by their own
+PATH_ROWS = 4000  # of a motion's way through play operators (cost only)
 GROSS_ODDS = 0.01  # of a row to be grossly wrong
 NOISE_NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
 EXTREME = 100.0  # residual of a distrusted row [usual one] beyond which no smooth effect is meant
@@ -93,39 +98,51 @@ RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (test_joint_posterior.py)
-MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are, or refined (cost only)
+MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
+MOST_ADDED = 12  # terms that a state too long for that gets in one pass (cost only)
 NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not count: a millionth
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
 LEAST_NAMED = 0.5  # probability of a cause at which it is named
-LEAST_TOLD = 0.02  # probability that states nothing: two chains that agree differ by as much
+CHAINS_APART = 0.02  # by which the probabilities of two chains that agree may differ
+LEAST_TOLD = CHAINS_APART  # a probability below it states nothing
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
 
 # Rows left out (predict).
 MOST_FOLDS = 5  # and blocks; Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
-FEWEST_ROWS = 4  # of a fold, or between two bumps of the base
+FEWEST_ROWS = 4  # of a fold
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval
+MOST_BLOCKS = 4000  # of the bootstrap (memory only)
+FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's step foretells
+FOLD_STEPS = 8  # of a fold's own, where one from the fit of all does not do (cost only)
+HALVINGS = 8  # of a step that leaves more than none: to less than a hundredth (cost only)
 SLOW = 0.1  # share of its way to go from which a step's curvature is worked out anew (cost only)
-
 
 # Causes that are not named (predict/negligible, verdict/explanation).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, below which it is spared
 NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one is spared
 HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
+WORSE = 1.05  # ratio of held-out figures at which what was excluded is missed
 MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
 
 # The verdict.
 LACKING = 2.5  # deviations at which more than chance is as probable as not
 LACKING_SLOPE = 2.0  # log odds a deviation
 FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
+REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
+SHAPLEY_ORDERS = 200  # all, or so many drawn: shares are known to some per cent (cost only)
 SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less
 
 # The next experiment (design).
 SETTLED = 0.95  # probability of the leading explanation at which nothing is left to separate
+FORECAST_DRAWS = 200  # of readings: probabilities are known to some per cent (cost only)
+HOPELESS = 0.5  # share of the doubt that any number of rows may leave
+COOLED = 0.05  # share of its warmth that a rest as long as the recording leaves: 3 time constants
+MEMORY = 4000  # rows that the path of a joint may reach back (cost only)
 NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
 WIDER = 0.1  # of the box of tips, on each side [its size]
 REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
@@ -135,6 +152,7 @@ NOTHING_WRONG = 0.25  # share of the cases in which nothing is wrong
 LEAST_GAP = 0.35  # of a simulated case [noise]: the faintest of the withheld sets
 GAP_SPREAD = 2.0  # gaps are drawn between the found one over this and times this
 MOST_SIMULATED_CAUSES = 3
+NEWTON_STEPS = 4  # to readings that leave given errors: each squares what is left of them
 LEAST_SEEN = 1e-3  # share of a fault that frame and tool must leave, for it to be worth drawing
 SLOPE_WIDTH, OFFSET_WIDTH = 0.5, 1.0  # priors of the recalibration's line about the identity
 TRUTH_HELD = 0.9  # share of cases whose true causes the set of causes holds

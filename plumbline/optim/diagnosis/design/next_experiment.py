@@ -20,7 +20,13 @@ from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expected_probabilities
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.prior import DRAWS, MANY_CAUSES, NO_EVIDENCE, SETTLED
+from plumbline.optim.diagnosis.prior import (
+    FORECAST_DRAWS,
+    HOPELESS,
+    MANY_CAUSES,
+    NO_EVIDENCE,
+    SETTLED,
+)
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.model.part import number_of
 from plumbline.optim.recording.recording import Recording
@@ -219,7 +225,7 @@ def _forecast(design: Design, gram: Array) -> Forecast:
 def _if_lead(rivals: Rivals, gram: Array, seed: int) -> Array:
     """Expected probabilities (M,) after some rows if the leading explanation is right."""
     lead = rivals.leading
-    return expected_probabilities(rivals, gram, DRAWS, seed, only=lead)[lead]
+    return expected_probabilities(rivals, gram, FORECAST_DRAWS, seed, only=lead)[lead]
 
 
 def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
@@ -231,7 +237,7 @@ def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
         return ()
     many = design.random_grams((RANDOM_COUNTS[-1],), 1)[0, 0]
     left = _if_lead(rivals, many, design.options.seed)
-    hopeless = [j for j in faint if left[j] > 0.5 * rivals.probabilities[j]]
+    hopeless = [j for j in faint if left[j] > HOPELESS * rivals.probabilities[j]]
     mine, notes = rivals.labels[lead], []
     if set(faint) - set(hopeless):
         names = _listed(rivals, [j for j in faint if j not in hopeless])

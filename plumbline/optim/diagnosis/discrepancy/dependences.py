@@ -42,13 +42,13 @@ from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_func
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.prior import (
     COSINES,
-    FEW,
     FULLEST,
     JUMPS,
     REACHES,
     STEPS,
     TURNS,
     USUAL,
+    WARMTH,
 )
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
@@ -155,11 +155,11 @@ def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         place = normal(_true_places(recording))
         spread = np.concatenate([np.ones((1, len(place))), place.T])
         rise = np.stack([np.ones(len(place)), normal(temperature)])
-        grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, FEW))]
+        grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, WARMTH))]
         forms = [form.reshape(-1, len(place)) for form in grown]
         on = "temperature"
         yield from _one_of(_at(on, on, "link", None, form, ports.shift) for form in forms)
-        yield from _each_part(ports, temperature, on, cosines(temperature, FEW))
+        yield from _each_part(ports, temperature, on, cosines(temperature, WARMTH))
 
 
 def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterator[Dependence]:
@@ -170,7 +170,7 @@ def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterat
         yield from _one_of(_at(words, on, "joint", j + 1, form, port[None]) for form in forms)
     for i, port in enumerate(ports.link):
         words = f"the place of link {i + 1} depends on {on}"
-        yield _at(words, on, "link", i + 1, cosines(values, FEW), port)
+        yield _at(words, on, "link", i + 1, cosines(values, WARMTH), port)
 
 
 def _true_places(recording: Recording) -> Array:

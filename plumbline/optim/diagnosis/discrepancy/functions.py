@@ -11,7 +11,7 @@ import numpy as np
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.prior import CENTRES, FEATURES, FEW, PLAYS, SPOT_WIDTHS, TURNS
+from plumbline.optim.diagnosis.prior import CENTRES, FEATURES, MESHES, PLAYS, SPOT_WIDTHS, TURNS
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
@@ -34,7 +34,7 @@ def random_features(inputs: Array, reach: float, rng: np.random.Generator) -> Ar
 
 def waves(angles: Array) -> Array:
     """Four waves (K, 4, N) for every two whole numbers of turns of two angles (N, 2)."""
-    orders = np.array(list(product(range(1, TURNS + 1), range(1, FEW + 1))))
+    orders = np.array(list(product(range(1, TURNS + 1), range(1, MESHES + 1))))
     plus, minus = orders @ angles.T, (orders * [1, -1]) @ angles.T
     found = np.stack([np.sin(plus), np.cos(plus), np.sin(minus), np.cos(minus)], axis=1)
     return level(found)

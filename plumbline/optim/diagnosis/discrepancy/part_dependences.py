@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     spots,
     steps,
 )
-from plumbline.optim.diagnosis.prior import COSINES, FEW, MOST_GROSS_ROWS, REACHES, STEPS
+from plumbline.optim.diagnosis.prior import COSINES, MOST_MOTIONS, REACHES, STEPS, WARMTH
 from plumbline.optim.measurement.parts import cosines_at_start, spots_at_start
 from plumbline.optim.recording.origin import Integers
 from plumbline.optim.recording.recording import Recording
@@ -64,7 +64,7 @@ def _of_ranges(r: Recording, rng: np.random.Generator) -> Iterator[Offered]:
     if r.stand_in:
         posture = random_features(normal(r.q), REACHES[-1], rng)
         yield Offered("the pose of the flange", "posture", "link", None, [posture])
-    if r.motion is not None and 1 < len(np.unique(r.motion)) <= MOST_GROSS_ROWS:
+    if r.motion is not None and 1 < len(np.unique(r.motion)) <= MOST_MOTIONS:
         yield Offered("the motion", "motion", "sensor", None, [_each(r.motion)])
     yield from _of_time(r, "plane", "sensor")
 
@@ -89,7 +89,7 @@ def _of_time(r: Recording, noun: str, stage: str) -> Iterator[Offered]:
     for k in range(1, len(r.elements) + 1):
         mine = r.element == k
         if np.ptp(r.time[mine]) > 0.0:
-            own = np.where(mine, cosines(r.time, FEW), 0.0)
+            own = np.where(mine, cosines(r.time, WARMTH), 0.0)
             yield Offered(f"the place of {noun} {k} depends on time", "time", stage, k, [own])
 
 

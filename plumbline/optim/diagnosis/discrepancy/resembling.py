@@ -38,7 +38,7 @@ from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.prior import DEVIATIONS, FEW, MANY_CAUSES, MOST_RESEMBLED
+from plumbline.optim.diagnosis.prior import DEVIATIONS, MANY_CAUSES, MOST_RESEMBLED, WARMTH
 from plumbline.optim.recording.recording import Recording
 
 VARIANTS_SEEN = 8  # of each of the best effects, so that enough effects are among them (cost only)
@@ -162,9 +162,9 @@ def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[tuple[s
         place = recording.chain.placement(recording.q)[:, :3, 3]
         yield "place", polynomials(normal(place), 2)
     if recording.time is not None and np.ptp(recording.time) > 0:
-        yield "time", cosines(recording.time, FEW)
+        yield "time", cosines(recording.time, WARMTH)
     if recording.temperature is not None and np.ptp(recording.temperature) > 0:
-        yield "temperature", cosines(recording.temperature, FEW)
+        yield "temperature", cosines(recording.temperature, WARMTH)
 
 
 def _unit(functions: Array) -> Array:

@@ -29,9 +29,9 @@ from plumbline.optim.diagnosis.prior import (
     FINEST,
     KNOWN_NOISE_FREEDOM,
     LOG_SCALE_WEIGHTS,
-    MANY_ROUNDS,
     ROUNDING,
     SCALES,
+    VARIANCE_ROUNDS,
 )
 
 
@@ -232,7 +232,7 @@ def _noise_left(
     base = float(noise.variance(tt, n))
     v = np.full((len(gain), len(sizes)), base)
     owner = np.repeat(np.arange(len(sizes)), sizes)
-    for _ in range(MANY_ROUNDS):
+    for _ in range(VARIANCE_ROUNDS):
         left = tt - _summed(gain / (v[:, owner] + weight), sizes)
         before, v = v, np.maximum(noise.variance(np.maximum(left, 0.0), n), 1e-12 * base)
         if (np.abs(v - before) <= 100.0 * np.finfo(float).eps * v).all():

@@ -36,11 +36,11 @@ from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     LOG_SCALE_WEIGHTS,
-    MANY_ROUNDS,
     NEXT_SLOT_ODDS,
     ROUNDS,
     SCALES,
     SETTLED_VARIANCE,
+    VARIANCE_ROUNDS,
 )
 
 LOG_GROSS_ODDS = float(np.log(GROSS_ODDS / (1.0 - GROSS_ODDS)))
@@ -137,7 +137,7 @@ class JointProblem:
         G, b = self.linear.G[np.ix_(columns, columns)], self.linear.b[columns]
         base = float(self.noise.variance(self.linear.tt, self.linear.n))
         z = np.zeros(len(b))
-        for _ in range(MANY_ROUNDS):
+        for _ in range(VARIANCE_ROUNDS):
             z = np.linalg.lstsq(G + base * np.eye(len(b)), b, rcond=None)[0]
             left = max(float(self.linear.tt - 2.0 * z @ b + z @ G @ z), 0.0)
             before, base = base, float(self.noise.variance(left, self.linear.n))
@@ -190,7 +190,7 @@ class JointProblem:
         """The noise variance that a state leaves, whose priors are weighed by it; from a guess."""
         if not state:
             return self.variance(self.reduce([], variance))
-        for _ in range(MANY_ROUNDS):
+        for _ in range(VARIANCE_ROUNDS):
             left = self.linear.left(*stack(self.terms, state, variance))
             before, variance = variance, float(self.noise.variance(*left))
             if variance > SETTLED_VARIANCE * before:
@@ -257,7 +257,7 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
     b = (linear.b[columns] * s)[:, :, None]
     base = float(noise.variance(linear.tt, linear.n))
     v = np.full(len(s), variance)
-    for _ in range(MANY_ROUNDS):
+    for _ in range(VARIANCE_ROUNDS):
         lower = _factors(G, v)
         hidden = np.linalg.solve(lower, b)
         left = np.maximum(linear.tt - np.sum(hidden**2, axis=(1, 2)), 0.0)

@@ -26,7 +26,7 @@ from plumbline.optim.diagnosis.posterior.evidence import block_evidence
 from plumbline.optim.diagnosis.posterior.joint import Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
-from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, MOST_TERMS, NO_EVIDENCE, ROUNDS, TILT
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, MOST_ADDED, NO_EVIDENCE, ROUNDS, TILT
 
 
 def one_by_one(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
@@ -106,7 +106,7 @@ def _thinned(problem: JointProblem, reduced: Reduced) -> Reduced:
 
 def _extended(problem: JointProblem, reduced: Reduced) -> Reduced:
     """With what the state lacks, until nothing more is as probable as not."""
-    for _ in range(MOST_TERMS):
+    for _ in range(MOST_ADDED):
         log_odds, scores = problem.odds(reduced)
         if logsumexp(log_odds) <= 0.0:
             break

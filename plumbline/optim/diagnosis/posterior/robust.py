@@ -32,7 +32,7 @@ from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (
     ALARM,
     ANISOTROPY,
-    FEWEST_ROWS,
+    FEWEST_BETWEEN,
     LEVER_CHANGE,
     MANY_ROWS,
     MOST_GROSS_SHARE,
@@ -110,7 +110,7 @@ def lone_rows(recording: Recording) -> NDArray[np.bool_]:
 
 
 def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:
-    """Rows (N,), fewer than :data:`FEWEST_ROWS`, that two bumps or slips set apart.
+    """Rows (N,), fewer than :data:`FEWEST_BETWEEN`, that two bumps or slips set apart.
 
     One bump of the base, or slip of the tool, and another soon after are gross errors by another
     name.
@@ -121,7 +121,7 @@ def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArr
     moments = sorted({e.moment for e in effects if isinstance(e, BaseBump | ToolSlip)})
     for first, second in pairwise(moments):
         between = (recording.time > first) & (recording.time <= second)
-        if between.sum() < FEWEST_ROWS:
+        if between.sum() < FEWEST_BETWEEN:
             apart |= between
     return apart
 

@@ -33,16 +33,19 @@ from plumbline.optim.diagnosis.posterior.evidence import (
 )
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
 from plumbline.optim.diagnosis.prior import (
+    AMONG,
+    AS_STRONG,
     AT_ONCE,
     BETTER,
     FIRST_SLOT_ODDS,
     LITTLE_OVERLAP,
-    MANY_ROUNDS,
     MANY_SLOTS,
     NEXT_SLOT_ODDS,
     NO_EVIDENCE,
     ROUNDS,
     SETTLED_VARIANCE,
+    TAKES_SEVERAL,
+    VARIANCE_ROUNDS,
 )
 
 
@@ -108,7 +111,7 @@ class SelectionProblem:
     def _settled(self, chosen: Sequence[SelectedTerm]) -> tuple[float, float]:
         """The noise variance that weighs the terms' priors, and the one that they then leave."""
         before = variance = float(self.noise.variance(self.linear.tt, self.linear.n))
-        for _ in range(MANY_ROUNDS if chosen else 0):
+        for _ in range(VARIANCE_ROUNDS if chosen else 0):
             left = self.linear.left(*stack(self.candidates, chosen, variance))
             before, variance = variance, float(self.noise.variance(*left))
             if variance > SETTLED_VARIANCE * before:
@@ -156,10 +159,10 @@ def _strongest(selection: SelectionProblem, reduced: Reduced, log_odds: Array) -
     """The best candidate; in a long model also others as strong that do not overlap with it."""
     order = np.argsort(-log_odds)
     taken = [selection.best(log_odds)]
-    if len(reduced.chosen) < MANY_SLOTS // 4:
+    if len(reduced.chosen) < TAKES_SEVERAL:
         return taken
-    least = max(NO_EVIDENCE, 0.3 * float(log_odds[order[0]]))
-    for i in order[:MANY_SLOTS].tolist():
+    least = max(NO_EVIDENCE, AS_STRONG * float(log_odds[order[0]]))
+    for i in order[:AMONG].tolist():
         if log_odds[i] < least or len(taken) >= AT_ONCE:
             break
         mine = selection.candidates[i].columns

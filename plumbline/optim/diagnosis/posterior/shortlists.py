@@ -16,7 +16,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.scan import Family, Given, families
-from plumbline.optim.diagnosis.prior import LEAST_SHORTLIST, MOST_COLUMNS, MOST_TERMS, NO_EVIDENCE
+from plumbline.optim.diagnosis.prior import LEAST_SHORTLIST, MOST_COLUMNS, MOST_REFINED, NO_EVIDENCE
 from plumbline.optim.measurement.candidates import scope_for
 from plumbline.optim.measurement.observation import Model
 from plumbline.optim.recording.recording import Recording
@@ -26,7 +26,7 @@ STEPS = (Stage.BASE, Stage.TOOL)  # where what is scanned is the moment of a ste
 
 def nearby(chosen: Sequence[Effect], recording: Recording) -> dict[Effect, list[Effect]]:
     """Finer variants of what was chosen; of a dense family's many, those of the first few."""
-    dense = [e for e in chosen if e.scanned][:MOST_TERMS]
+    dense = [e for e in chosen if e.scanned][:MOST_REFINED]
     asked = [e for e in chosen if e in dense or not e.scanned]
     return {e: list(e.neighbours(scope_for(e, recording))) for e in asked}
 

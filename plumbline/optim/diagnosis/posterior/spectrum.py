@@ -27,10 +27,10 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.prior import (
     HIGHEST_ORDER,
-    MANY_ROUNDS,
     ROUNDS,
     SPECTRUM_FROM,
     USUAL,
+    VARIANCE_ROUNDS,
     WIDE_PRIOR,
 )
 from plumbline.optim.measurement.observation import Model, build_model
@@ -140,7 +140,7 @@ class _Prior:
         shape = self.order**-0.5
         inside = self.family >= 0
         width = np.full(int(self.family.max()) + 1, USUAL)
-        for _ in range(MANY_ROUNDS):
+        for _ in range(VARIANCE_ROUNDS):
             spread = np.where(inside, width[self.family] * shape, self.flat)
             factor = cho_factor(matrix * np.outer(spread, spread) + np.eye(len(spread)))
             unit = cho_solve(factor, right * spread)

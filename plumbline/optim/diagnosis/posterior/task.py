@@ -62,7 +62,7 @@ def find_causes(
     part of the rows shows need not be looked for in all of them.
     """
     if len(task.recording) < LONG:
-        return _from_nothing(task, tell, 4, known)
+        return _from_nothing(task, tell, ROUNDS, known)
     part = task.part(-(-len(task.recording) // LONG))
     nothing_yet = np.zeros(len(part.recording), dtype=bool)
     selected, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)

@@ -16,7 +16,7 @@ from plumbline.optim.diagnosis.prior import (
     HELD_OUT_CHANCE,
     NEGLIGIBLE_RISE,
     NEGLIGIBLE_SHARE,
-    SLIGHT,
+    WORSE,
 )
 
 
@@ -28,7 +28,7 @@ def worth_while(selected: SelectedModel, chosen: Sequence[SelectedTerm]) -> list
     of small causes each of which can be spared, but not all, as many stay as the figure needs.
     """
     variance = selected.selection.variance(chosen)
-    limit = (1.0 + SLIGHT) ** 2 * square_with(selected.pool, chosen, variance)
+    limit = WORSE**2 * square_with(selected.pool, chosen, variance)
     kept = list(chosen)
     while negligible := _negligible(selected, kept, variance):
         before, kept = kept, _spared(selected, kept, negligible, variance, limit)

@@ -22,7 +22,16 @@ from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_pri
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import restricted, select
-from plumbline.optim.diagnosis.prior import BOOTSTRAP_DRAWS, LONG, MANY_ROUNDS, ROUNDS, SLIGHT, SLOW
+from plumbline.optim.diagnosis.prior import (
+    BOOTSTRAP_DRAWS,
+    FOLD_BELIEVED,
+    FOLD_STEPS,
+    HALVINGS,
+    LONG,
+    MOST_BLOCKS,
+    ROUNDS,
+    SLOW,
+)
 from plumbline.optim.measurement.observation import Model, build_model
 
 BY_MARKER = "marker"  # what the error of one marker's place depends on
@@ -157,7 +166,7 @@ def held_out_residuals(
     whole, at = Mapped(union.problem), union.started(best.by_name)
     for _ in range(ROUNDS):
         out, foretold, values, grams = _one_step(pool, union, folds, models, at)
-        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= SLIGHT * foretold:
+        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= FOLD_BELIEVED * foretold:
             break
         # Too far for one step: all folds moved alike, so their mean is nearer to each.
         mean = values.mean(axis=0)
@@ -198,8 +207,8 @@ def _settled(
     # Of many rows every step is dear: enough are those that promise a change that tells.
     long = len(left_out) >= LONG
     x = _halved(both[0], np.where(np.isin(np.arange(len(x)), together), start, 0.0), x)
-    for _ in range(MANY_ROUNDS):
-        most = (1.0 + SLIGHT) * found[2] if found else np.inf
+    for _ in range(FOLD_STEPS):
+        most = (1.0 + FOLD_BELIEVED) * found[2] if found else np.inf
         near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
         ended, cost = _judged(pool, problem, model, together, near[0], x)
         if found and not ended.stationarity < SLOW * found[1].stationarity:
@@ -209,7 +218,7 @@ def _settled(
         if found and not (ended.stationarity < found[1].stationarity and cost < most):
             break
         found = x, ended, cost
-        told = ended.stationarity**2 <= SLIGHT * near[0].count
+        told = ended.stationarity**2 <= FOLD_BELIEVED * near[0].count
         if ended.converged or (long and told):
             break
         gram = near[0] + pool.shared_at(x[: pool.always]).padded(problem.size)
@@ -224,8 +233,8 @@ def _halved(rows: Mapped, start: Array, end: Array) -> Array:
 
     So far off that no residual is a number it has to be halved, too.
     """
-    most = (1.0 + SLIGHT) * np.sum(rows.white_residuals(start) ** 2)
-    for _ in range(MANY_ROUNDS):
+    most = (1.0 + FOLD_BELIEVED) * np.sum(rows.white_residuals(start) ** 2)
+    for _ in range(HALVINGS):
         if np.sum(rows.white_residuals(end) ** 2) <= most:
             return end
         end = (start + end) / 2.0
@@ -335,7 +344,7 @@ def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
     """Blocks (N,) for the bootstrap: single rows, or stretches of successive rows of one fold."""
     count = len(folds)
     if separate:
-        return np.arange(count) % LONG
+        return np.arange(count) % MOST_BLOCKS
     length = max(1, round(np.sqrt(count)))
     labels = folds.astype(np.intp) * count + np.arange(count) // length
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.intp)

@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.predict.held_out import (
     by_chance,
     judgement_of,
 )
-from plumbline.optim.diagnosis.prior import EARNED, FAR, LEAST_TOLD, SLIGHT, UNLISTED
+from plumbline.optim.diagnosis.prior import CHAINS_APART, EARNED, FAR, REMOVABLE_FROM, UNLISTED
 from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
@@ -151,7 +151,7 @@ def _gap(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
     floor = noise.sigma * evaluation.per_point
     shrink = 1 - after / before if before > 0 else 0.0
     room = before - floor
-    known = noise.source != "fit" and room > SLIGHT * floor
+    known = noise.source != "fit" and room > REMOVABLE_FROM * floor
     removable = (before - after) / room if known else math.nan
     return Gap(
         unit=evaluation.unit,
@@ -192,7 +192,7 @@ def _notes(
     if told.compared:
         rows = f"{told.compared} of {len(selected.model.recording)} rows, evenly spread"
         notes.append(f"probabilities and the tree are from {rows}; fits and figures are of all")
-    if told.apart > LEAST_TOLD:
+    if told.apart > CHAINS_APART:
         notes.append(
             f"two searches from different starts differ by {told.apart:.2f} in a probability: "
             "what is told apart here is told by little"
