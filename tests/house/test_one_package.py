@@ -1,6 +1,7 @@
 """One package, ``plumbline``; the folders at the root are links that nobody imports through."""
 
 import ast
+import inspect
 import json
 import re
 import subprocess
@@ -75,6 +76,16 @@ def test_the_face_states_what_it_loads_to_readers_and_type_checkers_alike():
         for alias in node.names
     }
     assert stated | {"__version__"} == set(plumbline.__all__)
+
+
+def test_the_face_says_all_that_it_takes():
+    """No ``**options: Any``: further keywords are those of a declared table."""
+    for name in plumbline.__all__:
+        offered = getattr(plumbline, name)
+        if inspect.isfunction(offered):
+            for part in inspect.signature(offered).parameters.values():
+                table = str(part.annotation).startswith(("Unpack[", "*", "typing.Unpack["))
+                assert table or part.kind != part.VAR_KEYWORD, f"{name}: {part}"
 
 
 def test_what_the_face_lacks_is_named():

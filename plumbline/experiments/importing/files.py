@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from plumbline.experiments.importing import reading, tables, writing
 from plumbline.experiments.importing.asked import asked
@@ -12,11 +12,27 @@ from plumbline.experiments.importing.understood import understand
 from plumbline.optim.loading import load
 
 
+class Asked(TypedDict, total=False):
+    """What else an import may be told, as by the command's options of these names."""
+
+    units: str | Sequence[str]  # of what has none of its own; else SI
+    observation: str  # kind of recording, where columns tell not
+    robot: str  # a known one's name, or a file of URDF or MJCF
+    tip_frame: str
+    tool: str  # the tip in the tip frame, "0,0,200mm"
+    noise: str | float  # the instrument's 1 sigma per axis, "0.1mm" or m
+    gap: float  # [s] within which readings of several files belong together
+    shift: Mapping[str, float]  # [s] to add to a file's clock
+    derive: str | Sequence[str]  # what to derive from the path: velocity, acceleration, direction
+    still: float  # [rad] of motion that counts as none
+    rotation: str  # how rx, ry, rz turn: rotvec, xyz, ZYX, ...
+
+
 def import_files(
     files: str | Path | Sequence[str | Path],
     to: str | Path,
     columns: Mapping[str, str] | None = None,
-    **options: Any,
+    **options: Unpack[Asked],
 ) -> Any:
     """Files as a recording's folder, and that recording, checked.
 
@@ -24,8 +40,7 @@ def import_files(
         files: CSV, Parquet, MATLAB, bags or MCAP.
         to: The folder; it must not exist, or be empty.
         columns: What columns mean, ``{"q#": "J#:deg", "x": "tip x:mm"}``.
-        **options: ``units``, ``observation``, ``robot``, ``tip_frame``, ``tool``, ``noise``,
-            ``gap``, ``shift``, ``derive``, ``still``, ``rotation``, as the command's.
+        **options: ``units``, ``robot``, ``noise``, ...: see :class:`Asked`.
 
     Raises:
         PlumblineError: They cannot be understood, or make no recording; one line says why.

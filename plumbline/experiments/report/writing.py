@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.report.page.page import Made, Page, page_html
 from plumbline.kinematics.files import write_whole
+
+if TYPE_CHECKING:
+    from plumbline.experiments.report.diagnosis.phrases import Elsewhere
+    from plumbline.optim.dh_fit.local import HeldOut
 
 ROOM = "plumbline.experiments.report"
 # Class of an answer -> who makes its page
@@ -23,22 +27,32 @@ PAGES: Mapping[str, str] = {
 }
 
 
-def page_of(answer: Any, **more: Any) -> Page:
+class More(TypedDict, total=False):
+    """What else the page of one kind of answer shows."""
+
+    unseen: HeldOut | None  # of a fit of links: misfits of rows that no fit has seen
+    files: Sequence[str]  # of a fit of links: lines on files that were written of it
+    methods: Sequence[Mapping[str, Any]]  # of a registration: what other methods find
+    transforms: Sequence[Mapping[str, Any]]  # of a registration: those found elsewhere, judged
+    seed: int | None  # of a diagnosis, as its page shall tell it
+    elsewhere: Elsewhere | None  # of a diagnosis: how its model does on another recording
+    proof: bool  # of a diagnosis: whether its files are read again by others; they are
+
+
+def page_of(answer: Any, **more: Unpack[More]) -> Page:
     """The page of an answer of one of the methods."""
     page: Callable[..., Page] = import_module(f"{ROOM}.{PAGES[type(answer).__name__]}").page
     return page(answer, **more)
 
 
-def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
+def report_html(answer: Any, made: Made | None = None, **more: Unpack[More]) -> str:
     """The report's text; the same answer gives the same bytes, unless it says when it was made.
 
     Args:
         answer: A diagnosis, a registration, a hand-eye calibration, a scan, a fit of links, a
             reproduction or a gap budget.
         made: When and by which command, if that shall stand there.
-        **more: What else its page shows: ``unseen`` and ``files`` of a fit of links, ``methods``
-            and ``transforms`` of a registration; ``seed``, ``elsewhere`` and ``proof`` (files read
-            again by others; True) of a diagnosis.
+        **more: What else its page shows, see :class:`More`.
 
     Raises:
         PlumblineError: There is no report of such an answer.
@@ -52,17 +66,20 @@ def report_html(answer: Any, made: Made | None = None, **more: Any) -> str:
         )
     from plumbline.experiments.report.diagnosis.html import html_report
 
-    return html_report(answer, made=made, **{"proof": True, **more})
+    asked: dict[str, Any] = {"proof": True, **more}
+    return html_report(answer, made=made, **asked)
 
 
-def write_report(answer: Any, path: str | Path, made: Made | None = None, **more: Any) -> Path:
+def write_report(
+    answer: Any, path: str | Path, made: Made | None = None, **more: Unpack[More]
+) -> Path:
     """Write the report of an answer of any method.
 
     Args:
         answer: The answer.
         path: File to write; one that is there is replaced.
         made: When and by which command, if that shall stand there.
-        **more: See :func:`report_html`.
+        **more: What else its page shows, see :class:`More`.
 
     Raises:
         OSError: The file cannot be written.
