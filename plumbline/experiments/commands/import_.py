@@ -71,16 +71,22 @@ def import_(
     from plumbline.experiments.importing.asked import shift as parse_shift
 
     check_free(to)
-    lines = [line for line in map_ or [] if "=" in line or not line.endswith(".toml")]
-    maps = [Path(line) for line in map_ or [] if line not in lines]
-    if len(maps) > 1:
-        raise PlumblineError(f"--map {maps[1]}: a second file, expected one; join them")
+    lines, toml = _maps(map_ or [])
     options = {
         "units": unit, "observation": kind, "robot": robot, "tip_frame": tip_frame, "tool": tool,
         "noise": noise, "gap": gap, "shift": dict(map(parse_shift, shift or [])),
         "derive": derive, "still": still, "rotation": rotation,
     }  # fmt: skip
-    _import(files, asked(options, lines, maps[0] if maps else None), to, yes, json, quiet)
+    _import(files, asked(options, lines, toml), to, yes, json, quiet)
+
+
+def _maps(given: list[str]) -> tuple[list[str], Path | None]:
+    """Lines ``TARGET=COLUMN:UNIT``, and a file of such lines, if there is one."""
+    lines = [line for line in given if "=" in line or not line.endswith(".toml")]
+    maps = [Path(line) for line in given if line not in lines]
+    if len(maps) > 1:
+        raise PlumblineError(f"--map {maps[1]}: a second file, expected one; join them")
+    return lines, maps[0] if maps else None
 
 
 def _import(

@@ -108,7 +108,7 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         "rows": len(t),
         "arm": "plane",
         "observation": "motion",
-        "twins": pairs,
+        "confounded": pairs,
         "seed": seed,
     }
 

@@ -247,7 +247,7 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
         "moving": case.moving,
         "gross_rows": gross,
         "thermometer": "in the room" if case.thermometer is None else "lagging",
-        "twins": list(case.confounded),
+        "confounded": list(case.confounded),
         "seed": case.seed,
     }
 

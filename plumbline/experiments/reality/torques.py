@@ -190,7 +190,7 @@ def rivals(bench: Bench) -> Iterator[Mechanism]:
     yield body_mechanism(bench, "gravity_direction")
 
 
-def twins(bench: Bench, truth: Mechanism, gap: Array, sigma: Array) -> list[dict[str, object]]:
+def confounded(bench: Bench, truth: Mechanism, gap: Array, sigma: Array) -> list[dict[str, object]]:
     """Rivals that explain the gap (N, n) up to what noise (n,) hides."""
     target = (gap / sigma).ravel()
     found: list[dict[str, object]] = []
@@ -241,7 +241,7 @@ def simulate_torques(folder: Path, plan: Plan, name: str, seed: int) -> dict[str
         total += gap
         found.append(mechanism)
         gaps.append(ratio)
-        alike += twins(bench, mechanism, gap, sigma) if plan.kind != "outside" else []
+        alike += confounded(bench, mechanism, gap, sigma) if plan.kind != "outside" else []
     noise = rng.normal(0.0, sigma, bench.tau.shape)
     _write(folder, name, bench, sigma, total + noise, known=plan.known_noise, rng=rng)
     return {
@@ -253,7 +253,7 @@ def simulate_torques(folder: Path, plan: Plan, name: str, seed: int) -> dict[str
         ],
         "noise_std": float(np.sqrt(np.mean(sigma**2))),
         "noise_rms": float(np.sqrt(np.mean(noise**2))),
-        "twins": alike, "seed": seed, "arm": f"{build.joints} joints", "simulator": "torque",
+        "confounded": alike, "seed": seed, "arm": f"{build.joints} joints", "simulator": "torque",
     }  # fmt: skip
 
 

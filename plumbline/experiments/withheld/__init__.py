@@ -15,9 +15,9 @@ A folder made elsewhere needs this and no more::
 An empty list says that nothing is wrong; an effect that the library lacks makes the case one from
 outside. Optional keys: ``gap_to_noise`` (of each effect), ``rows``, ``noise_std``, ``noise_rms``
 (what noise truly added to these very readings, rms per axis), ``observation``,
-``parameters.depends_on`` (of an unknown effect, e.g. ``["q2"]``), and ``twins``: what the recording
-cannot tell from the truth, each with ``of`` (effect, element), ``effect`` and ``element``. ``seal``
-writes the ledger for such a folder.
+``parameters.depends_on`` (of an unknown effect, e.g. ``["q2"]``), and ``confounded``: what the
+recording cannot tell from the truth, each with ``of`` (effect, element), ``effect`` and
+``element``. ``seal`` writes the ledger for such a folder.
 
 Read `sealing`, `design` and `making`; `sandbox`, `blind` and `running`; `truth`, `answer`,
 `matching`, `calibration` and `scoring`; shares and their intervals are

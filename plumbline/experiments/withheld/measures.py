@@ -172,7 +172,7 @@ MEASURES: tuple[Measure, ...] = (
     _share("pair_found_or_twin", "both of two, or confounded",
            *_found(confounded=True, more=_of(Sort.SEVERAL))),
     Measure("falsely_added", "named causes that are none", lambda c: _added(c, c.found)),
-    Measure("falsely_added_beyond_twins", "the same, confounded aside",
+    Measure("falsely_added_beyond_confounded", "the same, confounded aside",
             lambda c: _added(c, c.found_or_confounded)),
     Measure("sure_right", "right when > 0.95 sure", lambda c: _sure(c, confounded=False)),
     Measure("sure_right_or_twin", "right when > 0.95 sure, or confounded",

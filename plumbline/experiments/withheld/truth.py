@@ -102,7 +102,7 @@ def _truth(case: str, content: dict[str, Any], without: tuple[str, ...]) -> Trut
         if key in unknown
         for word in (effect.get("parameters") or {}).get("depends_on", ())
     ]
-    pairs = [_pair(entry) for entry in content.get("twins", ())]
+    pairs = [_pair(entry) for entry in content.get("confounded", content.get("twins", ()))]
     joints = [
         key[1]
         for effect, key in zip(effects, causes, strict=True)

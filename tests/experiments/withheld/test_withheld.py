@@ -365,7 +365,7 @@ BY_HAND = [
         ("all_found_or_twin", 4, 6),
         ("pair_found", 1, 2),
         ("falsely_added", 4, 9),
-        ("falsely_added_beyond_twins", 3, 9),
+        ("falsely_added_beyond_confounded", 3, 9),
         ("sure_right", 3, 5),
         ("false_alarms", 1, 2),
         ("missed", 0, 8),
@@ -432,7 +432,7 @@ def test_a_cause_named_twice_is_right_once() -> None:
     pair = (("backlash", 2), ("hysteresis", 2))
     case = judged([pair[0]], [("backlash", 2, 0.9), ("hysteresis", 2, 0.9)], confounded=(pair,))
     assert case.found_or_confounded == 1
-    assert score([case]).overall.share("falsely_added_beyond_twins").count == 1
+    assert score([case]).overall.share("falsely_added_beyond_confounded").count == 1
 
 
 def test_matching_finds_as_many_as_can_be() -> None:

@@ -296,7 +296,7 @@ def test_the_fixed_set_is_diagnosed_blind(ran: Path) -> None:
     top = figures["top1_element_or_twin"]
     assert top.count == top.of
     assert figures["false_alarms"].count == 0
-    assert figures["falsely_added_beyond_twins"].count == 0
+    assert figures["falsely_added_beyond_confounded"].count == 0
     assert figures["outside_hits"].count == figures["outside_hits"].of
     assert figures["outside_wrong_sure"].count == 0
 

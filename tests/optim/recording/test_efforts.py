@@ -261,7 +261,7 @@ def test_a_simulated_cause_is_found(tmp_path, name):
     facts = cased(tmp_path, Plan(kind="single", gap=(3.0, 4.0), rows=(60, 70), effects=(name,)))
     truth = facts["effects"][0]
     named = {(c.effect, c.element) for c in diagnose(tmp_path / "case").causes}
-    alike = {(t["effect"], t["element"]) for t in facts["twins"]}
+    alike = {(t["effect"], t["element"]) for t in facts["confounded"]}
     assert named & ({(truth["effect"], truth["element"])} | alike)
 
 

@@ -32,7 +32,7 @@ STRETCH = 4  # windows that a trace runs over, some six seconds
 WIDTH = 6.4  # [in]
 SPAN = 10.0  # [s] of a spectrum: frequencies a tenth of a hertz apart
 COHERENT = 0.9  # least share of the joint's power that its command explains
-LOUD = 1e-3  # of the most power that a frequency is commanded with: less is leakage of others
+POWERFUL = 1e-3  # of the most power that a frequency is commanded with: less is leakage of others
 
 
 def motion_pictures(found: MotionDiagnosis) -> tuple[Picture, ...]:
@@ -181,7 +181,7 @@ def transfer_of(u: Array, q: Array, dt: float) -> tuple[Array, NDArray[np.comple
     span = min(len(u), round(SPAN / dt))
     f, cross = csd(u, q, 1 / dt, nperseg=span)
     own, other = (np.asarray(welch(x, 1 / dt, nperseg=span)[1], dtype=float) for x in (u, q))
-    asked = (f > 0) & (own > LOUD * own.max())
+    asked = (f > 0) & (own > POWERFUL * own.max())
     told = asked & (np.abs(cross) ** 2 > COHERENT * own * other)
     return np.asarray(f), np.asarray(cross / np.maximum(own, 1e-300)), told
 

@@ -51,6 +51,7 @@ from plumbline.optim.diagnosis.prior import (
 )
 
 Mechanism = tuple[str, int | None, str, str | None]  # stage, element, on what it depends, effect
+Names = tuple[tuple[Mechanism, ...], tuple[tuple[str, int | None], ...], tuple[str, ...]]
 GROSS: Mechanism = ("", None, "", None)  # a row on its own, which has no place
 
 
@@ -150,28 +151,29 @@ def alternatives(
     terms: tuple[Candidate | Unlisted | GrossRow, ...] = (*moved, *families, *gross)
     library = pool.selection.log_priors + np.log1p(-unlisted)
     priors = np.concatenate([library, np.log(unlisted) + shares, np.full(len(gross), -np.inf)])
-    labels = [_mechanism(t) for t in terms]
-    mechanisms = tuple(dict.fromkeys(labels))
-    places = tuple(dict.fromkeys(m[:2] for m in labels))
     of_none = np.array([isinstance(t, Unlisted) for t in terms], dtype=bool)
-    said = [t.family.words if isinstance(t, Unlisted) else "" for t in terms]
-    words = tuple(dict.fromkeys(["", *said]))
-    numbered = np.array(
-        [
-            [mechanisms.index(m) for m in labels],
-            [places.index(m[:2]) for m in labels],
-            [words.index(w) for w in said],
-            of_none,
-        ],
-        dtype=np.intp,
-    )
+    names, numbered = _labels(terms)
     is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
     problem = JointProblem(
-        linear, terms, priors, is_gross, numbered, pool.noise, of_none, PART_OF_UNLISTED
-    )
-    names = (mechanisms, places, words)
+        linear, terms, priors, is_gross, np.vstack([numbered, of_none]), pool.noise, of_none,
+        PART_OF_UNLISTED,
+    )  # fmt: skip
     asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
     return Alternatives(problem, *names, len(moved), rows, *asked)
+
+
+def _labels(
+    terms: Sequence[Candidate | Unlisted | GrossRow],
+) -> tuple[Names, NDArray[np.intp]]:
+    """Mechanisms, places and words of unlisted dependences, and which of each a term has (3, C)."""
+    own = [_mechanism(t) for t in terms]
+    said = [t.family.words if isinstance(t, Unlisted) else "" for t in terms]
+    mechanisms = tuple(dict.fromkeys(own))
+    places = tuple(dict.fromkeys(m[:2] for m in own))
+    words = tuple(dict.fromkeys(["", *said]))
+    numbers = [[mechanisms.index(m) for m in own], [places.index(m[:2]) for m in own]]
+    numbers.append([words.index(w) for w in said])
+    return (mechanisms, places, words), np.array(numbers, dtype=np.intp)
 
 
 def _design(
