@@ -221,7 +221,7 @@ def test_coupled_play_shows_the_other_joint_s_side():
     dragged = REGISTRY["coupled_play"](joint=slide, other=1)
     found = REGISTRY["coupled_play"].candidates(scope_of(recording))
     assert sorted((e.joint, e.other) for e in found) == [
-        (i, j) for i in range(1, 8) for j in range(1, i)
+        (i, j) for i in range(1, 8) for j in range(1, 8) if j != i
     ]
     assert dragged.unit_of(dragged.parameters[0], recording.chain) == "m"
 
@@ -731,7 +731,10 @@ def test_a_sensor_scale_stretches_the_device_s_axes():
 
 
 def test_a_radial_distortion_grows_with_the_square_of_the_angle_off_the_axis():
-    """A point keeps its bearing and depth; its image moves out by k rho^3 (Brown 1966)."""
+    """A point keeps its bearing and depth; its image moves out by k rho^3 (Brown 1966).
+
+    Where it is the distance from the axis that counts, a point itself moves out by k r^3.
+    """
     recording = bench("ur5", "tip_position")
     effect = REGISTRY["sensor_distortion"](kind="radial")
     y, seen = recording.measured, predicted(recording, effect, 0.05)
@@ -740,15 +743,20 @@ def test_a_radial_distortion_grows_with_the_square_of_the_angle_off_the_axis():
     np.testing.assert_allclose(np.linalg.norm(moved_image, axis=1), rho + 0.05 * rho**3, atol=EXACT)
     np.testing.assert_allclose(np.arctan2(*moved_image.T), np.arctan2(*image.T), atol=1e-12)
     np.testing.assert_allclose(seen[:, 2], y[:, 2], atol=EXACT)
+    across = predicted(recording, REGISTRY["sensor_distortion"](kind="across"), 0.05)
+    r = np.linalg.norm(y[:, :2], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(across[:, :2], axis=1), r + 0.05 * r**3, atol=EXACT)
+    np.testing.assert_allclose(across[:, 2], y[:, 2], atol=EXACT)
 
 
 def test_a_distortion_by_range_or_depth_keeps_the_bearing():
+    """And is none where the device was calibrated: here at a metre."""
     recording = bench("ur5", "tip_position")
     y = recording.measured
     distance = np.linalg.norm(y, axis=1)
     for kind, gain in (("range", distance**2), ("depth", y[:, 2])):
-        seen = predicted(recording, REGISTRY["sensor_distortion"](kind=kind), 1e-3)
-        np.testing.assert_allclose(seen, (1 + 1e-3 * gain)[:, None] * y, atol=EXACT)
+        seen = predicted(recording, REGISTRY["sensor_distortion"](kind=kind), 1e-3, -1e-3)
+        np.testing.assert_allclose(seen, (1 + 1e-3 * (gain - 1))[:, None] * y, atol=EXACT)
 
 
 def test_respiration_is_a_sine_that_averages_out():

@@ -2,7 +2,8 @@ r"""A joint is dragged by another's play: :math:`q_i \leftarrow q_i - \tfrac12 b
 
 The cables or shafts that drive an outer joint i run across the inner joints j < i, so that the
 slack that joint j takes up on the side :math:`s_j` of its last approach shows in joint i, whatever
-joint i itself did. Cables may run either way round, so :math:`b_{ij}` has either sign.
+joint i itself did. A brace or a hose may drag an inner joint as well. Cables may run either way
+round, so :math:`b_{ij}` has either sign.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from plumbline.kinematics.parameters import Parameter
 
 @dataclass(frozen=True)
 class CoupledPlay(JointEffect):
-    """Joint ``joint`` shows the play of joint ``other``, which lies inside of it."""
+    """Joint ``joint`` shows the play of joint ``other``."""
 
     joint: int = 2
     other: int = 1
@@ -43,9 +44,9 @@ class CoupledPlay(JointEffect):
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """Every joint with every one inside of it."""
+        """Every ordered pair of joints."""
         [by] = side_of_approach(scope)
-        return [cls(i, j, by) for i in scope.joints for j in range(1, i)]
+        return [cls(i, j, by) for i in scope.joints for j in scope.joints if j != i]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         side = cs.sign(state.row[self.by][self.other - 1])

@@ -17,7 +17,7 @@ from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, Stat
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
-WIDTHS = (1e-4, 1e-3, 1e-2)
+WIDTHS = (1e-4, 1e-3, 1e-2, 1e-1)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from plumbline.kinematics.effects.effect import (
 )
 from plumbline.kinematics.parameters import Parameter
 
-SLOWEST, FASTEST, MOST = 0.1, 0.5, 2000
+SLOWEST, FASTEST, MOST = 0.1, 0.5, 4000
 ONE_PHASE, LOOKED_AT = 0.99, 1000  # mean of a breath's phasor over so many rows: all alike
 TURNS = 2 * (FASTEST - SLOWEST)  # frequencies to be tried for each second of the recording
 

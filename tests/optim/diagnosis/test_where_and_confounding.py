@@ -235,7 +235,7 @@ def test_an_effect_without_its_column_says_which(blind):
         (4.0, "lasts 4 s, not the 10 s of a slow breath"),
         (
             7200.0,
-            "lasts 7200 s, and a breath is looked for in up to 2500 s: diagnose a part of the rows",
+            "lasts 7200 s, and a breath is looked for in up to 5000 s: diagnose a part of the rows",
         ),
     ],
 )
