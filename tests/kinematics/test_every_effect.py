@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import plumbline.kinematics.effects
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, REGISTRY, Effect, Stage, State
 from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS
 from plumbline.optim.core.mapped import Mapped
@@ -382,3 +383,21 @@ def test_state_is_changed_by_copy():
         before = {f.name: str(getattr(state, f.name)) for f in dataclasses.fields(state)}
         effect.apply(state, *[cs.SX.sym(p.name) for p in effect.parameters])
         assert {f.name: str(getattr(state, f.name)) for f in dataclasses.fields(state)} == before
+
+
+@dataclasses.dataclass(frozen=True)
+class OfOneJoint(Effect):
+    """An effect of one's own that says of which joint it is, and not which joints to try."""
+
+    joint: int
+
+    stage = Stage.JOINT
+    observations = ALL_OBSERVATIONS
+
+    def apply(self, state, *_):
+        return state
+
+
+def test_an_effect_that_says_no_variants_is_refused_with_the_way_out():
+    with pytest.raises(PlumblineError, match=r"found joint without a default.* JointEffect"):
+        OfOneJoint.candidates(scope_of(bench("ur5", "tip_position")))

@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
 from typing import ClassVar
 
 import casadi as cs
 import numpy as np
 
+from plumbline.errors import fault
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
@@ -262,7 +263,15 @@ class Effect(ABC):
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """The variants to be tried on a recording that has what the effect needs."""
+        """The variants to be tried on a recording that has what the effect needs.
+
+        Raises:
+            PlumblineError: A field has no default, and nothing says which values to try.
+        """
+        open_ = [f.name for f in fields(cls) if f.default is MISSING]
+        if open_:
+            mend = "derive from JointEffect where each joint may have it, or write forms(scope)"
+            raise fault(cls.__name__, f"{open_[0]} without a default", "its variants", mend)
         return [cls()]
 
     @classmethod
