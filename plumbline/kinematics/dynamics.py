@@ -169,20 +169,17 @@ class Dynamics:
         return np.hstack(given)
 
 
-def dynamics_of(
-    model: pin.Model, joints: Sequence[Joint], gravity: ArrayLike, first: int = 1
-) -> Dynamics:
-    """Of a Pinocchio model whose joints from ``first`` on have one freedom each.
+def dynamics_of(model: pin.Model, joints: Sequence[Joint], gravity: ArrayLike) -> Dynamics:
+    """Of a Pinocchio model whose joints have one freedom each.
 
     Args:
         model: The model.
         joints: Those joints.
         gravity: Gravity (3,) in the base frame [m/s^2].
-        first: Number of the first joint that moves; those before it are held.
     """
-    bodies = [model.inertias[first + k] for k in range(len(joints))]
+    bodies = [model.inertias[1 + k] for k in range(len(joints))]
     inertial = np.array([body.toDynamicParameters() for body in bodies], dtype=float)
-    parents = tuple(int(model.parents[first + k]) - first for k in range(len(joints)))
+    parents = tuple(int(model.parents[1 + k]) - 1 for k in range(len(joints)))
     return Dynamics(
         model, tuple(joints), tuple(max(p, -1) for p in parents), inertial,
         np.asarray(gravity, dtype=float),

@@ -138,16 +138,15 @@ def _by_natural_residual(solution: Solution, fit: str) -> JudgedByResidual:
     return JudgedByResidual(fit, good, moves, violation, solution.at_bound())
 
 
-def judged_by_gram(gram: Gram, fit: str = "the fit", at_bound: tuple[str, ...] = ()) -> Judged:
+def judged_by_gram(gram: Gram, fit: str = "the fit") -> Judged:
     """Judge a point without bounds by its normal equations, the weights and priors included.
 
     Args:
         gram: About the point.
         fit: What was fitted, in words that a sentence may start with.
-        at_bound: Names of unknowns held on a bound, which the equations leave out.
     """
     every = np.ones(len(gram.vector), dtype=bool)
-    return _judged(fit, decrement(gram, gram.vector, every), 0.0, at_bound)
+    return _judged(fit, decrement(gram, gram.vector, every), 0.0, ())
 
 
 def the_worst(found: Iterable[Judged]) -> Judged | None:

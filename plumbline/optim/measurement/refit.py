@@ -62,8 +62,6 @@ def refitted(
     effects: Sequence[Effect],
     values: Array,
     nuisances: Mapping[str, float] | None = None,
-    *,
-    free: Collection[Effect] = (),
 ) -> tuple[Array, Judged]:
     """Residuals on another recording, effects held, other nuisances refitted; and how that ended.
 
@@ -72,9 +70,8 @@ def refitted(
         effects: Its effects.
         values: Their values, stacked in their order: two variants may share a name.
         nuisances: Nuisances that are held as well, by name.
-        free: Those of the effects that are fitted again, from their values.
     """
-    solution = refit(other, effects, values, nuisances, free=free)
+    solution = refit(other, effects, values, nuisances)
     return solution.mapped.residuals(solution.x), judged(solution, "the fit to other rows")
 
 
@@ -86,7 +83,10 @@ def refit(
     *,
     free: Collection[Effect] = (),
 ) -> Solution:
-    """The fit behind :func:`refitted`, whose unknowns are the nuisances, then the effects'."""
+    """The fit behind :func:`refitted`, whose unknowns are the nuisances, then the effects'.
+
+    Those of the effects that are ``free`` are fitted again, from their values.
+    """
     model = build_model(other, effects)
     p = model.problem
     start, lower, upper = model.start.copy(), p.lower.copy(), p.upper.copy()

@@ -15,7 +15,7 @@ rotation vector w [rad] and, if wanted, a relative scale s, all zero at the pose
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import casadi as cs
 import numpy as np
@@ -58,10 +58,10 @@ def _symmetric(upper: cs.SX) -> cs.SX:
     return cs.vertcat(cs.horzcat(a, b, c), cs.horzcat(b, d, e), cs.horzcat(c, e, f))
 
 
-@lru_cache(maxsize=2)
-def _derivatives(scale: bool) -> cs.Function:
+@cache
+def _derivatives() -> cs.Function:
     """Hessian and gradient of ``r^T r / 2`` at x = 0, and ``r^T r``, of a row."""
-    s = statement(scale, near=True)
+    s = statement(False, near=True)
     hessian, gradient = cs.hessian(cs.sumsqr(s.residual) / 2, s.x)
     return _at_zero(s, "derivatives", [hessian, gradient, cs.sumsqr(s.residual)])
 
@@ -92,15 +92,13 @@ def with_pose(rows: Array, T: Array, centre: Array) -> Array:
     return full.reshape(-1, 18 + POSE)
 
 
-def derivatives(
-    rows: Array, T: Array, centre: Array, *, scale: bool = False
-) -> tuple[Array, Array, Array]:
+def derivatives(rows: Array, T: Array, centre: Array) -> tuple[Array, Array, Array]:
     """Hessians (N, k, k), gradients (N, k) and squares (N,) of N draws of n markers."""
     table, shape = with_pose(rows, T, centre), rows.shape[:2]
     # A map is made for each number of rows: powers of two, so that few are made.
     count = len(table)
     padded = np.arange(1 << (count - 1).bit_length()) % count
-    H, g, square = (v[:count] for v in over_rows(_derivatives(scale), table[padded]))
+    H, g, square = (v[:count] for v in over_rows(_derivatives(), table[padded]))
     k = H.shape[-1]
     return (
         H.reshape(*shape, k, k).sum(axis=1),

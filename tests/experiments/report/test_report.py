@@ -29,7 +29,7 @@ from plumbline.experiments.report.diagnosis.causes import ranked, staircase
 from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.experiments.report.diagnosis.phrases import Elsewhere
 from plumbline.experiments.report.diagnosis.pictures import pictures
-from plumbline.experiments.report.diagnosis.subject import Subject, running_median
+from plumbline.experiments.report.diagnosis.subject import Subject, running
 from plumbline.experiments.report.diagnosis.text import print_verdict
 from plumbline.experiments.report.style import svg
 from plumbline.experiments.report.writing import write_report
@@ -554,9 +554,9 @@ def test_the_typical_posture_was_recorded(bench):
 
 def test_a_running_median_follows_the_middle():
     x = np.random.default_rng(0).uniform(0.0, 1.0, 2000)
-    middle, median = running_median(x, 3.0 * x)
+    middle, median = running(x, 3.0 * x)
     np.testing.assert_allclose(median, 3.0 * middle, rtol=1e-12)
-    assert len(running_median(x[:10], x[:10])[0]) == 0
+    assert len(running(x[:10], x[:10])[0]) == 0
 
 
 def test_causes_lead_the_ranking_and_improbable_rivals_are_left_out(bench):

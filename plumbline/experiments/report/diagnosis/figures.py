@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from plumbline.experiments.report.diagnosis.subject import (
     Array,
     Subject,
-    running_mean,
-    running_median,
+    running,
 )
 from plumbline.experiments.report.style import (
     AFTER,
@@ -180,7 +179,7 @@ def drawn_pair(
     """Two clouds and their running means or, of sizes, medians; before in grey."""
     for y, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
         cloud(axes, x, y, rows, color=colour, s=_dot(len(x), 1.0), label=label)
-        middle, median = (running_mean if signed else running_median)(x, y)
+        middle, median = running(x, y, np.mean if signed else np.median)
         if len(middle):
             # A pale edge keeps the line apart from its own cloud.
             axes.plot(middle, median, color=PAPER, linewidth=3.2, alpha=0.8)

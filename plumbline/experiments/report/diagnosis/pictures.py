@@ -8,7 +8,7 @@ import numpy as np
 
 from plumbline.experiments.report.diagnosis import causes, figures, parts, ripples, torques
 from plumbline.experiments.report.diagnosis.arm import arm
-from plumbline.experiments.report.diagnosis.subject import Array, Diagnosed, Subject, running_median
+from plumbline.experiments.report.diagnosis.subject import Array, Diagnosed, Subject, running
 from plumbline.experiments.report.page.page import Picture
 from plumbline.optim.core.quantities import counted, percent, significant
 from plumbline.optim.diagnosis.findings import Kind
@@ -196,7 +196,7 @@ def _flatter(subject: Subject) -> str:
     waves = []
     for joint in range(subject.recording.chain.n):
         q = subject.recording.q[:, joint]
-        medians = [running_median(q, sizes)[1] for sizes in subject.sizes]
+        medians = [running(q, sizes)[1] for sizes in subject.sizes]
         waves.append([float(np.ptp(m)) if len(m) else 0.0 for m in medians])
     worst = int(np.argmax([before for before, _ in waves]))
     before, after = waves[worst]
@@ -268,7 +268,7 @@ def _time(subject: Subject) -> Picture | None:
     drawn = figures.over_time(subject)
     if not drawn or subject.recording.time is None:
         return None
-    median = running_median(subject.recording.time, subject.sizes[1])[1]
+    median = running(subject.recording.time, subject.sizes[1])[1]
     title = "Residuals over time"
     if len(median):
         title = (

@@ -16,6 +16,7 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
+RUNS = 24  # of rows whose middles make a line
 ENOUGH = 15  # rows that a running median takes on either side, at least
 
 
@@ -119,22 +120,16 @@ class Subject:
         return np.sqrt(mean[0]), np.sqrt(mean[1])
 
 
-def running_median(x: Array, y: Array, bins: int = 24) -> tuple[Array, Array]:
-    """Median of y over runs of rows equal in number, ordered by x; empty where rows are few."""
-    return _running(x, y, bins, np.median)
-
-
-def running_mean(x: Array, y: Array, bins: int = 24) -> tuple[Array, Array]:
-    """The same with the mean, which does not leap between the two branches of a loop."""
-    return _running(x, y, bins, np.mean)
-
-
-def _running(
-    x: Array, y: Array, bins: int, middle: Callable[[Array], np.floating[Any]]
+def running(
+    x: Array, y: Array, middle: Callable[[Array], np.floating[Any]] = np.median
 ) -> tuple[Array, Array]:
+    """The middle of y over runs of rows equal in number, ordered by x; empty where rows are few.
+
+    A median leaps between the two branches of a loop; a mean does not.
+    """
     good = np.isfinite(x) & np.isfinite(y)
     order = np.flatnonzero(good)[np.argsort(x[good], kind="stable")]
-    count = min(bins, len(order) // ENOUGH)
+    count = min(RUNS, len(order) // ENOUGH)
     if count < 2:
         return np.empty(0), np.empty(0)
     runs = np.array_split(order, count)

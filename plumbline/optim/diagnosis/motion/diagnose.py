@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.drive import Law
-from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
+from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import SEARCH_SAMPLES, SEARCHED
 from plumbline.optim.diagnosis.motion.left_out import left_out
@@ -27,7 +27,6 @@ def diagnose_motion(
     recording: MotionRecording | str | Path,
     options: DiagnosisOptions | None = None,
     *,
-    library: Sequence[type[MotionEffect]] = MOTION_EFFECTS,
     progress: Callable[[str, float], None] | None = None,
 ) -> MotionDiagnosis:
     """Say what each joint's drive does to its commands.
@@ -35,7 +34,6 @@ def diagnose_motion(
     Args:
         recording: What was recorded, or the folder of it.
         options: Seed of the interval's draws, effects to leave out, prior of what is unlisted.
-        library: Effects to consider.
         progress: Called with what is being done and the share done.
 
     Raises:
@@ -45,7 +43,7 @@ def diagnose_motion(
     r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
     signals = signals_of(r)
     masses = signals.has_masses
-    kinds = [e for e in library if e.name not in options.without]
+    kinds = [e for e in MOTION_EFFECTS if e.name not in options.without]
     effects = tuple(e for c in kinds for e in c.candidates(r.law, masses=masses))
     training = signals.training
     if not len(training):
