@@ -35,6 +35,10 @@ class Nominal:
         """``T_base_joint`` of every joint and last the tip (n + 1)."""
         return self.chain.joint_frames(self.q)
 
+    def load_at(self, place: cs.SX) -> cs.SX:
+        """Torque (n,) that one kilogram at a place (3,) of the base frame asks [N m or N]."""
+        return cs.gradient(-cs.dot(place, constant(self.chain.gravity)), self.q)
+
 
 def weight_beyond(arm: Nominal, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:
     """Force (3,) [N] and moment (3,) [N m] of all weights from a joint outwards, in the base frame.

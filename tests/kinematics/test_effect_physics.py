@@ -151,6 +151,10 @@ def test_a_compliant_horizontal_arm_sinks():
         sunk = in_base(predicted(recording, effect, 1e-4)) - tips(recording.chain, q)
         lever = 1.0 + TOOL[0]
         np.testing.assert_allclose(sunk[:, 2], -1e-4 * 5.0 * G * lever, rtol=1e-2)
+        laden = REGISTRY["joint_compliance"](joint=2, laden=True)
+        more = in_base(predicted(recording, laden, 0.0, 3e-5)) - tips(recording.chain, q)
+        middle = 1.0 + TOOL[0] / 2  # of the tool, where its mass hangs
+        np.testing.assert_allclose(more[:, 2], -3e-5 * G * middle * lever, rtol=1e-2)
 
 
 def test_a_joint_compliance_by_effort_is_a_twist_by_the_measured_effort():
@@ -401,6 +405,11 @@ def test_a_level_arm_on_an_upright_second_bearing_sinks():
     centre = recording.chain.joints[1].com[0]
     expected = -1e-6 * 6.0 * G * centre * (0.8 + TOOL[0])
     np.testing.assert_allclose(sunk[:, 2], expected, rtol=1e-4)
+    [laden] = effect.neighbours(scope_of(recording))
+    more = in_base(predicted(recording, laden, 0.0, 2e-6)) - tips(recording.chain, q)
+    tip = np.array([0.8, 0.0]) + TOOL[:2]
+    middle = tip - TOOL[:2] / 2  # of the tool, where its mass hangs
+    np.testing.assert_allclose(more[:, 2], -2e-6 * G * (middle @ tip), rtol=1e-4)
 
 
 def test_an_upright_first_bearing_tilts_as_its_mounting_does():

@@ -31,9 +31,11 @@ UNITS = {
     "1",
     "1/K",
     "rad/(N m)",
+    "rad kg/(N m)",
     "rad/(N m)^2",
     "1/(N m^2)",
     "m/N",
+    "m kg/N",
 } | OF_TORQUES
 OF_MOTION = {"friction"}  # shown by an arm that is measured while it moves alone
 WITH_MEMORY = {"hysteresis"}

@@ -36,11 +36,20 @@ TIP_OBSERVATIONS: tuple[str, ...] = (*TOOL_OBSERVATIONS, *RANGES)
 ALL_OBSERVATIONS: tuple[str, ...] = (*TIP_OBSERVATIONS, "joint_position")
 OF_SLIDES = {
     "rad": "m", "rad/(N m)": "m/N", "rad/(N m)^2": "m/N^2", "N m": "N", "N m s/rad": "N s/m",
-    "N m/rad": "N/m", "kg m^2": "kg",
+    "N m/rad": "N/m", "kg m^2": "kg", "rad kg/(N m)": "m kg/N",
 }  # fmt: skip
 ELEMENTS = ("joint", "link", "plane", "marker")  # fields that say which of them it is
 LEAST_LOAD = 0.1  # of a load's span on either side of zero, for a joint's weight to change sides
 UNSAID = {"said": False}  # of a field that tells no variant from another, but is how each is sized
+LADEN = ", under a tool of unknown mass"  # of what gives way under more than the model knows of
+CARRIED = Parameter(
+    "rad kg/(N m)",
+    0.0,
+    1.0,
+    scale=5e-6,
+    doc="compliance times the tool's mass",
+    source="by hand: tools of a kilogram",
+)
 DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
 
 
@@ -99,6 +108,11 @@ class State:
     def chain(self) -> Chain:
         """The nominal chain."""
         return self.nominal.chain
+
+    @property
+    def middle(self) -> cs.SX:
+        """Where the tool has its middle (3,), in the base frame [m]."""
+        return self.nominal.frames[-1].point(self.tool / 2)
 
     def move_joint(self, joint: int, by: cs.SX) -> State:
         """A copy in which joint ``joint`` (from 1) has moved by ``by`` [rad or m]."""

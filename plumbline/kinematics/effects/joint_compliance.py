@@ -3,7 +3,9 @@ r"""A drive gives way under its load: :math:`q_i \leftarrow q_i - c_i\, \tau_i`.
 :math:`\tau_i` is the torque that the drive holds against gravity, the gradient of the potential
 energy, or the measured effort where the recording has it. c is the inverse of the stiffness. A
 drive that stiffens, as strain-wave gears do (Tuttle and Seering 1996, IEEE Trans. Robotics and
-Automation 12(3)), twists by :math:`c_i \tau_i - k_i \tau_i |\tau_i|`.
+Automation 12(3)), twists by :math:`c_i \tau_i - k_i \tau_i |\tau_i|`. One that carries a tool of
+unknown mass m besides by :math:`c_i \tau_i + d_i \tau_{i,1}`, where a kilogram at the tool's middle
+asks for :math:`\tau_{i,1}` and :math:`d_i = c_i m`.
 """
 
 from collections.abc import Sequence
@@ -11,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import casadi as cs
 
-from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
+from plumbline.kinematics.effects.effect import CARRIED, LADEN, Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -21,6 +23,7 @@ class JointCompliance(JointEffect):
 
     effort: bool = False
     stiffening: bool = False
+    laden: bool = False
     load: float = 100.0
 
     depends_on = "load"
@@ -33,22 +36,24 @@ class JointCompliance(JointEffect):
     )
     compliance = Parameter("rad/(N m)", 0.0, 1e-1, scale=5e-6, doc="twist per load torque")
     fall = Parameter("rad/(N m)^2", 0.0, 1e-3, scale=1e-8, doc="fall of the compliance per torque")
+    carried = CARRIED
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """In units of what drives of this load have; one where the drive does not stiffen.
+        """In units of what drives of this load have; one of a plain drive.
 
         Drives are made for their load, so that all of them twist by about as much under it.
         """
         smaller = 100.0 / self.load
-        found = (self.compliance.of_width(smaller), self.fall.of_width(smaller**2))
-        return found if self.stiffening else found[:1]
+        fall, carried = self.fall.of_width(smaller**2), self.carried.of_width(smaller)
+        more = (fall,) * self.stiffening + (carried,) * self.laden
+        return (self.compliance.of_width(smaller), *more)
 
     @property
     def variant(self) -> str:
-        """What is taken for the load, and whether the drive stiffens."""
+        """What is taken for the load, and whether the drive stiffens or carries a tool."""
         source = "by the measured effort" if self.effort else "by gravity"
-        return f"{source}, stiffening" if self.stiffening else source
+        return source + ", stiffening" * self.stiffening + LADEN * self.laden
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -58,8 +63,11 @@ class JointCompliance(JointEffect):
         return [cls(j, effort, load=load) for j, load in loads for effort in sources]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same drive, stiffening."""
-        return [] if self.stiffening else [replace(self, stiffening=True)]
+        """The same drive, stiffening or, where no effort tells, under a tool of unknown mass."""
+        if self.stiffening or self.laden:
+            return []
+        laden = [] if self.effort else [replace(self, laden=True)]
+        return [replace(self, stiffening=True), *laden]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         load = state.row["effort"] if self.effort else state.nominal.load
@@ -67,4 +75,6 @@ class JointCompliance(JointEffect):
         twist = values[0] * torque
         if self.stiffening:
             twist -= values[1] * torque * cs.fabs(torque)
+        if self.laden:
+            twist += values[1] * state.nominal.load_at(state.middle)[self.joint - 1]
         return state.move_joint(self.joint, -twist)

@@ -4,18 +4,22 @@ r"""A joint's bearing gives way across its axis, under the moment of what it car
           M_i = \sum_{k \ge i} (p_k - o_i) \times m_k\, g
 
 with the axis :math:`u_i` through :math:`o_i`, and the centres :math:`p_k` of all bodies from the
-joint outwards and of the payload. The moment about the axis is the drive's (``joint_compliance``).
-A first joint that stands upright tilts exactly as its mounting does: that is ``base_compliance``.
+joint outwards and of the payload; under a tool of unknown mass also that of a kilogram at the
+tool's middle, by a number of its own. The moment about the axis is the drive's
+(``joint_compliance``). A first joint that stands upright tilts exactly as its mounting does: that
+is ``base_compliance``.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects.effect import (
+    CARRIED,
+    LADEN,
     TIP_OBSERVATIONS,
     UNSAID,
     Effect,
@@ -35,6 +39,7 @@ UPRIGHT = 1e-3  # sine of the angle to gravity below which a first axis stands u
 class JointTilt(JointEffect):
     """Tilt of one bearing across its axis, alike about all directions."""
 
+    laden: bool = False
     load: float = field(default=100.0, metadata=UNSAID)
 
     name = "joint_tilt"
@@ -52,18 +57,29 @@ class JointTilt(JointEffect):
     compliance = Parameter(
         "rad/(N m)", 0.0, 1e-2, scale=1e-6, doc="tilt per moment across the axis"
     )
+    carried = CARRIED.of_width(0.2)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """In units of what bearings of this load have: they are made for their load."""
-        return (self.compliance.of_width(100.0 / self.load),)
+        found = (self.compliance, self.carried)[: 1 + self.laden]
+        return tuple(p.of_width(100.0 / self.load) for p in found)
+
+    @property
+    def variant(self) -> str:
+        """Whether it carries a tool that the model does not know of."""
+        return LADEN[2:] * self.laden
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same bearing under a tool of unknown mass."""
+        return [] if self.laden else [replace(self, laden=True)]
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every joint that turns and carries a weight, but a first one that stands upright."""
         chain, all_laden = scope.chain, scope.has("payload")
         laden = [j for j in scope.turning if all_laden or _carries(chain, j)]
-        return [cls(j, chain.typical_load(j)) for j in laden if not _upright(chain, j)]
+        return [cls(j, load=chain.typical_load(j)) for j in laden if not _upright(chain, j)]
 
     def unit_of(self, parameter: Parameter, chain: Chain) -> str:
         """A tilt per moment, whatever the joint does along its axis."""
@@ -72,8 +88,12 @@ class JointTilt(JointEffect):
     def apply(self, state: State, *values: cs.SX) -> State:
         frame = state.nominal.frames[self.joint - 1]
         _, moment = weight_beyond(state.nominal, self.joint, frame.t)
+        moment *= values[0]
+        if self.laden:
+            lever = state.middle - frame.t
+            moment += values[1] * cs.cross(lever, constant(state.chain.gravity))
         own, u = frame.R.T @ moment, constant(state.chain.joints[self.joint - 1].axis)
-        tilt = Transform.from_twist(cs.SX(3, 1), values[0] * (own - u * cs.dot(u, own)))
+        tilt = Transform.from_twist(cs.SX(3, 1), own - u * cs.dot(u, own))
         return state.place_link(self.joint, tilt @ state.placements[self.joint])
 
 

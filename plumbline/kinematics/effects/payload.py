@@ -74,12 +74,10 @@ class Payload(Effect):
         return [cls(at_tool, float(f"{USUAL_TWIST / most:.2g}")) for at_tool in places]
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        q = state.row["q"]
         tip = state.nominal.frames[-1]
         place = tip.point(state.tool) if self.at_tool else tip.t
-        lift = -cs.dot(place, constant(state.chain.gravity))  # potential energy of one kilogram
         turning = cs.vertcat(*[float(kind == "revolute") for kind in state.chain.kinds])
-        torque = values[0] * cs.gradient(lift, q)
+        torque = values[0] * state.nominal.load_at(place)
         return replace(state, q=state.q - self.compliance * turning * torque)
 
 
