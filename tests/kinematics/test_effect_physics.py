@@ -267,6 +267,15 @@ def test_hysteresis_is_the_play_operator_on_a_triangle_wave(steps):
     np.testing.assert_allclose(np.delete(seen - q, 2, axis=1), 0.0, atol=EXACT)
 
 
+def test_hysteresis_may_begin_with_its_play_taken_up():
+    """The link that the way to the first row has left behind waits for no more."""
+    effect = REGISTRY["hysteresis"](joint=1, width=0.1, start=-0.5)
+    (lag,) = effect.derive({"q": np.linspace(0.0, 1.0, 9)[:, None]}).values()
+    np.testing.assert_allclose(lag, -0.5, atol=1e-12)
+    rows = {"q": np.zeros((2, 1)), "direction": -np.ones((2, 1))}
+    np.testing.assert_allclose(*effect.derive(rows).values(), 0.5, err_msg="as the rows say")
+
+
 def test_hysteresis_does_not_depend_on_how_fast_the_path_is_run():
     wave, _ = triangle(40)
     effect = REGISTRY["hysteresis"](joint=1, width=0.1)

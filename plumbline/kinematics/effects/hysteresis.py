@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
+from plumbline.kinematics.effects.effect import UNSAID, Effect, JointEffect, Scope, State
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
@@ -25,6 +25,7 @@ class Hysteresis(JointEffect):
     """Play whose state depends on the whole path so far; rows must be in the order of time."""
 
     width: float = field(default=WIDTHS[0], metadata={"unit": "rad"})
+    start: float = field(default=0.0, metadata=UNSAID)  # lag before the first row, if none says it
 
     depends_on = "direction"
     name = "hysteresis"
@@ -42,8 +43,10 @@ class Hysteresis(JointEffect):
         return [e for j in scope.joints for e in cls(j)._of(WIDTHS, scope)]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Narrower and wider play."""
-        return self._of([self.width * f for f in (0.3, 0.55, 1.8, 3.0)], scope)
+        """Narrower and wider play, and play that the way to the first row has taken up."""
+        taken_up = [] if self.start or scope.has("direction") else (-0.5, 0.5)
+        other = [replace(self, start=lag) for lag in taken_up]
+        return [*self._of([self.width * f for f in (0.3, 0.55, 1.8, 3.0)], scope), *other]
 
     def _of(self, widths: Sequence[float], scope: Scope) -> Sequence[Effect]:
         low, high = scope.span[f"q{self.joint}"]
@@ -51,14 +54,14 @@ class Hysteresis(JointEffect):
 
     @property
     def _column(self) -> str:
-        return f"play{self.joint}_{self.width:g}"
+        return f"play{self.joint}_{self.width:g}_{self.start:g}"
 
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
         """The normalised lag (p - q) / w of every row, between -1/2 and 1/2.
 
         The path begins with the way that the first row was come to, where ``direction`` says it.
         """
-        start = 0.0
+        start = self.start
         if "direction" in rows:
             start = -0.5 * float(np.sign(rows["direction"][0, self.joint - 1]))
         return {self._column: lag_of_play(rows["q"][:, self.joint - 1], self.width, start)}

@@ -112,7 +112,7 @@ def _told_apart(
     for _ in range(ROUNDS):
         rows = task.recording
         wander, alike = told.correlation
-        if max(abs(wander - rows.wander), abs(alike - rows.alike)) <= SAME_CORRELATION:
+        if _worth_the_same(wander, rows.wander) and abs(alike - rows.alike) <= SAME_CORRELATION:
             break
         rows = replace(rows, wander=wander, alike=alike)
         folds = fold_of_rows(rows, options.held_out, options.seed)
@@ -120,6 +120,12 @@ def _told_apart(
         selected, bad = find_causes(task, lambda words, share: None, bad)
         selected, told = _explained(task, selected, bad, options)
     return task, selected, bad, told
+
+
+def _worth_the_same(rho: float, before: float) -> bool:
+    """Whether rows of such a noise count for as many as before: (1 - rho) / (1 + rho) of them."""
+    kept, was = ((1.0 - r) / (1.0 + r) for r in (rho, before))
+    return abs(kept - was) <= SAME_CORRELATION * (kept + was)
 
 
 def _in_between(

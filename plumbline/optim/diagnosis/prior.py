@@ -63,7 +63,8 @@ FEWEST_REPEATS = 6  # degrees of freedom: sigma is then known to 17 % (18 number
 
 # Correlated rows (posterior/correlation).
 CORRELATIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # that are tried
-SAME_CORRELATION = 0.15  # change up to which they have: to a neighbour on the grid
+# Change of it, or of how many rows they count as [both], up to which they have.
+SAME_CORRELATION = 0.15
 
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
 SPECTRUM_FROM = 8  # orders of one joint that make a spectrum

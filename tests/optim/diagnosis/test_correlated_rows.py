@@ -10,7 +10,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
-from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.diagnose import _worth_the_same, diagnose
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
@@ -174,6 +174,12 @@ def test_the_correlation_that_was_drawn_is_found(rows, seed):
     assert alike == pytest.approx(0.8, abs=0.16)
     assert wander == 0.0
     assert odds > 5.0
+
+
+def test_a_correlation_has_settled_where_rows_count_for_as_much():
+    """Near one, a step of a tenth halves what the rows know; near none it hardly matters."""
+    assert all(_worth_the_same(*pair) for pair in ((0.0, 0.1), (0.3, 0.2), (0.5, 0.6)))
+    assert not any(_worth_the_same(*pair) for pair in ((0.7, 0.8), (0.9, 0.8), (0.9, 0.95)))
 
 
 def test_white_noise_is_asked_for_nothing(rows):
