@@ -1,10 +1,9 @@
 r"""Every width, odds, range and threshold of the diagnosis: its unit, and where it is from.
 
 Where no source is given the value was set by hand while the diagnosis was written, on recordings of
-the simulators, and no derivation is known. The tests ``test_prior.py`` and
-``test_prior_verdict.py`` hold what those decide that a verdict hangs on; what bounds time or memory
-alone says so. Log odds and log Bayes factors are natural; "its scale" is the usual size that an
-effect declares for a parameter.
+the simulators, and no derivation is known. The tests ``test_prior*.py`` hold what those decide that
+a verdict hangs on; what bounds time or memory alone says so. Log odds and log Bayes factors are
+natural; "its scale" is the usual size that an effect declares for a parameter.
 """
 
 from __future__ import annotations
@@ -25,8 +24,9 @@ LOG_SCALE_WEIGHTS = -0.5 * (np.log10(SCALES) / 0.75) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 # Equations that a stated noise is worth: a sigma of n of them is known to 1 / sqrt(2 n), 7 %.
 KNOWN_NOISE_FREEDOM = 100.0
-VARIANCE_ROUNDS = 8  # of noise and priors that weigh each other: a gap may be 1e4 times the noise
-SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, at which they have settled
+# Rounds of noise and priors that weigh each other (cost only): a gap may be 1e4 times the noise.
+VARIANCE_ROUNDS = 8
+SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, once settled (cost only)
 FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
 
@@ -38,8 +38,8 @@ MANY_SLOTS = 40  # terms from which pairs are no longer tried (cost only)
 BETTER = 1e-6  # log odds by which another model must win: more than rounding
 TAKES_SEVERAL = 10  # terms from which a model takes others along with the best (cost only)
 AT_ONCE, AMONG = 8, 40  # so many at the most, of so many of the best (cost only)
-AS_STRONG = 0.3  # of the best one's log odds, which these have at the least
-LITTLE_OVERLAP = 0.02  # their largest squared correlation: each explains what the others do not
+AS_STRONG = 0.3  # of the best one's log odds, which these have at the least (cost only)
+LITTLE_OVERLAP = 0.02  # their largest squared correlation: each adds what others lack (cost only)
 
 # Search (posterior/search, task).
 WIDE_PRIOR = 30.0  # width about its fit of what is always fitted [its scale]: data decide
@@ -54,7 +54,7 @@ MOST_REFINED = 12  # chosen ones of which finer variants are tried (cost only)
 # Gross errors (posterior/robust). Belsley, Kuh, Welsch (1980), sec. 2.1.
 ANISOTROPY = 1.7  # ratio of squares up to which one axis, or joint, may be noisier than all
 MOST_GROSS_SHARE = 0.2  # of all rows: were there more, it would be an effect
-MANY_ROWS = 10  # readings a column from which no single row has leverage
+MANY_ROWS = 10  # readings a column from which no single row has leverage (cost only)
 FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows by another name
 LEVER_CHANGE = (0.1, 10.0)  # of the usual lever between noises of position and rotation
 
@@ -76,9 +76,9 @@ REACHES = (0.25, 0.6, 1.5)  # [rad, or spread of places] over which what is unkn
 FULLEST = 15  # columns of a family, its leading ones (cost only)
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
-FEATURES = 24  # random Fourier features (Rahimi and Recht 2007)
+FEATURES = 24  # random Fourier features (Rahimi and Recht 2007; cost only)
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
-CENTRES = 40  # places about which local bumps are tried
+CENTRES = 40  # places about which local bumps are tried (cost only)
 SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
 COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
@@ -101,7 +101,9 @@ MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are trie
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.02 (test_joint_posterior.py)
 MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
 MOST_ADDED = 12  # terms that a state too long for that gets in one pass (cost only)
-NEARLY_NOTHING = 14.0  # log odds behind the best at which a state does not count: a millionth
+NEARLY_NOTHING = (
+    14.0  # log odds behind the best at which a state does not count: a millionth (cost only)
+)
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
@@ -116,7 +118,7 @@ MOST_FOLDS = 5  # and blocks; Hastie, Tibshirani, Friedman (2009), sec. 7.10: fi
 FEWEST_ROWS = 4  # of a fold
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
-BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval
+BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (cost only)
 MOST_BLOCKS = 4000  # of the bootstrap (memory only)
 FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's step foretells
 FOLD_STEPS = 8  # of a fold's own, where one from the fit of all does not do (cost only)

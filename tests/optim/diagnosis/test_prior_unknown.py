@@ -1,0 +1,75 @@
+"""What the constants of unknown dependences decide: which functions a family holds, and which not.
+
+Held is what the family's functions leave nothing of; each law has one on either side of the limit.
+"""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from plumbline.kinematics.effects.hysteresis import Hysteresis
+from plumbline.optim.diagnosis.discrepancy import part_dependences
+from plumbline.optim.diagnosis.discrepancy.functions import plays, spots, waves
+from plumbline.optim.diagnosis.predict.shrink import _halved
+
+N = 600
+RNG = np.random.default_rng(0)
+
+
+def left(functions, target):
+    """Share of a function's square that a family's (K, N) leave."""
+    A = np.asarray(functions).reshape(-1, target.shape[-1]).T
+    fit = A @ np.linalg.lstsq(A, target, rcond=1e-8)[0]
+    return float(np.sum((target - fit) ** 2) / np.sum(target**2))
+
+
+@pytest.mark.parametrize(
+    ("orders", "held"), [((6, 3), True), ((5, 2), True), ((8, 2), False), ((2, 4), False)]
+)
+def test_of_two_angles_six_turns_of_one_and_three_of_the_other_are_a_family(orders, held):
+    angles = RNG.uniform(-np.pi, np.pi, (N, 2))
+    wave = np.sin(angles @ np.array(orders))
+    assert (left(waves(angles), wave - wave.mean()) < 0.05) == held
+
+
+@pytest.mark.parametrize(("width", "held"), [(0.003, True), (1.0, True), (0.0005, False)])
+def test_plays_are_a_three_hundredth_of_the_travel_to_all_of_it(width, held):
+    angle = np.cumsum(RNG.normal(size=N)) / 30.0
+    travel = float(np.ptp(angle))
+    play = Hysteresis(joint=1, width=width * travel).derive({"q": angle[:, None]})
+    assert (min(left([one], *play.values()) for one in plays(angle)) < 1e-3) == held
+
+
+@pytest.mark.parametrize(
+    ("width", "held"), [(0.25, True), (0.65, True), (0.1, False), (1.5, False)]
+)
+def test_bumps_are_a_quarter_to_two_thirds_of_the_cloud_wide(width, held):
+    place = RNG.normal(size=(N, 1)) * [1.0, 0.0, 0.0]  # along a line, where many are near
+    size = float(np.sqrt(np.mean(np.sum((place - place.mean(axis=0)) ** 2, axis=1))))
+    apart = np.sum((place - place[0]) ** 2, axis=1)
+    bump = np.exp(-0.5 * apart / (width * size) ** 2)
+    assert (min(left(form, bump) for form in spots(place)) < 0.02) == held
+
+
+def offered(**given):
+    """What ranges of one plane may follow: by name, how many functions its family has."""
+    r = SimpleNamespace(
+        element=np.ones(N, dtype=int), elements=(1,), time=np.linspace(0.0, 60.0, N), **given
+    )
+    return {
+        (o.on, o.element): len(o.forms[0]) for o in part_dependences._of_time(r, "plane", "sensor")
+    }
+
+
+def test_what_changes_with_time_has_fifteen_forms_and_three_where_it_warms_up():
+    families = offered()
+    assert 12 < families["time", None] < 20
+    assert 2 <= families["time", 1] <= 4
+
+
+@pytest.mark.parametrize(("sigmas", "whole"), [(1.04, True), (1.07, False)])
+def test_a_fold_s_step_may_leave_a_twentieth_more_than_its_start(sigmas, whole):
+    rows = SimpleNamespace(white_residuals=lambda x: np.sqrt(x))
+    end = _halved(rows, np.array([1.0]), np.array([sigmas]))
+    assert (end[0] == sigmas) == whole
