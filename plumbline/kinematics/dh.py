@@ -86,7 +86,7 @@ def _point(value: object, number: int) -> tuple[float, float, float]:
         point = np.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         point = np.empty(0)
-    if point.shape != (3,) or not np.isfinite(point).all():
+    if point.shape != (3,) or not (np.abs(point) <= LARGEST).all():
         found = ascii(value)[:LONGEST_SHOWN]
         raise ValueError(f"DH row {number}: com = {found} must be three finite numbers [m]")
     return (float(point[0]), float(point[1]), float(point[2]))

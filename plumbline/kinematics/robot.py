@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -143,10 +144,7 @@ class Robot:
         Raises:
             PlumblineError: There is no robot of that name.
         """
-        models = _models()
-        if name not in models:
-            raise PlumblineError(_not_recognised("Robot", name, sorted(models)))
-        table = tomllib.loads(models[name].read_text(encoding="utf-8"))
+        table = _model(name)
         return cls.from_dh(
             table["dh"],
             name=table.get("name", name),
@@ -212,6 +210,19 @@ class Robot:
 def bundled_names() -> tuple[str, ...]:
     """Names of the robots that come with the package."""
     return tuple(sorted(_models()))
+
+
+def makers_joints(name: str) -> tuple[str, ...]:
+    """What the driver of a bundled robot calls its joints; empty where that is not known."""
+    return tuple(_model(name).get("joints", ()))
+
+
+def _model(name: str) -> dict[str, Any]:
+    """The file of a bundled robot (PlumblineError: there is no robot of that name)."""
+    models = _models()
+    if name not in models:
+        raise PlumblineError(_not_recognised("Robot", name, sorted(models)))
+    return tomllib.loads(models[name].read_text(encoding="utf-8"))
 
 
 def _tip_kinds(model: pin.Model) -> dict[str, pin.FrameType]:

@@ -70,7 +70,8 @@ def test_the_bundle_is_complete():
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 def test_a_model_states_all_that_a_robot_needs(path):
     model = load(path.stem)
-    assert set(model) == {"name", "source", "tip_frame", "gravity", "dh"}
+    assert set(model) - {"joints"} == {"name", "source", "tip_frame", "gravity", "dh"}
+    assert len(model.get("joints", movable(model))) == len(movable(model))
     assert model["name"] == path.stem
     assert model["source"]
     assert np.linalg.norm(model["gravity"]) == pytest.approx(9.81)

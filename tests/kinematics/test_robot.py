@@ -482,6 +482,10 @@ def test_a_joint_may_be_called_like_a_link(name):
             lambda: Robot.from_dh([{"com": "here"}]),
             "DH row 1: com = 'here' must be three finite numbers [m]",
         ),
+        (
+            lambda: Robot.from_dh([{"com": [0.0, 1e300, 0.0]}]),
+            "DH row 1: com = [0.0, 1e+300, 0.0] must be three finite numbers [m]",
+        ),
     ],
 )
 def test_a_robot_that_cannot_be_built_says_why(build, words):

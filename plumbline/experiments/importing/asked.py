@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from plumbline.experiments.importing import deriving, mapping, units
 from plumbline.experiments.importing.understood import Request
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.files import read_file, reason
-from plumbline.kinematics.robot import Robot, bundled_names
+from plumbline.kinematics.robot import Robot, bundled_names, makers_joints
 from plumbline.optim.recording.settings import read_settings
 
 AMOUNT = re.compile(r"^\s*(?P<numbers>[-+.\deE,\s]+?)\s*:?\s*(?P<unit>[A-Za-z]*)\s*$")
@@ -172,13 +171,9 @@ def _robot(
 
 
 def _names(table: Mapping[str, Any], chain: Chain) -> tuple[str, ...]:
-    """Names of the joints: a bundled robot has none of its maker's, its description has."""
-    names = chain.joint_names
-    if "bundled" in table:
-        with suppress(PlumblineError):  # not installed, or no such robot: then by the map alone
-            described = Robot.described(str(table["bundled"])).chain().joint_names
-            names = described if len(described) == len(names) else names
-    return names
+    """Names of the joints, as the robot's maker calls them where that is known."""
+    maker = makers_joints(str(table["bundled"])) if "bundled" in table else ()
+    return maker or chain.joint_names
 
 
 def _source_of(word: str) -> dict[str, Any]:

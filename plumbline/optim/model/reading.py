@@ -5,7 +5,7 @@ it is handed out.
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +121,7 @@ def _effect(file: str, number: int, block: Mapping[str, object]) -> tuple[Effect
     extra = [key for key in block if key not in {*own, "effect", "form", "values"}]
     if extra:
         raise fault(f"{where}, {extra[0][:40]}", "an unknown key", ", ".join(own), SAVE_IT)
-    arguments = {key: _field(f"{where}, {key}", block[key], f.default)
+    arguments = {key: _field(f"{where}, {key}", block[key], f)
                  for key, f in own.items() if key in block}  # fmt: skip
     try:
         effect = kind(**arguments)
@@ -134,15 +134,15 @@ def _effect(file: str, number: int, block: Mapping[str, object]) -> tuple[Effect
     return effect, [number_of(f"{where}, {key}", value) for key, value in given.items()]
 
 
-def _field(where: str, value: object, like: object) -> object:
-    """A field's value, of the kind of its default."""
-    if isinstance(like, bool):
+def _field(where: str, value: object, of: Field[Any]) -> object:
+    """A field's value, of the kind that it is declared to be."""
+    if isinstance(of.default, bool):
         if isinstance(value, bool):
             return value
         raise fault(where, shown(value), "true or false", SAVE_IT)
-    if isinstance(value, list):
+    if isinstance(value, list) and str(of.type).startswith("tuple"):
         return tuple(number_of(where, v) for v in value)
-    if isinstance(value, str) and isinstance(like, str):
+    if isinstance(value, str) and isinstance(of.default, str):
         return value
     number = number_of(where, value)
     return value if isinstance(value, int) else number

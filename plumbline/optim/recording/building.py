@@ -328,6 +328,10 @@ def _flags(values: ArrayLike | None, rows: int, origin: Origin) -> Flags | None:
     if len(broken):
         where = origin.at("held_out", broken[0])
         raise fault(where, str(numbers[broken[0]]), "0 or 1", "1 keeps the row from every fit")
+    if numbers.all():
+        raise fault(
+            origin.at("held_out"), "every row held out", "some of them", "delete the column"
+        )
     return numbers == 1
 
 

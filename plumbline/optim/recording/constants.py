@@ -60,6 +60,11 @@ BETTER = 0.2  # of that is left in the right one
 ALIKE = 0.02  # [rad]: conventions that leave no more than this are told together
 LINE = 0.02  # second spread of the tips over the first: below, they fix no frame
 
+# Rates
+LARGEST_SPEED = 1e3  # [rad/s or m/s]: a spindle of 10,000 rpm turns at that
+LARGEST_ACCELERATION = 1e6  # [rad/s^2 or m/s^2]: a hundred times a blow on a tool
+LARGEST_EFFORT = 1e6  # [N m or N]: a hundred times the heaviest arm's
+
 # Surroundings
 KELVIN, FAHRENHEIT = 200.0, 60.0  # [degC]: medians that are no room's
 TEMPERATURES = (-60.0, 120.0)  # [degC]: machines stand in no colder and no hotter place

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from plumbline.errors import fault
+from plumbline.errors import PlumblineError, fault, shown
 from plumbline.optim.recording.constants import (
     BANDWIDTH,
     GAP_IN_TIME,
@@ -62,8 +62,8 @@ def derived_motion(
     if time is None:
         expected = "columns acceleration1..n, or time to derive them from"
         raise fault(origin.file, "neither acceleration1 nor time", expected, "add the column time")
-    step = _usual_step(time)
-    half = half_window(1.0 / step)
+    step = _usual_step(time, origin)
+    half = half_window(1.0 / step, len(q))
     v, a, square = np.empty_like(q), np.empty_like(q), np.zeros(q.shape[1])
     for rows in stretches(time, step):
         if len(rows) < 2 * half + 1:
@@ -71,6 +71,8 @@ def derived_motion(
             expected = f"at least {2 * half + 1} rows {step:.3g} s apart, to derive accelerations"
             mend = "record acceleration1..n, delete the short run, or write acceleration1..n"
             raise fault(origin.at("time", rows[0]), found, expected, mend)
+        if time[rows[-1]] <= time[rows[0]]:
+            raise _stands_still(time[rows[0]], rows[0], origin)
         source = q[rows] if velocity is None else velocity[rows]
         v[rows], a[rows] = _smoothed(time[rows], source, step, half, from_place=velocity is None)
         left = source - scipy.signal.savgol_filter(source, 2 * half + 1, ORDER, axis=0)
@@ -85,14 +87,25 @@ def derived_motion(
     return Motion(v, a, noise, note)
 
 
-def _usual_step(time: Array) -> float:
+def _usual_step(time: Array, origin: Origin) -> float:
     steps = np.diff(time)
-    return float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    if not (steps > 0).any():
+        raise _stands_still(time[0], 0, origin)
+    return float(np.median(steps[steps > 0]))
 
 
-def half_window(rate: float) -> int:
-    """M of the window whose bandwidth comes nearest to :data:`BANDWIDTH`, at ``rate`` [Hz]."""
-    longest = max(LEAST_WINDOW + 1, int(rate / BANDWIDTH))
+def _stands_still(moment: float, row: int, origin: Origin) -> PlumblineError:
+    found = f"a clock that stands at {shown(float(moment))} s"
+    mend = "mend the clock, or write acceleration1..n"
+    return fault(origin.at("time", row), found, "one that goes on", mend)
+
+
+def half_window(rate: float, rows: int) -> int:
+    """M of the window whose bandwidth comes nearest to :data:`BANDWIDTH`, at ``rate`` [Hz].
+
+    No run of so many ``rows`` holds a window of more than half of them: none is looked for.
+    """
+    longest = max(LEAST_WINDOW + 1, min(int(rate / BANDWIDTH), rows))
     halves = range(LEAST_WINDOW, longest + 1)
     above = bisect_left(halves, -BANDWIDTH, key=lambda half: -bandwidth(rate, half))
     near = halves[max(above - 1, 0) : above + 1]

@@ -6,11 +6,13 @@
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed, one_line, shown
 from plumbline.kinematics.files import LARGEST_FILE, is_file, is_folder, read_file, reason
@@ -168,7 +170,7 @@ def load_recording(
         sha256=opened.sha256(made.data),
         notes=(*_unused(settings), *table.notes, *table.unused(used)),
         known_effects=known_effects,
-        noise_by_joint=_noise_by_joint(settings, observation, chain.n),
+        noise_by_joint=_noise_by_joint(settings, observation, chain.n, context.values),
         **given,
         **context.values,
     )
@@ -256,13 +258,21 @@ def _noise(settings: Section) -> dict[str, Any]:
     return {"noise_axes": value}
 
 
-def _noise_by_joint(settings: Section, observation: str, joints: int) -> Array | None:
+def _noise_by_joint(
+    settings: Section, observation: str, joints: int, context: Mapping[str, Array]
+) -> Array | None:
     """Noise (n,) [N m or N] of efforts, stated in the unit that they were recorded in."""
     motion = settings.section("motion")
     stated = motion if "noise_std" in motion.values else settings
-    if observation != "joint_torque" or "noise_std" not in stated.values:
+    if observation != "joint_torque":
         return None
-    return by_joint(stated, "noise_std", joints) * torque_constants(settings, joints)
+    if "noise_std" in stated.values:
+        own = by_joint(stated, "noise_std", joints)
+    elif "noise_rows" in context:
+        own = np.full(joints, np.sqrt(np.mean(context["noise_rows"] ** 2)))
+    else:
+        return None
+    return own * torque_constants(settings, joints)
 
 
 def _pairs(sockets: Section) -> tuple[tuple[int, int], ...]:

@@ -27,7 +27,7 @@ def with_noise_shape(
             sigma of an axis [m, or rad or m of a joint]. Given both, the axes' ratios count.
         observation: Kind of observation.
         rows: N.
-        joints: n, whose second encoders are the axes of ``joint_position``.
+        joints: n, whose second encoders or efforts are the axes of their kinds.
         origin: Where they were read.
 
     Raises:
@@ -36,7 +36,7 @@ def with_noise_shape(
     axes, each = context.pop("noise_axes", None), context.pop("noise_rows", None)
     if axes is None and each is None:
         return context
-    size = joints if observation == "joint_position" else TIP_AXES
+    size = joints if observation in ("joint_position", "joint_torque") else TIP_AXES
     across = np.ones(size) if axes is None else _positive(axes, "noise_std", size, origin)
     along = np.ones(rows) if each is None else _positive(each, "noise_std", rows, origin)
     if observation not in ("tip_position", "pose", "joint_position") and axes is not None:

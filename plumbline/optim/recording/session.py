@@ -130,10 +130,14 @@ def _noise_of(part: Recording) -> Array:
     return part.noise_by_joint
 
 
+def _shape_of(part: Recording) -> Array:
+    return np.ones((len(part), 1)) if part.noise_shape is None else part.noise_shape
+
+
 def _noise_by_joint(session: Session, times: Sequence[float]) -> tuple[Array, Array | None]:
     """Noise of all rows' efforts by joint (n,) [N m or N], and that of every row over it (N, n)."""
     both = zip(session.parts, times, strict=True)
-    rows = np.concatenate([np.tile(s * _noise_of(p), (len(p), 1)) for p, s in both])
+    rows = np.concatenate([s * _noise_of(p) * _shape_of(p) for p, s in both])
     whole = np.sqrt(np.mean(rows**2, axis=0))
     return whole, None if np.allclose(rows, whole, rtol=1e-12) else rows / whole
 

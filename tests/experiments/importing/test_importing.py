@@ -14,11 +14,12 @@ from hypothesis.extra.numpy import arrays
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
-from plumbline import Robot, load
+from plumbline import load
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.importing import deriving, joining, mapping, reading, text, units
 from plumbline.experiments.importing.understood import Request, understand
+from plumbline.kinematics.robot import makers_joints
 from tests.experiments.commands.test_command_line import contents, refused
 from tests.made_up_diagnosis import BENCH
 
@@ -121,7 +122,7 @@ def test_a_lerobot_data_set_has_its_names_episodes_and_clock(tmp_path):
     assert list(found.samples["group"]) == [0, 0, 1, 1]
 
 
-def write_bag(path, bench, robot):
+def write_bag(path, bench, joints):
     """A ROS 2 bag of joints at 100 Hz and tips at 10 Hz, the joints in the alphabet's order."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
@@ -129,10 +130,10 @@ def write_bag(path, bench, robot):
     store = get_typestore(Stores.ROS2_HUMBLE)
     kinds = store.types
     header, stamp = kinds["std_msgs/msg/Header"], kinds["builtin_interfaces/msg/Time"]
-    order = np.argsort(robot.chain().joint_names)
-    names = [robot.chain().joint_names[k] for k in order]
+    order = np.argsort(joints)
+    names = [joints[k] for k in order]
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        joints, tips = (
+        states, tips = (
             writer.add_connection(topic, kind, typestore=store)
             for topic, kind in (
                 ("/joint_states", "sensor_msgs/msg/JointState"),
@@ -148,7 +149,7 @@ def write_bag(path, bench, robot):
                     position=q + (late > 0), velocity=np.array([]), effort=np.array([]),
                 )  # fmt: skip
                 writer.write(
-                    joints, k * 10**9 + late, store.serialize_cdr(message, message.__msgtype__)
+                    states, k * 10**9 + late, store.serialize_cdr(message, message.__msgtype__)
                 )
             point = kinds["geometry_msgs/msg/Point"](x=row.x, y=row.y, z=row.z)
             moment = stamp(sec=1_700_000_000 + k, nanosec=2_000_000)
@@ -160,9 +161,10 @@ def write_bag(path, bench, robot):
 
 def test_a_bag_is_joined_by_the_clock_and_by_names_of_joints(tmp_path, bench, capsys):
     pytest.importorskip("rosbags")
-    robot = Robot.bundled("ur5")
-    write_bag(tmp_path / "run", bench, robot)
-    asked = Request(joints=robot.chain().joint_names, gap=0.005)
+    makers = makers_joints("ur5")
+    assert makers[0] == "shoulder_pan_joint"
+    write_bag(tmp_path / "run", bench, makers)
+    asked = Request(joints=makers, gap=0.005)
     found = understand(reading.read(tmp_path / "run"), asked)
     assert found.observation == "tip_position"
     np.testing.assert_allclose(found.samples[JOINTS], bench[JOINTS])
@@ -170,7 +172,7 @@ def test_a_bag_is_joined_by_the_clock_and_by_names_of_joints(tmp_path, bench, ca
     with pytest.raises(PlumblineError, match=r"say --gap 0\.01"):
         understand(reading.read(tmp_path / "run"), Request(joints=asked.joints))
     words = ["import", str(tmp_path / "run"), "--to", str(tmp_path / "made"), "--gap", "0.005",
-             "--map", "q#=/joint_states@position.#", "--robot", "ur5", "--yes", "-q"]  # fmt: skip
+             "--robot", "ur5", "--yes", "-q"]  # fmt: skip
     assert run(words) == 0
     same(load(tmp_path / "made"), bench)
 

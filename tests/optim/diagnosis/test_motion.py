@@ -367,7 +367,18 @@ def test_a_folder_is_read_as_it_is_written(tmp_path):
         ({"rows": np.ones((9, 5))}, "9 rows.*at least 50"),
         (
             {"rows": np.column_stack([np.arange(200.0), 90 * np.ones((200, 4))])},
-            "positions up to 90.*degrees",
+            "column 'q1'.*positions up to 90.*degrees",
+        ),
+        (
+            {"rows": np.arange(200.0)[:, None] * [1.0, 0.0, 9.0, 0.01, 0.01]},
+            "column 'u2'.*positions up to 1791.*degrees",
+        ),
+        (
+            {
+                "settings": '[motion]\ncommand = "rate"\n',
+                "rows": np.arange(200.0)[:, None] * [1.0, 0.0, 9.0, 0.01, 0.01],
+            },
+            "column 'u2'.*commands up to 1791, expected at most 1000 rad/s",
         ),
     ],
 )

@@ -192,6 +192,7 @@ DAMAGES = [
     (lambda t: t.replace("version = 1", "version = 9"), "found 9, expected 1"),
     (lambda t: t.replace('"backlash"', '"backlsh"'), "Best matches are backlash|best matches"),
     (lambda t: t.replace("joint = 3", "joint = 99"), "element 99, expected 1 to 6"),
+    (lambda t: t.replace("joint = 3", "joint = [3]"), "a finite number"),
     (lambda t: t.replace("values.play = ", "values.play = nan #"), "a finite number"),
     (lambda t: t.replace("values.play", "values.pley"), "expected play"),
     (lambda t: t.replace("rotation = [[", "rotation = [[9", 1), "a rotation"),

@@ -1,6 +1,7 @@
 """Reading of measured efforts: units, derived motions, noise, signs, limbs; simulated cases."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from plumbline.experiments.reality.cases import Plan
 from plumbline.experiments.reality.torques import BEYOND, simulate_torques
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.model import apply
 from plumbline.optim.recording import derivatives
 from plumbline.optim.recording.building import build_recording
@@ -72,7 +75,7 @@ def test_what_is_recorded_is_not_smoothed(robot):
 
 @pytest.mark.parametrize("rate", [50.0, 125.0, 1000.0])
 def test_a_window_lets_half_of_the_power_pass_at_its_bandwidth(rate):
-    half = derivatives.half_window(rate)
+    half = derivatives.half_window(rate, 10_000)
     f = derivatives.bandwidth(rate, half)
     assert rate < 125.0 or abs(f - BANDWIDTH) < 1.5
     taps = savgol_coeffs(2 * half + 1, derivatives.ORDER)
@@ -82,7 +85,7 @@ def test_a_window_lets_half_of_the_power_pass_at_its_bandwidth(rate):
 
 def test_noise_of_accelerations_is_foretold():
     rng = np.random.default_rng(0)
-    step, half = 0.01, derivatives.half_window(100.0)
+    step, half = 0.01, derivatives.half_window(100.0, 20_000)
     raw = rng.normal(size=(20000, 1))
     from_velocity = savgol_filter(raw, 2 * half + 1, 3, deriv=1, delta=step, axis=0)
     taken = raw - savgol_filter(raw, 2 * half + 1, 3, axis=0)
@@ -139,6 +142,20 @@ def test_amperes_become_newton_metres_by_their_constants(tmp_path, robot, whose)
     assert f"stated [N m]  {', '.join(f'{x:.3g}' for x in noise)}" in words
 
 
+def test_efforts_may_state_their_noise_row_by_row(tmp_path, robot):
+    each = np.where(np.arange(ROWS) % 2, 0.5, 2.0)
+    where = folder(tmp_path, robot, 'effort_unit = "A"\ntorque_constant = 3.0\n')
+    table = (where / "samples.csv").read_text().splitlines()
+    rows = [f"{row},{noise}" for row, noise in zip(table[1:], each, strict=True)]
+    (where / "samples.csv").write_text("\n".join([f"{table[0]},noise_std", *rows]) + "\n")
+    rec = load_recording(where)
+    np.testing.assert_allclose(rec.noise_by_joint, 3.0 * np.sqrt(np.mean(each**2)), rtol=1e-2)
+    models = [build_model(replace(rec, noise_shape=shape)) for shape in (None, rec.noise_shape)]
+    plain, weighed = (Mapped(m.problem).residuals(m.start) for m in models)
+    np.testing.assert_allclose(weighed * rec.noise_shape, plain, rtol=1e-9)
+    np.testing.assert_allclose(rec.noise_shape[:2, 0], each[:2] / np.sqrt(np.mean(each**2)))
+
+
 @pytest.mark.parametrize(
     ("motion", "words"),
     [
@@ -151,6 +168,14 @@ def test_amperes_become_newton_metres_by_their_constants(tmp_path, robot, whose)
 def test_a_unit_that_says_nothing_is_refused(tmp_path, robot, motion, words):
     with pytest.raises(PlumblineError, match=words):
         load_recording(folder(tmp_path, robot, motion))
+
+
+@pytest.mark.parametrize(
+    ("step", "words"), [(0.0, "a clock that stands at 0 s"), (1e-11, "a run of 300 rows")]
+)
+def test_a_clock_that_derives_nothing_is_refused(robot, step, words):
+    with pytest.raises(PlumblineError, match=words):
+        recorded(robot, velocity=None, time=step * np.arange(ROWS))
 
 
 def test_efforts_without_signs_are_refused_and_turned_ones_noted(tmp_path, robot):

@@ -120,6 +120,8 @@ COLUMN_FAULTS = {
     "too few in sockets": ("fixed_point", few(4), "found", "socket"),
     "too few kept": ("tip_position", lambda t: t | {"held_out": np.arange(ROWS) > 2},
                      "found 3 rows to fit (37 are held out)", "hold fewer rows out"),
+    "none kept": ("tip_position", lambda t: t | {"held_out": np.ones(ROWS)},
+                  "column 'held_out': found every row held out", "delete the column"),
     "one posture": ("tip_position", lambda t: {k: np.full(ROWS, v[0]) for k, v in t.items()},
                     "one posture in every row", "other postures"),
     "five joints": ("tip_position", lambda t: {k: v for k, v in t.items() if k != "q6"},

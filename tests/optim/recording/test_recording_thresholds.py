@@ -57,6 +57,16 @@ def test_settings_are_of_a_million_bytes_and_a_hundred_parts():
     assert (LARGEST_SETTINGS, MOST_PARTS, LONGEST_REASON) == (1_000_000, 100, 200)
 
 
+@pytest.mark.parametrize(
+    ("name", "most"), [("velocity", 1e3), ("acceleration", 1e6), ("effort", 1e6)]
+)
+def test_no_drive_is_faster_or_stronger_than_any(name, most):
+    for size, made in ((0.75 * most, NOTHING), (-1.5 * most, FAULT)):
+        rows = np.zeros((40, 6))
+        rows[7, 2] = size
+        assert found(units.rates_are_in_si, replace(good(), **{name: rows})) == made
+
+
 @pytest.mark.parametrize(("apart", "count"), [(0.4e-6, 1), (0.8e-6, 2)])
 def test_postures_a_microradian_apart_are_two(apart, count):
     assert checks._distinct(np.array([[0.0], [apart]])) == count

@@ -12,6 +12,7 @@ of the whole robot where there are as many columns, else those of the chain to t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,12 @@ from plumbline.errors import fault, shown
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.columns import numbered
-from plumbline.optim.recording.constants import TURNS
+from plumbline.optim.recording.constants import (
+    LARGEST_ARM,
+    LARGEST_EFFORT,
+    LARGEST_SPEED,
+    TURNS,
+)
 from plumbline.optim.recording.loading import (
     KEYS,
     PROVENANCE,
@@ -283,8 +289,7 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
         mend = "delete it: then it is estimated"
         raise fault(origin.key("noise_std"), f"{r.noise_std:.4g}", "a noise above 0", mend)
     _refuse_frozen(r, origin)
-    if r.observation == OBSERVATION:
-        _refuse_degrees(r, origin)
+    _refuse_sizes(r, origin)
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
@@ -301,18 +306,27 @@ def _refuse_frozen(r: MotionRecording, origin: Origin) -> None:
         raise fault(origin.at(f"{letter}{number}"), found, "measured positions", mend)
 
 
-def _refuse_degrees(r: MotionRecording, origin: Origin) -> None:
-    model = r.robot.model
-    plain = model.nq == model.nv  # else coordinates and joints are not numbered alike
-    for j in range(r.n):
-        far = float(np.abs(r.q[:, j]).max())
-        stated = float(model.upperPositionLimit[r.index[j]]) if plain else 0.0
-        most = max(TURNS, stated if stated < STATED else 0.0)
+def _refuse_sizes(r: MotionRecording, origin: Origin) -> None:
+    """Refuse places beyond what a joint or a tip reaches, and commands that no drive can follow."""
+    measured = r.joints[0][0] if r.unit == "m" else "q"
+    columns = product(((measured, r.q, True), ("u", r.command, r.law.follows)), range(r.n))
+    for (letter, values, places), j in columns:
+        most, unit = _most(r, j, places)
+        far = float(np.abs(values[:, j]).max())
         if far > most:
-            found = f"positions up to {far:.4g}"
-            raise fault(
-                origin.at(f"q{j + 1}"),
-                found,
-                f"at most {most:.4g} rad",
-                "divide by 57.3 if in degrees",
-            )
+            what = "positions" if places else "commands"
+            where, found = origin.at(f"{letter}{j + 1}"), f"{what} up to {far:.4g}"
+            mend = "divide by 57.3 if in degrees" if unit == "rad" else "mend the unit"
+            raise fault(where, found, f"at most {most:.4g} {unit}", mend)
+
+
+def _most(r: MotionRecording, j: int, places: bool) -> tuple[float, str]:
+    """The largest size of a joint's or axis' place or command, and its unit."""
+    if not places:
+        held = r.law in (Law.VELOCITY, Law.RATE)
+        return (LARGEST_SPEED, f"{r.unit}/s") if held else (LARGEST_EFFORT, "N m")
+    if r.observation != OBSERVATION:
+        return LARGEST_ARM, "m"
+    model = r.robot.model  # no limit is known where coordinates and joints are not numbered alike
+    limit = float(model.upperPositionLimit[r.index[j]]) if model.nq == model.nv else 0.0
+    return max(TURNS, limit if limit < STATED else 0.0), "rad"
