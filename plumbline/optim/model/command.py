@@ -17,21 +17,26 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import fault
+from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.rows import postures
+from plumbline.optim.model.rows import SCALARS, postures
 
 LEVER = 0.1  # [m]: a milliradian of orientation counts as much as 0.1 mm of place
 DAMPING = 1e-3  # [m/rad]: a joint of less leverage than this is not moved for a small gain
-STEPS = 12  # with the nominal arm's slope each leaves some hundredths of what the last has left
+STEPS = 30  # with the nominal arm's slope each leaves some hundredths of what the last has left
 SETTLED = 1e-11  # [rad or m] of a step after which no other is needed
 FAR_STEPS = 60  # steps from another posture
 LONGEST = 0.4  # [rad or m] of one step from another posture, within which an arm is near linear
 PLACE_FIRST = 100.0  # times as dear is the place where the orientation cannot be had with it
+EASED = 10.0  # times as free after a step that brought the tool nearer, as dear after another
+REACH = 0.3  # [m]: by how much a radian of orientation parts two postures of an arm
 STARTS = 12  # postures of the recording that are tried for a pose
 REACHED = 1e-6  # [m] from its goal within which a tip has arrived: far below any arm's noise
 SLACK = 1e-9  # [rad or m] beyond a limit that rounding makes
+
+Context = Mapping[str, ArrayLike]  # of rows, by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +61,7 @@ class Command:
         )
 
 
-def command(arm: Arm, q_wanted: ArrayLike, context: Mapping[str, ArrayLike]) -> Command:
+def command(arm: Arm, q_wanted: ArrayLike, context: Context) -> Command:
     """What to command so that the tool comes where a faultless arm at ``q_wanted`` has it."""
     wanted = postures(arm.chain, q_wanted)
     _refuse_outside(arm, wanted)
@@ -69,27 +74,25 @@ def beyond(links: Arm, q: Array, goal: Array) -> Array:
     return np.asarray(_solved(links, q, goal, {}, placed=True).q - q)
 
 
-def command_for(
-    arm: Arm, pose: ArrayLike, near: ArrayLike | None, context: Mapping[str, ArrayLike]
-) -> Command:
+def command_for(arm: Arm, pose: ArrayLike, near: ArrayLike | None, context: Context) -> Command:
     """What to command so that the tool comes to a pose, or its tip to a point."""
     goal, posed = _goals(pose)
     if near is not None:
         start = np.broadcast_to(postures(arm.chain, near), (len(goal), arm.chain.n))
         starts = [start]
     else:
-        starts = _starts(arm, goal)
+        starts = _starts(arm, goal, posed=posed)
     return _nearest(arm, goal, starts, context, posed=posed)
 
 
 def _nearest(
-    arm: Arm, goal: Array, starts: list[Array], context: Mapping[str, ArrayLike], *, posed: bool
+    arm: Arm, goal: Array, starts: list[Array], context: Context, *, posed: bool
 ) -> Command:
     """The first start that arrives; the best of all where none does."""
     best: Command | None = None
     open_rows = np.arange(len(goal))
     for start in starts:
-        some = {k: _some(v, open_rows, len(goal)) for k, v in context.items()}
+        some = _some(context, open_rows, len(goal))
         there = _approach(arm, start[open_rows], goal[open_rows], posed=posed)
         found = _solved(arm, there, goal[open_rows], some, placed=posed)
         best = found if best is None else _better(best, found, open_rows)
@@ -101,15 +104,13 @@ def _nearest(
     return _placed(arm, goal, starts, context, best) if posed else best
 
 
-def _placed(
-    arm: Arm, goal: Array, starts: list[Array], context: Mapping[str, ArrayLike], best: Command
-) -> Command:
+def _placed(arm: Arm, goal: Array, starts: list[Array], context: Context, best: Command) -> Command:
     """The same with the place kept where place and orientation cannot both be had."""
     for start in (best.q, *starts):
         rows = np.flatnonzero(~best.reached)
         if not len(rows):
             break
-        some = {k: _some(v, rows, len(goal)) for k, v in context.items()}
+        some = _some(context, rows, len(goal))
         there = _approach(arm, start[rows], goal[rows], posed=False)
         there = _approach(arm, there, goal[rows], posed=True, dear=PLACE_FIRST)
         best = _better(best, _solved(arm, there, goal[rows], some, placed=True, far=True), rows)
@@ -127,16 +128,24 @@ def _better(best: Command, found: Command, rows: NDArray[np.intp]) -> Command:
     return Command(**merged)
 
 
-def _some(values: ArrayLike, rows: NDArray[np.intp], count: int) -> ArrayLike:
-    array = np.asarray(values, dtype=float)
-    return array[rows] if array.ndim and len(array) == count and count > 1 else array
+def _some(context: Context, rows: NDArray[np.intp], count: int) -> Context:
+    """The context of some of so many rows: a column for each row, or what all of them share."""
+    found: dict[str, ArrayLike] = {}
+    for name, values in context.items():
+        array = np.asarray(values)
+        each = array.ndim == 2 or (array.ndim == 1 and name in SCALARS)
+        found[name] = array[rows] if each and len(array) == count else values
+    return found
 
 
-def _starts(arm: Arm, goal: Array) -> list[Array]:
-    """Postures of the recording, those whose tips are nearest to each goal first."""
+def _starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
+    """Postures of the recording, those whose tools are nearest to each goal first."""
     known = arm.samples["q"]
-    tips = arm.nominal.tip(known)
-    away = np.linalg.norm(tips[None] - goal[:, None, :3, 3], axis=2)
+    T = arm.nominal.placement(known)
+    away = np.linalg.norm(T[None, :, :3, 3] - goal[:, None, :3, 3], axis=2)
+    if posed:
+        together = np.einsum("kij,nij->nk", T[:, :3, :3], goal[:, :3, :3])
+        away = away + REACH * np.arccos(np.clip((together - 1.0) / 2.0, -1.0, 1.0))
     order = np.argsort(away, axis=1)[:, :STARTS]
     return [known[order[:, k]] for k in range(order.shape[1])]
 
@@ -182,34 +191,26 @@ def _refuse_outside(arm: Arm, q: Array) -> None:
 
 def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool, dear: float = 1.0) -> Array:
     """Walk from other postures (N, n) towards the goals on the nominal arm, places so dear."""
-    nominal = arm.nominal
-    lever = LEVER if posed else 0.0
     weight = np.array([dear, dear, dear, 1.0, 1.0, 1.0])
-    for _ in range(FAR_STEPS):
-        miss, J = _misfit(nominal, q, goal, {}, lever)
-        miss, J = miss * weight, J * weight[:, None]
-        step = _step(nominal, q, miss, J, np.zeros_like(q), 30 * DAMPING)
-        size = np.abs(step).max(axis=1, keepdims=True)
-        q = _within(nominal, q + step * np.minimum(1.0, LONGEST / np.maximum(size, 1e-12)))
-        if size.max(initial=0.0) < 1e-9:
-            break
-    return q
+    lever = LEVER if posed else 0.0
+    far = {"weight": weight, "steps": FAR_STEPS, "damping": 30 * DAMPING}
+    return _walk(arm.nominal, q, goal, {}, None, lever, **far)
 
 
 def _solved(
     arm: Arm,
     wanted: Array,
     goal: Array,
-    context: Mapping[str, ArrayLike],
+    context: Context,
     *,
     placed: bool,
     far: bool = False,
 ) -> Command:
     """Commands about postures; where the orientation is ``far`` out of reach the place counts."""
-    q = wanted.copy()
+    q = wanted
     if placed and not far:
-        _walk(arm, q, goal, context, wanted, LEVER)
-    _walk(arm, q, goal, context, None, 0.0)
+        q = _walk(arm, q, goal, context, wanted, LEVER)
+    q = _walk(arm, q, goal, context, None, 0.0)
     miss, _ = _misfit(arm, q, goal, context, 1.0)
     turned = np.linalg.norm(miss[:, 3:], axis=1) if placed else np.zeros(len(q))
     resting = (q <= arm.chain.lower + SLACK) | (q >= arm.chain.upper - SLACK)
@@ -218,28 +219,49 @@ def _solved(
 
 def _walk(
     arm: Arm,
-    q: Array,
+    start: Array,
     goal: Array,
-    context: Mapping[str, ArrayLike],
+    context: Context,
     wanted: Array | None,
     lever: float,
-) -> None:
+    *,
+    weight: Array | float = 1.0,
+    steps: int = STEPS,
+    damping: float = 0.0,
+) -> Array:
     """Step joints (N, n) towards their goals, near to where they are wanted, until all are there.
 
-    All rows at once: to what remembers the way the posture before a row is a part of it.
+    A step that leads away is taken back and tried shorter (Levenberg and Marquardt). Rows that are
+    there are left alone, but of what remembers the way: the posture before a row is a part of it.
     """
-    for _ in range(STEPS):
-        miss, J = _misfit(arm, q, goal, context, lever)
+    remembers = any(type(e).derive is not Effect.derive for e in arm.effects)
+    rows, q, at = np.arange(len(start)), start.copy(), start.copy()
+    least, more = np.full(len(q), np.inf), np.full(len(q), damping)
+    miss, J = np.zeros((len(q), 6)), np.zeros((len(q), 6, q.shape[1]))
+    for _ in range(steps):
+        found, slope = _misfit(arm, q[rows], goal[rows], _some(context, rows, len(q)), lever)
+        found = found * weight
         back = np.zeros_like(q) if wanted is None else wanted - q
-        before = q.copy()
-        q[:] = _within(arm, q + _step(arm, q, miss, J, back, DAMPING))
-        if np.abs(q - before).max(initial=0.0) <= SETTLED:
+        cost = (found**2).sum(axis=1) + DAMPING**2 * (back[rows] ** 2).sum(axis=1)
+        well = (cost <= least[rows]) | remembers
+        new = rows[well]
+        at[new], least[new], miss[new] = q[new], cost[well], found[well]
+        J[new] = slope[well] * np.reshape(weight, (-1, 1))
+        more[rows] = np.where(well, more[rows] / EASED, EASED * np.maximum(more[rows], DAMPING))
+        back = np.zeros_like(at) if wanted is None else wanted - at
+        step = _step(arm, at[rows], miss[rows], J[rows], back[rows], more[rows])
+        size = np.abs(step).max(axis=1, initial=0.0)
+        q[rows] = _within(
+            arm, at[rows] + step * np.minimum(1.0, LONGEST / np.maximum(size, 1e-12))[:, None]
+        )
+        moved = np.abs(q - at)[rows].max(axis=1, initial=0.0) > SETTLED
+        if not moved.any():
             break
+        rows = rows if remembers else rows[moved]
+    return at
 
 
-def _misfit(
-    arm: Arm, q: Array, goal: Array, context: Mapping[str, ArrayLike], lever: float
-) -> tuple[Array, Array]:
+def _misfit(arm: Arm, q: Array, goal: Array, context: Context, lever: float) -> tuple[Array, Array]:
     """What is missing to the goals (N, 6) [m], and its Jacobian (N, 6, n), the nominal arm's."""
     T, J = arm.placement(q, **context), arm.nominal.jacobian(q)
     turn = Rotation.from_matrix(goal[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
@@ -247,7 +269,7 @@ def _misfit(
     return miss, J * np.array([1.0, 1.0, 1.0, lever, lever, lever])[:, None]
 
 
-def _step(arm: Arm, q: Array, miss: Array, J: Array, back: Array, damping: float) -> Array:
+def _step(arm: Arm, q: Array, miss: Array, J: Array, back: Array, more: Array) -> Array:
     """The damped step (N, n); joints that it would take over a limit are left out and it is redone.
 
     Args:
@@ -256,20 +278,21 @@ def _step(arm: Arm, q: Array, miss: Array, J: Array, back: Array, damping: float
         miss: What is missing (N, 6).
         J: Its Jacobian (N, 6, n).
         back: The way back to where the joints are wanted (N, n), weighed by the damping.
-        damping: How dear a joint's motion is [m/rad].
+        more: How much dearer a joint's motion is than by the damping alone (N,) [m/rad].
     """
-    step = _least(J, miss, back, damping)
+    step = _least(J, miss, back, more)
     over = (q + step < arm.chain.lower) | (q + step > arm.chain.upper)
     if not over.any():
         return step
     held = np.where(over, _within(arm, q + step) - q, 0.0)
     rest = miss - np.einsum("nij,nj->ni", J, held)
-    return held + _least(J * ~over[:, None, :], rest, back * ~over, damping)
+    return held + _least(J * ~over[:, None, :], rest, back * ~over, more)
 
 
-def _least(J: Array, miss: Array, back: Array, damping: float) -> Array:
-    right = np.einsum("nij,ni->nj", J, miss) + damping**2 * back
-    matrix = J.transpose(0, 2, 1) @ J + damping**2 * np.eye(J.shape[2])
+def _least(J: Array, miss: Array, back: Array, more: Array) -> Array:
+    right = np.einsum("nij,ni->nj", J, miss) + DAMPING**2 * back
+    dear = DAMPING**2 + more**2
+    matrix = J.transpose(0, 2, 1) @ J + dear[:, None, None] * np.eye(J.shape[2])
     return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
 
 

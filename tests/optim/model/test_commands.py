@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import REGISTRY
@@ -72,3 +73,29 @@ def test_a_path_that_begins_with_no_known_way_begins_in_the_middle_of_its_play(a
     lag = REGISTRY["hysteresis"](joint=2, width=1e-3)
     arm = replace(arm, effects=(lag,), values=np.array([1e-3]), covariance=np.zeros((1, 1)))
     assert arm.joint_corrections(Q)[0, 1] == 0.0
+
+
+def test_a_pose_of_the_arm_is_found_from_postures_that_were_recorded(arm):
+    goal = arm.nominal.placement(np.random.default_rng(6).uniform(-2.0, 2.0, (60, 6)))
+    command = arm.joint_command_for(goal)
+    assert command.reached.all()
+    assert (command.turned < 1e-6).mean() > 0.9
+
+
+def test_a_point_out_of_reach_is_come_as_near_to_as_the_arm_can(arm):
+    goal = np.array([[1.5, 0.3, 0.2], [-0.4, 1.2, 0.6], [0.2, -0.3, 1.9]])
+    command = arm.joint_command_for(goal)
+    for point, q, missed in zip(goal, command.q, command.missed, strict=True):
+        best = least_squares(lambda x, to=point: arm.tip(x)[0] - to, q, xtol=1e-12, ftol=1e-12)
+        assert 0.05 < missed < 1.001 * np.linalg.norm(best.fun)
+
+
+def test_a_way_that_all_poses_share_is_one_for_each_joint(arm):
+    """Of as many poses as there are joints, too."""
+    play = REGISTRY["backlash"](joint=2)
+    arm = replace(arm, effects=(play,), values=np.array([1e-3]), covariance=np.zeros((1, 1)))
+    goal = arm.nominal.tip(np.random.default_rng(7).uniform(-1.0, 1.0, (6, 6)))
+    goal[:2] *= 5.0  # out of reach: tried from every start
+    way = np.array([0, 1, 0, 0, 0, -1])
+    shared, each = (arm.joint_command_for(goal, direction=d) for d in (way, np.tile(way, (6, 1))))
+    np.testing.assert_array_equal(shared.q, each.q)
