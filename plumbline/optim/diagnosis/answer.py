@@ -50,8 +50,6 @@ class Diagnosis(AlwaysFitted, Told):
         solution: The final fit.
         options: How it was asked for.
         search: Where the search ended; None of a diagnosis that was stored.
-        spared: Probable effects that are negligible for rows such as these, and not named: the
-            model takes them to other postures where it takes whole spectra.
     """
 
     recording: Recording
@@ -65,7 +63,6 @@ class Diagnosis(AlwaysFitted, Told):
     solution: Solution
     options: DiagnosisOptions
     search: SelectedModel | None = None
-    spared: tuple[Effect, ...] = ()
 
     @property
     def selected(self) -> SelectedModel:
@@ -118,7 +115,8 @@ class Diagnosis(AlwaysFitted, Told):
     @cached_property
     def _carried(self) -> Fit:
         rows = self.recording.training
-        return _fit_of(self, as_spectra(rows, self.effects, self.solution, self.spared))
+        given = (rows, self.effects, self.solution)
+        return _fit_of(self, as_spectra(*given, self.options.effects))
 
     def transfer(self, other: Recording) -> Applied:
         """The causes held on another recording of the robot, what is always fitted fitted again.
@@ -191,7 +189,6 @@ class _Stored:
     effects: tuple[StoredEffect, ...]
     fit: StoredFit
     asked: Asked
-    spared: tuple[StoredEffect, ...] = ()
 
     @classmethod
     def of(cls, d: Diagnosis) -> _Stored:
@@ -205,7 +202,6 @@ class _Stored:
             tuple(StoredEffect.of(effect) for effect in d.effects),
             StoredFit.of(d.stated, d.solution),
             Asked.of(d.options),
-            tuple(StoredEffect.of(effect) for effect in d.spared),
         )
 
     @classmethod
@@ -224,7 +220,6 @@ class _Stored:
             stated,
             solution,
             s.asked.options,
-            spared=tuple(one.effect for one in s.spared),
         )
 
 

@@ -172,8 +172,7 @@ def _explained(
         selected = about_its_fit(selected, task.library)
     # Of many causes a rival may do as well on other rows: only what is negligible is spared there.
     barred = frozenset(c.key for c in spared) if told.one_by_one else selected.excluded
-    effects = tuple(c.effect for c in spared)
-    return replace(selected, barred=barred, spared=effects, states=told.states), told
+    return replace(selected, barred=barred, states=told.states), told
 
 
 def _foretold(
@@ -246,7 +245,6 @@ def _diagnosis(
         solution=selected.best,
         options=options,
         search=selected,
-        spared=selected.spared,
     )
     return replace(found, verdict=replace(verdict, nuisances=nuisances_found(found)))
 

@@ -67,7 +67,7 @@ CORRELATIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # that
 SAME_CORRELATION = 0.15
 
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
-SPECTRUM_FROM = 8  # orders of one joint that make a spectrum
+SPECTRUM_FROM = 3  # orders of one joint that make a spectrum: a transmission alone has two
 HIGHEST_ORDER = 40  # orders above it are kept as the search found them
 
 # Unknown dependences (discrepancy).

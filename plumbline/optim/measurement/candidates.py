@@ -14,13 +14,15 @@ ONCE = {"time", "group"}  # columns that only one recording's own clock and sess
 def candidates_of(recording: Recording, library: Sequence[type[Effect]]) -> list[Effect]:
     """The variants of a library that a recording could show, or several together.
 
-    A cause is one for all recordings that could show it, and confined to those. What follows a
-    clock or a group is each one's own. What one recording alone made suspect may be there only.
+    What is always fitted is none. A cause is one for all recordings that could show it, and
+    confined to those. What follows a clock or a group is each one's own. What one recording alone
+    made suspect may be there only.
     """
     session = recording.session
     if session is None:
         scope = scope_of(recording)
-        return [v for cls in library for v in cls.candidates(scope)]
+        free = [cls for cls in library if not _is_always(recording, cls)]
+        return [v for cls in free for v in cls.candidates(scope)]
     scopes = [scope_of(part) for part in session.parts]
     found = [v for cls in library for v in _of_class(session, scopes, cls)]
     names = {cls.name for cls in library}
@@ -28,7 +30,7 @@ def candidates_of(recording: Recording, library: Sequence[type[Effect]]) -> list
 
 
 def _of_class(session: Session, scopes: Sequence[Scope], cls: type[Effect]) -> Iterator[Effect]:
-    free = [k for k, part in enumerate(session.parts) if not _is_always(part, cls, session)]
+    free = [k for k, part in enumerate(session.parts) if not _is_always(part, cls)]
     each = {k: list(cls.candidates(scopes[k])) for k in free}
     able = tuple(k for k in free if each[k])
     if not able:
@@ -41,7 +43,7 @@ def _of_class(session: Session, scopes: Sequence[Scope], cls: type[Effect]) -> I
         yield from (confined(v, (k,), said) for v in each[k] if runs_once(v))
 
 
-def _is_always(part: Recording, cls: type[Effect], session: Session) -> bool:
+def _is_always(part: Recording, cls: type[Effect]) -> bool:
     """Whether a recording fits it always, so that it is no cause there."""
     of_tool = cls.name == "tool_offset" and "tool" in part.always
     return cls.name in part.always or of_tool

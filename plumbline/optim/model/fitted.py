@@ -1,6 +1,6 @@
 r"""What a diagnosis found of an arm, as data: effects and their values, frame, tool, covariance."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -124,6 +124,26 @@ class Fitted:
             values=self.values[own],
             covariance=self.covariance[np.ix_(columns, columns)],
         )
+
+    def asked(self, k: int) -> Self:
+        """The model with one of its effects alone, of the usual size: to see what such a one does.
+
+        The value that was found may be nought, which does nothing.
+        """
+        alone = self.of([k])
+        usual = [p.null + p.scale for e in alone.effects for p in e.parameters]
+        return replace(alone, values=np.array(usual, dtype=float))
+
+    def kinds_that(self, do: Callable[[Self, Effect], bool]) -> set[type[Effect]]:
+        """Kinds of its effects that do something, whatever the element.
+
+        Some of them may do it by chance: an upright axis, which bears no load, never yields.
+        """
+        kinds: dict[type[Effect], dict[int | None, int]] = {}
+        for k, effect in enumerate(self.effects):
+            kinds.setdefault(type(effect), {})[effect.element] = k
+        return {kind for kind, each in kinds.items()
+                if all(do(self.asked(k), self.effects[k]) for k in each.values())}  # fmt: skip
 
     def lasting(self) -> Self:
         """The model without what belongs to its session: base drifted or bumped, tool slipped."""

@@ -35,8 +35,8 @@ def test_what_is_always_fitted_is_held_back_by_a_thousandth_of_what_the_rows_say
     assert 0.0005 < ridge**2 / asked.variance([]) < 0.002
 
 
-@pytest.mark.parametrize(("count", "joints"), [(6, ()), (10, (2,))])
-def test_eight_orders_of_one_joint_make_a_spectrum(count, joints):
+@pytest.mark.parametrize(("count", "joints"), [(2, ()), (3, (2,))])
+def test_three_orders_of_one_joint_make_a_spectrum(count, joints):
     effects = [GearRipple(joint=2, order=float(n)) for n in range(3, 3 + count)]
     assert _joints_with_spectra(effects) == joints
 

@@ -382,3 +382,17 @@ def test_the_commands_take_a_model_home_and_try_it(diagnosis, model, stored, tmp
     assert run(["apply", str(stored), bench, "--json", "-"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert {"before", "after", "unit", "outside_range", "holds", "refitted"} <= set(told)
+
+
+def test_an_effect_that_was_found_to_be_nought_is_not_taken_for_a_matter_of_links(model):
+    """Beside it another of its kind may be at work, which no file of links holds."""
+    sags = tuple(REGISTRY["joint_compliance"](joint=j) for j in (2, 3, 1))  # 1 bears no load
+    size = sum(len(e.parameters) for e in sags)
+    P = len(model.nuisance_names) + size
+    values = np.zeros(size)
+    values[0] = 2e-5
+    arm = replace(model, effects=sags, values=values, covariance=np.eye(P))
+    made = arm.as_urdf()
+    assert made.error < 1e-9
+    assert [lack.label for lack in made.lacks] == [e.label for e in sags]
+    assert "joint_compliance 2" in arm.as_table().words

@@ -159,9 +159,7 @@ def make_pool(
         fixed: Effects that are fitted in every model, the first terms of ``fitted``.
         library: The effects to consider.
     """
-    banned = _banned(fitted, fixed)
-    allowed_kinds = [cls for cls in library if cls.name not in banned]
-    variants = candidates_of(fitted.recording, allowed_kinds)
+    variants = candidates_of(fitted.recording, library)
     plain = [v for v in variants if v.scanned is None]
     chosen = [t.effect for t in fitted.terms[len(fixed) :]]
     dense = [v for v in variants if v.scanned is not None]
@@ -183,14 +181,6 @@ def make_pool(
     allowed = allowed.reshape(len(candidates), len(everywhere)).T
     grams = tuple(mapped.grams(at, folds))
     return Pool(model, at, candidates, grams, own, noise, allowed, always, folds)
-
-
-def _banned(fitted: Model, fixed: Sequence[Effect]) -> set[str]:
-    """Names that are no candidates because the fit always has them."""
-    if fitted.recording.session is not None:
-        return set()  # each recording has its own: see candidates_of
-    banned = {e.name for e in fixed}
-    return banned | ({"tool_offset"} if "tool" in fitted.recording.always else set())
 
 
 def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:

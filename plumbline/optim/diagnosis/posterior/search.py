@@ -44,7 +44,6 @@ class SelectedModel:
     # best first; none of many causes
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
     barred: frozenset[tuple[str, int | None]] = frozenset()  # those of them that no fold may choose
-    spared: tuple[Effect, ...] = ()  # probable, but negligible for rows such as these
 
     def __repr__(self) -> str:
         """How many effects of how many candidates, and the first of them."""

@@ -1,14 +1,17 @@
-r"""Ripples as whole spectra: the model that is carried to postures which the recording lacks.
+r"""What is carried to postures that the recording lacks: whole spectra, beside all of the library.
 
-.. math:: a_N, b_N \sim N(0,\ s_{j,N}^2), \qquad s_{j,N} = s_j / \sqrt N, \qquad N = 1 .. 40
+.. math:: a_N, b_N \sim N(0,\ s_{j,N}^2), \quad s_{j,N} = s_j / \sqrt N, \quad N = 1 .. 40,
+          \qquad z_e \sim N(0,\ s_e^2\,\mathrm{scale}^2)
 
 Over less than a turn neighbouring orders look alike. The few that a search picks may cancel each
 other there with amplitudes that are far too large, and do not cancel where the recording holds no
-posture. All whole orders together under one prior a joint fall back to nothing there. The widths
-:math:`s_j` are those of the greatest evidence (MacKay 1992, Neural Computation 4, sec. 4): at a
-maximum, :math:`s_j^2` is the mean of :math:`m_N^2 + \Sigma_{NN}` over the orders. All other
-unknowns stay near their fit: lengths of parallel links, which the rows tell only together, would
-else run apart until a bound stops one of them.
+posture. All whole orders together under one prior a joint fall back to nothing there. So it is with
+what bends, tilts or displaces links: which of many small causes was picked is chance, and what it
+says for the others holds among these rows alone. All that acts by the posture is carried, each
+effect's parameters, of all elements, under one prior. The widths :math:`s` are those of the
+greatest evidence (MacKay 1992, Neural Computation 4, sec. 4): at a maximum, :math:`s_j^2` is the
+mean of :math:`m_N^2 + \Sigma_{NN}` over the orders. What belongs to its session, and what is
+always fitted, stays near its fit.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects import EFFECTS, Effect, Stage
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.optim.core.problem import Array
@@ -33,7 +36,9 @@ from plumbline.optim.diagnosis.prior import (
     VARIANCE_ROUNDS,
     WIDE_PRIOR,
 )
+from plumbline.optim.measurement.candidates import candidates_of, runs_once
 from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.recording.recording import Recording
 
 
@@ -51,7 +56,7 @@ def as_spectra(
     recording: Recording,
     effects: Sequence[Effect],
     best: Solution,
-    spared: Sequence[Effect] = (),
+    library: Sequence[type[Effect]] = EFFECTS,
 ) -> Carried:
     """The model with the ripples of every joint that has many of them as a spectrum.
 
@@ -59,30 +64,37 @@ def as_spectra(
         recording: The N rows of the fit.
         effects: The fitted effects; their values are the last unknowns.
         best: The fit.
-        spared: Effects that are negligible for these rows. At other postures they need not be, so
-            they are carried beside whole spectra, within their typical sizes of none.
+        library: Effects of which what acts by the posture alone is carried beside them, too.
     """
     sizes = [len(e.parameters) for e in effects]
     values = np.split(best.x[len(best.x) - sum(sizes) :], np.cumsum(sizes))
     joints = _joints_with_spectra(effects)
     if not joints:
         return Carried(tuple(effects), np.concatenate([np.empty(0), *values]))
-    filled = _filled((*effects, *spared), joints)
+    others = (e for e in candidates_of(recording, library) if _by_posture(e))
+    filled = _filled(tuple(dict.fromkeys((*effects, *others))), joints)
     full = build_model(recording, filled, weights=best.problem.weights)
     known = dict(zip(effects, values, strict=False))
-    x = full.start
+    x = full.start.copy()
     for term in full.terms:
         x[term.columns] = known.get(term.effect, x[term.columns])
-    prior = _Prior.of(full, joints, spared)
-    centre = np.where(prior.family >= 0, 0.0, x)
+    prior = _Prior.of(full, joints, always_fitted(recording))
+    centre = np.where(prior.family >= 0, full.start, x)
+    ends = full.problem.lower - centre, full.problem.upper - centre
     for _ in range(ROUNDS):
         gram = Solution(full.problem, x).gram
         noise = 2 * best.cost / gram.count
         right = gram.matrix @ (x - centre) - gram.vector
-        mean, spread = prior.most_probable(gram.matrix / noise, right / noise)
-        x = np.clip(centre + mean, full.problem.lower, full.problem.upper)
+        mean, spread = prior.most_probable(gram.matrix / noise, right / noise, *ends)
+        x = centre + mean
         precision = gram.matrix / noise + np.diag(spread**-2)
     return Carried(filled, x[full.fixed :], (full, x, precision))
+
+
+def _by_posture(effect: Effect) -> bool:
+    """Whether it is of the arm and acts by the joints alone, whatever else a row says."""
+    of_device = effect.stage is Stage.SENSOR or isinstance(effect, TransmissionRipple)
+    return not of_device and not {*effect.needs, *effect.needs_one_of}
 
 
 def _joints_with_spectra(effects: Sequence[Effect]) -> tuple[int, ...]:
@@ -108,43 +120,52 @@ def _filled(effects: Sequence[Effect], joints: Sequence[int]) -> tuple[Effect, .
 
 @dataclass(frozen=True, eq=False)
 class _Prior:
-    """Which unknowns belong to which joint's spectrum."""
+    """Which unknowns share a width: those of a joint's spectrum, or of an effect."""
 
-    family: NDArray[np.intp]  # index of the spectrum of every unknown (P,), -1 for all others
-    order: Array  # order of every unknown (P,), one where there is none
+    family: NDArray[np.intp]  # number of the width of every unknown (P,), -1 where it has none
+    shape: Array  # its share of that width (P,)
     flat: Array  # width of the prior of the others about their fit (P,)
 
     @classmethod
-    def of(cls, model: Model, joints: Sequence[int], spared: Sequence[Effect] = ()) -> _Prior:
-        """Of a model whose ripples are filled up, and of effects that no fit has found."""
-        size = model.problem.size
-        family, order = np.full(size, -1), np.ones(size)
+    def of(cls, model: Model, joints: Sequence[int], always: Sequence[Effect]) -> _Prior:
+        """Of a model whose ripples are filled up."""
+        family, shape = np.full(model.problem.size, -1), model.problem.scale.copy()
+        numbers: dict[object, int] = {}
         for term in model.terms:
             effect = term.effect
-            if isinstance(effect, TransmissionRipple) and effect.joint in joints:
-                family[term.columns] = joints.index(effect.joint)
-                order[term.columns] = effect.order
-        flat = WIDE_PRIOR * model.problem.scale
-        for term in model.terms:
-            if term.effect in spared:
-                flat[term.columns] = model.problem.scale[term.columns]
-        return cls(family, order, flat)
+            if isinstance(effect, TransmissionRipple):
+                if effect.joint in joints:
+                    family[term.columns] = numbers.setdefault(effect.joint, len(numbers))
+                    shape[term.columns] = USUAL * effect.order**-0.5
+            elif not runs_once(effect) and effect not in always:
+                family[term.columns] = numbers.setdefault(effect.name, len(numbers))
+        return cls(family, shape, WIDE_PRIOR * model.problem.scale)
 
-    def most_probable(self, matrix: Array, right: Array) -> tuple[Array, Array]:
+    def most_probable(
+        self, matrix: Array, right: Array, lower: Array, upper: Array
+    ) -> tuple[Array, Array]:
         """The mean (P,), from the centre, under the prior's widths (P,) of the greatest evidence.
+
+        An unknown that would leave its bounds is held there, and the others are asked again.
 
         Args:
             matrix: Information (P, P) of the rows.
             right: Information times the estimate that the rows alone would give (P,).
+            lower: Bounds (P,), from the centre.
+            upper: Bounds (P,).
         """
-        shape = self.order**-0.5
-        inside = self.family >= 0
-        width = np.full(int(self.family.max()) + 1, USUAL)
+        width = np.ones(int(self.family.max()) + 1)
+        mean, held = np.zeros(len(right)), np.zeros(len(right), dtype=bool)
         for _ in range(VARIANCE_ROUNDS):
-            spread = np.where(inside, width[self.family] * shape, self.flat)
-            factor = cho_factor(matrix * np.outer(spread, spread) + np.eye(len(spread)))
-            unit = cho_solve(factor, right * spread)
-            variance = np.diag(cho_solve(factor, np.eye(len(spread))))
+            spread = np.where(self.family >= 0, width[self.family] * self.shape, self.flat)
+            free = np.where(held, 0.0, spread)
+            mean = np.where(held, mean, 0.0)
+            factor = cho_factor(matrix * np.outer(free, free) + np.eye(len(free)))
+            unit = cho_solve(factor, (right - matrix @ mean) * free)
+            variance = np.diag(cho_solve(factor, np.eye(len(free))))
+            mean = np.clip(mean + unit * free, lower, upper)
+            pull = right - matrix @ mean
+            held = ((mean <= lower) & (pull <= 0.0)) | ((mean >= upper) & (pull >= 0.0))
             growth = unit**2 + variance  # of the unit-width amplitudes: 1 at the fixed point
             width *= [np.sqrt(growth[self.family == k].mean()) for k in range(len(width))]
-        return unit * spread, spread
+        return mean, spread

@@ -13,7 +13,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.chain import Chain
-from plumbline.kinematics.effects import Stage, State
+from plumbline.kinematics.effects import Effect, Stage, State
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.link_table import LinkTable, drawn_rows
@@ -29,12 +29,7 @@ SAME = 1e-12  # [m or rad] that rounding makes of a constant
 @lru_cache(maxsize=8)
 def fixed_part(arm: Arm) -> Arm:
     """The arm with those of its effects that a description of links alone can hold."""
-    kinds = {
-        type(e): k
-        for k, e in enumerate(arm.effects)
-        if acts_on_places(e) and e.port in (Stage.JOINT, Stage.LINK, Stage.TOOL)
-    }
-    fixed = {kind for kind, k in kinds.items() if _is_fixed(arm.of([k]))}
+    fixed = arm.kinds_that(_is_fixed)
     return arm.of([k for k, e in enumerate(arm.effects) if type(e) in fixed])
 
 
@@ -77,7 +72,9 @@ def fixed_pose(arm: Arm, q: Array) -> Array:
     return np.asarray(fixed_part(arm).placement(q))
 
 
-def _is_fixed(arm: Arm) -> bool:
+def _is_fixed(arm: Arm, effect: Effect) -> bool:
+    if not acts_on_places(effect) or effect.port not in (Stage.JOINT, Stage.LINK, Stage.TOOL):
+        return False
     first, *others = _asked(arm)
     for other in others:
         for one, two in zip(first, other, strict=True):

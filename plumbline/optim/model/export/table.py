@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.export.exported import Exported, lacking
@@ -38,14 +39,13 @@ def table(arm: Arm) -> Exported:
 
 def _own(arm: Arm) -> list[int]:
     """Effects that change one joint by its own reading alone, by index."""
-    kinds = {type(effect): k for k, effect in enumerate(arm.effects)}
-    own = {kind for kind, k in kinds.items() if _is_own(arm.of([k]), arm.effects[k].element)}
+    own = arm.kinds_that(_is_own)
     return [k for k, effect in enumerate(arm.effects) if type(effect) in own]
 
 
-def _is_own(arm: Arm, joint: int | None) -> bool:
+def _is_own(arm: Arm, effect: Effect) -> bool:
     """Whether it moves a joint by its own reading, and does nothing else."""
-    effect = arm.effects[0]
+    joint = effect.element
     if joint is None or effect.port != "joint" or not acts_on_places(effect):
         return False
     symbols = arm.statement.symbols
