@@ -193,8 +193,8 @@ def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool, dear: float = 1.0
     """Walk from other postures (N, n) towards the goals on the nominal arm, places so dear."""
     weight = np.array([dear, dear, dear, 1.0, 1.0, 1.0])
     lever = LEVER if posed else 0.0
-    far = {"weight": weight, "steps": FAR_STEPS, "damping": 30 * DAMPING}
-    return _walk(arm.nominal, q, goal, {}, None, lever, **far)
+    steps, damping = FAR_STEPS, 30 * DAMPING
+    return _walk(arm.nominal, q, goal, {}, None, lever, weight=weight, steps=steps, damping=damping)
 
 
 def _solved(
