@@ -24,10 +24,8 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.link_capsules import LinkCapsule
 from plumbline.optim.capsule_mpc.bodies import Body, Capsule, Point
+from plumbline.optim.capsule_mpc.constants import MM, PRISMATIC, REVOLUTE
 from plumbline.optim.core.problem import Array
-
-MM = 1e3  # mm in a m
-REVOLUTE, PRISMATIC = 1e-2, 1e-3  # [rad], [m] of one unit of the state
 
 
 @dataclass(frozen=True, eq=False)

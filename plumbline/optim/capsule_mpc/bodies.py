@@ -35,14 +35,10 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.capsules import Segment
+from plumbline.optim.capsule_mpc.constants import A_MAX, CONE, J_MAX, SHALLOW, V_OUTER
 from plumbline.optim.core.problem import Array
 
 Point = tuple[float, float, float]
-A_MAX = 1000.0  # [mm/s^2]: from 60 mm/s a stop takes 60 ms and 1.8 mm, less than d_s
-J_MAX = 5e4  # [mm/s^3]: that acceleration is there after 20 ms, one step
-V_OUTER = 250.0  # [mm/s], what ISO 10218-1 calls reduced speed, beside which people may stand
-CONE = 80.0  # [degrees]: beyond it a shaft would lie along the wall of the body
-SHALLOW = 1.0  # [mm] of depth below which a shaft's direction is not to be relied on
 
 
 @dataclass(frozen=True)

@@ -27,13 +27,13 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp
-from plumbline.optim.capsule_mpc.linearised import TOUCHING, box_function, stage_function
+from plumbline.optim.capsule_mpc.constants import FAR, OBSTACLE, TOUCHING
+from plumbline.optim.capsule_mpc.linearised import box_function, stage_function
 from plumbline.optim.capsule_mpc.planning import RealTime
-from plumbline.optim.capsule_mpc.scene import FAR, Obstacle
+from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 
-NUMBERS = 10  # of an obstacle: both ends, radius [mm], velocity [mm/s]
 FILES = ("program.c", "banded_qp.c", "capsule_step.h", "capsule_step.c", "main.c")
 HEADER = """\
 /* One step of a controller for capsules that must not touch: lengths in mm, times in s.
@@ -176,7 +176,7 @@ class Example:
 
 def numbers_of(statement: Statement, obstacles: Sequence[Obstacle]) -> Array:
     """Obstacles (K, 10) as a step in C takes them: a row for every slot, then for every ball."""
-    out = np.zeros((statement.slots + statement.balls, NUMBERS))
+    out = np.zeros((statement.slots + statement.balls, OBSTACLE))
     out[:, :6] = FAR
     spheres = [o for o in obstacles if o.a == o.b]
     capsules = [o for o in obstacles if o.a != o.b] + spheres[statement.balls :]
@@ -203,20 +203,20 @@ def _seen(statement: Statement, numbers: Array) -> list[Obstacle]:
 def affine(statement: Statement) -> tuple[Array, Array]:
     """T0 (p t,) and T (p t, inputs): the stages' parameters from goals, obstacles, last step."""
     goals, count = statement.goals, statement.slots + statement.balls
-    base = np.zeros((count, NUMBERS))
+    base = np.zeros((count, OBSTACLE))
     base[: statement.slots, 3] = 8.0  # apart from the other end, and so in all that is tried here
-    size = goals + NUMBERS * count + statement.n
+    size = goals + OBSTACLE * count + statement.n
 
     def stages(u: Array) -> Array:
-        own = base + u[goals : goals + NUMBERS * count].reshape(count, NUMBERS)
+        own = base + u[goals : goals + OBSTACLE * count].reshape(count, OBSTACLE)
         seen = _seen(statement, own)
-        return statement.stages(u[:goals], seen, u[goals + NUMBERS * count :]).ravel()
+        return statement.stages(u[:goals], seen, u[goals + OBSTACLE * count :]).ravel()
 
     first = stages(np.zeros(size))
     units = np.eye(size)
     for k in range(statement.slots, count):
         # A sphere is a point: where one end goes the other does, and so counts for both.
-        at = goals + NUMBERS * k
+        at = goals + OBSTACLE * k
         units[at : at + 3] += units[at + 3 : at + 6]
         units[at + 3 : at + 6] = 0.0
     T = np.stack([stages(unit) - first for unit in units], axis=1)
@@ -308,7 +308,7 @@ def _sizes(statement: Statement, function: cs.Function) -> dict[str, object]:
         "slots": statement.slots,
         "balls": statement.balls,
         "obstacles": statement.slots + statement.balls,
-        "numbers": NUMBERS,
+        "numbers": OBSTACLE,
         "dt": statement.settings.dt,
         "far": FAR,
         "work": (N + 2 * n) * (2 * n + 1) + 2 * N + 2 * n + 5 * M + 6 * K,

@@ -31,11 +31,10 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.optim.capsule_mpc.constants import MOMENT, PATIENCE
 from plumbline.optim.core.problem import Array
 
 FLAGS = ("-O2", "-march=native", "-shared", "-fPIC")
-PATIENCE = 300.0  # [s] that a compiler may take
-MOMENT = 20.0  # [s] for its version, or for loading what it made
 LOAD = "import ctypes, sys; ctypes.CDLL(sys.argv[1])[sys.argv[2]]"
 
 

@@ -37,6 +37,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.optim.capsule_mpc.compiled import Compiled
+from plumbline.optim.capsule_mpc.constants import (
+    HALVINGS,
+    HOLDING,
+    OFF,
+    PASSES,
+    ROUNDING,
+    SHORTER,
+    WORSE,
+)
 from plumbline.optim.capsule_mpc.evasion import Evasion
 from plumbline.optim.capsule_mpc.events import (
     Command,
@@ -53,7 +62,7 @@ from plumbline.optim.capsule_mpc.events import (
     shortfalls,
 )
 from plumbline.optim.capsule_mpc.linearised import norms
-from plumbline.optim.capsule_mpc.net import WORSE, Net, Verdict
+from plumbline.optim.capsule_mpc.net import Net, Verdict
 from plumbline.optim.capsule_mpc.planning import OneStep, Plan, Planner, Ready, shifted
 from plumbline.optim.capsule_mpc.plant import Safety, Underway
 from plumbline.optim.capsule_mpc.scene import Obstacle
@@ -62,12 +71,6 @@ from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.capsule_mpc.stopping import Stop, held_exactly, how_far_off, limited_function
 from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
 from plumbline.optim.core.problem import Array
-
-OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
-HALVINGS = 4
-ROUNDING = 1e-9  # of the largest speed
-PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; how much slower the next try is
-HOLDING = 0.1  # of the acceleration, what holding a trocar may take beyond it
 
 
 class Controller:

@@ -25,14 +25,12 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
-from plumbline.optim.capsule_mpc.scene import FAR, STILL, Obstacle
+from plumbline.optim.capsule_mpc.constants import AHEAD, EVERY, FAR, ROOM, SHARES, STILL
+from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
-from plumbline.optim.capsule_mpc.sweeps import AHEAD, about, point
+from plumbline.optim.capsule_mpc.sweeps import about, point
 from plumbline.optim.core.problem import Array
 
-EVERY = 0.04  # [s] between two looks: at 60 mm/s the least distance is off by 0.1 mm
-ROOM = 2.0  # [mm] beyond D that a way out keeps, where it can: barriers slow it where it has less
-SHARES = (1.0, 0.5)  # of the largest speed, that are tried
 AROUND = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 AROUND /= np.linalg.norm(AROUND, axis=1, keepdims=True)
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 
-from plumbline.optim.capsule_mpc.pairs import KEPT
+from plumbline.optim.capsule_mpc.constants import KEPT, SLACK
 from plumbline.optim.capsule_mpc.planning import Plan
 from plumbline.optim.capsule_mpc.seating import Seated
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
@@ -79,9 +79,6 @@ class Command:
     def troubles(self) -> set[Trouble]:
         """The kinds of its events."""
         return {event.trouble for event in self.events}
-
-
-SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
 
 
 @lru_cache(maxsize=16)

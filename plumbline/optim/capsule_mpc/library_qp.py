@@ -23,11 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.linearised import ABSENT, DROPPED, QpPath, StageQp
+from plumbline.optim.capsule_mpc.constants import ABSENT, CURVATURE, DROPPED, INFINITE
+from plumbline.optim.capsule_mpc.linearised import QpPath, StageQp
 from plumbline.optim.core.problem import Array
 
-CURVATURE = 1e-6  # of what the program does not weigh: some solvers need a positive Hessian
-INFINITE = 1e4  # [mm] a bound that hpipm takes for none
 OPTIONS: dict[str, dict[str, Any]] = {
     "piqp": {},
     "hpipm": {"inf": INFINITE, "hpipm": {"iter_max": 50}},

@@ -41,17 +41,17 @@ from plumbline.kinematics.capsules import (
 )
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
+from plumbline.optim.capsule_mpc.constants import (
+    ABSENT,
+    ACROSS,
+    COMMON,
+    DROPPED,
+    LIMITS,
+    TOUCHING,
+)
 from plumbline.optim.capsule_mpc.pairs import Pair
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array
-
-ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become active; the test for it
-TOUCHING = 1e-9  # [mm] below which the direction between nearest points means nothing
-LIMITS = 10.0  # times the cost of a mm of a distance, what a mm beyond a limit costs: no distance
-# that cannot be kept is a reason to leave the body
-ACROSS = 0.5  # of a bound on a step's norm, what a step may have across that of the path: it may
-# turn by 27 degrees from one step to the next; what is too long by then is shortened
-COMMON = 1e-3  # [mm^2], product of two axes across each other, below which they count as parallel
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,10 @@ import numpy as np
 
 from plumbline.kinematics.capsules import squared_distance
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
+from plumbline.optim.capsule_mpc.constants import OBSTACLE, SUBSTEPS, WORSE
 from plumbline.optim.capsule_mpc.pairs import farthest, on_the_way
-from plumbline.optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array
-
-WORSE = 5e-3  # [mm] by which a rate may take a pair deeper into its margin than the stop at hand:
-# what linearising a step leaves over is no reason to stop
-SUBSTEPS = 4  # of a step: at the largest speeds the bound is within 0.1 mm of the truth
 
 
 @dataclass(frozen=True)

@@ -19,20 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.capsule_mpc.constants import FAR, OBSTACLE, ROUNDS, SHORT, WATCH
 from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
-from plumbline.optim.capsule_mpc.scene import FAR
-from plumbline.optim.capsule_mpc.statement import OBSTACLE, Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Fatrop, Ipopt, Solver
 from plumbline.optim.core.solvers.programme import Programmed, compiled
 
 Mask = NDArray[np.bool_]
 Duals = dict[Name, Array]
-WATCH = 8.0  # [mm] from its D, below which an obstacle is taken at once; any value is correct, this
-# one takes few that prove too far and misses few that prove too near
-SHORT = 1e-3  # [mm] by which a solution may come too near to an obstacle that was left out
-ROUNDS = 3
 
 
 @dataclass(frozen=True)

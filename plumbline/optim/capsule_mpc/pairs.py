@@ -38,10 +38,8 @@ import numpy as np
 
 from plumbline.kinematics.capsules import TINY, Segment, nearest_shares
 from plumbline.optim.capsule_mpc.bodies import Capsule
+from plumbline.optim.capsule_mpc.constants import KEPT, POWER
 
-# Of the norm, which exceeds the largest of four by 4^(1/8), 19 % of its square, at most: solvers of
-# the nonlinear program do not converge on the kink of a maximum.
-POWER = 8
 Axes = tuple[Segment, Segment]
 
 
@@ -69,8 +67,6 @@ def on_the_way(first: cs.SX, last: cs.SX, moved2: cs.SX) -> cs.SX:
 
 
 Lever = Callable[[cs.SX], cs.SX]
-KEPT = 0.95  # of the distance of two trocars that are nearer than D, what their shafts are to keep:
-# to keep all of it, they would have to stay at right angles to the line between the trocars
 
 
 def unmoved(share: cs.SX) -> cs.SX:

@@ -32,13 +32,12 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
 from plumbline.optim.capsule_mpc.bodies import sides
+from plumbline.optim.capsule_mpc.constants import REGULAR, TURN
 from plumbline.optim.capsule_mpc.linearised import frozen_normal
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array, Problem
 
 Index = NDArray[np.intp]
-TURN = 5.0  # tangent of the most that a normal turns along each side of its chart
-REGULAR = 1e-6  # weight of what the statement does not weigh: planes, the last step
 
 
 class Name(NamedTuple):

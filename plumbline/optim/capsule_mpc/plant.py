@@ -25,14 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.capsule_mpc.constants import CREEP, MM
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.core.problem import Array
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 
-MM = 1e3  # in a metre: diagnoses are in SI units, controllers in mm
-CREEP = 0.1  # of the band: a rate below that gets its share of the way across it, against chatter
 # Which field an effect fills, and whether its value is a rate.
 FIELDS = {
     "actuation_delay": ("delay", False),

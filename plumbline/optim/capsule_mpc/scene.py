@@ -16,10 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.optim.capsule_mpc.bodies import Point
+from plumbline.optim.capsule_mpc.constants import FAR, STILL
 from plumbline.optim.core.problem import Array
-
-STILL = (0.0, 0.0, 0.0)
-FAR = 1e6  # [mm] where obstacles are that are not there
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,10 @@ import numpy as np
 
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.compiled import Compiled
+from plumbline.optim.capsule_mpc.constants import NO_SEAT
 from plumbline.optim.capsule_mpc.scene import Obstacle, foreseen
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
-
-NONE = 1e6  # [mm] of gap where there is nothing
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Seated:
 
     kept: list[Obstacle]  # those with a slot
     dropped: int = 0  # how many have none
-    gap: float = NONE  # least distance less its D of those [mm]
+    gap: float = NO_SEAT  # least distance less its D of those [mm]
     danger: bool = False  # whether one of those can come within its margin before everything stands
 
 

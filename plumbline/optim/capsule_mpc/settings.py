@@ -38,11 +38,8 @@ from statistics import NormalDist
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.capsule_mpc.constants import DAMPING, SEEN, SMOOTHING
 from plumbline.optim.core.problem import Array
-
-SMOOTHING = 0.106  # [s], time constant of a command
-SEEN = 0.53  # of the horizon that it may take
-DAMPING = 0.7
 
 
 @dataclass(frozen=True)

@@ -25,12 +25,9 @@ import casadi as cs
 import numpy as np
 
 from plumbline.optim.capsule_mpc.compiled import Compiled
+from plumbline.optim.capsule_mpc.constants import EXACT, MOST_OF_A_STOP, NO_WAY, REST
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array
-
-REST = 1e-6  # of the largest rate, below which a stop has ended
-MOST = 60  # steps that a stop may take at most
-TINY = 1e-30  # below which a squared way is none
 
 
 def _braked(u: cs.SX, a: cs.SX, most: float, jerk: float, dt: float) -> tuple[cs.SX, cs.SX]:
@@ -70,7 +67,7 @@ def _made(shape: Shape) -> tuple[cs.Function, int]:
         one = cs.SX.sym("u"), cs.SX.sym("a")
         step = cs.Function("s", list(one), list(_braked(*one, most, jerk, dt)))
         rate, change, count = speed, min(most, speed / dt), 0
-        while (abs(rate) > REST * speed or abs(change) > jerk * dt) and count < MOST:
+        while (abs(rate) > REST * speed or abs(change) > jerk * dt) and count < MOST_OF_A_STOP:
             rate, change = (float(v) for v in step(rate, change))
             count += 1
         # One more for a rate that is put right after it was limited.
@@ -103,7 +100,7 @@ def _share_within(begin: cs.SX, way: cs.SX, centre: cs.SX, radius: cs.SX) -> cs.
     off = begin - centre
     a, b, c = cs.sumsqr(way), cs.dot(off, way), cs.sumsqr(off) - radius**2
     root = cs.sqrt(cs.fmax(b * b - a * c, 0.0))
-    share = cs.fmax((root - b) / cs.fmax(a, TINY), 0.0)
+    share = cs.fmax((root - b) / cs.fmax(a, NO_WAY), 0.0)
     return cs.if_else(a + 2 * b + c <= 0.0, 1.0, cs.fmin(share, 1.0))
 
 
@@ -129,9 +126,6 @@ def limited_function(statement: Statement) -> cs.Function:
         at += size
     inputs = [x, stage, begin, end, last, before]
     return cs.Function("limited", inputs, cs.cse([cs.densify(cs.vertcat(*found))]))
-
-
-EXACT = 1e-6  # [mm]
 
 
 @lru_cache(maxsize=16)

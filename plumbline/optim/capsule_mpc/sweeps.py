@@ -32,19 +32,21 @@ from dataclasses import replace
 import numpy as np
 
 from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Point, TipInstrument
-from plumbline.optim.capsule_mpc.scene import STILL, Obstacle
+from plumbline.optim.capsule_mpc.constants import (
+    AHEAD,
+    CHANGED,
+    FEWEST_LOOKS,
+    MEMORY,
+    RECENT_LOOKS,
+    STILL,
+    STRAIGHT,
+    TURNED,
+    UNEVEN,
+)
+from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 
-AHEAD = 1.2  # [s] that obstacles are foreseen: shafts hit by ones at 60 mm/s could be saved 1.0 s
-# before, by some constant rate, and 0.8 s before no more
-STRAIGHT = 1.0  # [mm] by which an obstacle may be beside its way and still go straight on
-TURNED = 1.0  # [mm] by which a way is longer than its extent where it has turned
-CHANGED = 0.1  # of its squared speed, of which a spring is to be seen
-NOISE = 0.2  # of the changes of its squared speed, that a spring may leave over
-MANY = 5  # looks from which on that is to be seen
-RECENT = 25  # looks that show it
-MEMORY = 10.0  # [s] that places are remembered: a period of 60 mm at 38 mm/s
 CUBIC = np.arange(1, 6) / 5  # of a step, where its cubic is looked at
 EPS = float(np.finfo(float).eps)
 HERMITE = np.stack(
@@ -144,14 +146,14 @@ class Sweeps:
         places, way = self._places[:, k], float(self._gone[-1, k] - self._gone[0, k])
         if k in self._whole:
             look, p, q, wide = self._whole[k]
-            if look < RECENT and _beside(places[-len(CUBIC) :], p, q) <= wide:
+            if look < RECENT_LOOKS and _beside(places[-len(CUBIC) :], p, q) <= wide:
                 self._whole[k] = (look + 1, p, q, wide)
                 return p, q, wide
         p, q = _extremes(places)
         extent = float(np.linalg.norm(q - p))
         turned, whole = way >= extent + TURNED, way >= 2 * extent + TURNED
         if not whole:
-            recent = self._looks[-RECENT:, :, k]
+            recent = self._looks[-RECENT_LOOKS:, :, k]
             ends = _spring(recent[:, 0], recent[:, 1], self._most)
             turned = turned or bool(len(ends))
             if not len(ends):  # it goes on, whatever it has swept
@@ -200,7 +202,9 @@ def _spring(places: Array, steps: Array, looks: int) -> Array:
     a, b, c = np.linalg.lstsq(powers / scale, squares, len(s) * EPS)[0] / scale
     peak = c - b * b / (4 * a) if a < 0.0 else 0.0
     rest = squares - powers @ (a, b, c)
-    if peak <= 0.0 or (len(s) >= MANY and np.sqrt(rest @ rest / len(s)) > NOISE * np.ptp(squares)):
+    if peak <= 0.0 or (
+        len(s) >= FEWEST_LOOKS and np.sqrt(rest @ rest / len(s)) > UNEVEN * np.ptp(squares)
+    ):
         return none
     far, half = looks * np.sqrt(most), np.sqrt(-peak / a)
     ends = np.clip(-b / (2 * a) + half * np.array([-1.0, 1.0]), -far, far)

@@ -38,12 +38,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.segments import nearest
+from plumbline.optim.capsule_mpc.constants import CLEAR, DIRECTIONS, OFFSETS, SAMPLES
 from plumbline.optim.core.problem import Array
-
-SAMPLES = 17  # shafts along a sweep
-CLEAR = 2.0  # [mm] beyond D that waypoints keep
-DIRECTIONS = 12
-OFFSETS = (10.0, 18.0, 28.0, 40.0, 55.0)  # [mm] of detours from the straight way
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,98 @@
+"""Numbers of the capsule controllers, each with its unit and where it comes from.
+
+Lengths are in mm, times in s, as inside of the controllers alone. What is named "rounding" lies so
+far from what instruments do that an order of magnitude changes nothing; "effort" is how hard is
+looked.
+"""
+
+from __future__ import annotations
+
+MM = 1e3  # [mm/m]: diagnoses and arms are in SI units, controllers in mm
+OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step or a second
+FAR = 1e6  # [mm] where obstacles are that are not there
+STILL = (0.0, 0.0, 0.0)  # [mm/s]
+
+# Bodies and arms
+A_MAX = 1000.0  # [mm/s^2]: from 60 mm/s a stop takes 60 ms and 1.8 mm, less than d_s
+J_MAX = 5e4  # [mm/s^3]: that acceleration is there after 20 ms, one step
+V_OUTER = 250.0  # [mm/s], what ISO 10218-1 calls reduced speed, beside which people may stand
+CONE = 80.0  # [degrees]: beyond it a shaft would lie along the wall of the body
+SHALLOW = 1.0  # [mm] of depth below which a shaft's direction is not to be relied on
+REVOLUTE, PRISMATIC = 1e-2, 1e-3  # [rad], [m] of one unit of the state
+
+# Pairs
+# Of the norm, which exceeds the largest of four by 4^(1/8), 19 % of its square, at most: solvers of
+# the nonlinear program do not converge on the kink of a maximum.
+POWER = 8
+# Of the distance of two trocars that are nearer than D, what their shafts are to keep: to keep all
+# of it, they would have to stay at right angles to the line between the trocars.
+KEPT = 0.95
+TURN = 5.0  # tangent of the most that a plane's normal turns along each side of its chart
+REGULAR = 1e-6  # weight of what the statement does not weigh: planes, the last step; rounding
+
+# One step, linearised
+ABSENT, DROPPED = -1e9, -1e8  # right-hand side of a row that cannot become active; the test for it
+TOUCHING = 1e-9  # [mm] below which the direction between nearest points means nothing; rounding
+# Times the cost of a mm of a distance, what a mm beyond a limit costs: no distance that cannot be
+# kept is a reason to leave the body.
+LIMITS = 10.0
+# Of a bound on a step's norm, what a step may have across that of the path: it may turn by 27
+# degrees from one step to the next; what is too long by then is shortened.
+ACROSS = 0.5
+COMMON = 1e-3  # [mm^2], product of two axes across each other, below which they count as parallel
+CURVATURE = 1e-6  # of what the program does not weigh: some solvers need a positive Hessian
+INFINITE = 1e4  # [mm] a bound that hpipm takes for none
+
+# The nonlinear program
+# [mm] from its D, below which an obstacle is taken at once; any value is correct, this one takes
+# few that prove too far and misses few that prove too near.
+WATCH = 8.0
+SHORT = 1e-3  # [mm] by which a solution may come too near to an obstacle that was left out
+ROUNDS = 3  # of taking in what was left out; effort
+
+# The controller, its net and its stop
+OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
+SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
+HALVINGS = 4  # of a rate that the net does not let pass; effort
+ROUNDING = 1e-9  # of the largest speed
+PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; how much slower the next try is
+HOLDING = 0.1  # of the acceleration, what holding a trocar may take beyond it
+# [mm] by which a rate may take a pair deeper into its margin than the stop at hand: what
+# linearising a step leaves over is no reason to stop.
+WORSE = 5e-3
+SUBSTEPS = 4  # of a step: at the largest speeds the bound is within 0.1 mm of the truth
+REST = 1e-6  # of the largest rate, below which a stop has ended; rounding
+MOST_OF_A_STOP = 60  # steps that a stop may take at most
+NO_WAY = 1e-30  # below which a squared way is none; rounding
+EXACT = 1e-6  # [mm] to which what is held is; rounding
+CREEP = 0.1  # of the band: a rate below that gets its share of the way across it, against chatter
+NO_SEAT = 1e6  # [mm] of gap where there is nothing
+
+# What a smooth command and its horizon are tuned to
+SMOOTHING = 0.106  # [s], time constant of a command
+SEEN = 0.53  # of the horizon that it may take at most
+DAMPING = 0.7  # cost of effort [root of the cost of changes], unless it is stated
+
+# Sweeps that are foreseen
+# [s] that obstacles are foreseen: shafts hit by ones at 60 mm/s could be saved 1.0 s before, by
+# some constant rate, and 0.8 s before no more.
+AHEAD = 1.2
+STRAIGHT = 1.0  # [mm] by which an obstacle may be beside its way and still go straight on
+TURNED = 1.0  # [mm] by which a way is longer than its extent where it has turned
+CHANGED = 0.1  # of its squared speed, of which a spring is to be seen
+UNEVEN = 0.2  # of the changes of its squared speed, that a spring may leave over
+FEWEST_LOOKS, RECENT_LOOKS = 5, 25  # from which on that is to be seen; that show it
+MEMORY = 10.0  # [s] that places are remembered: a period of 60 mm at 38 mm/s
+
+# Ways out and detours
+EVERY = 0.04  # [s] between two looks: at 60 mm/s the least distance is off by 0.1 mm
+ROOM = 2.0  # [mm] beyond D that a way out keeps, where it can: barriers slow it where it has less
+SHARES = (1.0, 0.5)  # of the largest speed, that are tried; effort
+SAMPLES = 17  # shafts along a sweep; effort
+CLEAR = 2.0  # [mm] beyond D that waypoints keep
+DIRECTIONS = 12  # of detours; effort
+OFFSETS = (10.0, 18.0, 28.0, 40.0, 55.0)  # [mm] of detours from the straight way
+
+# The compiler
+PATIENCE = 300.0  # [s] that a compiler may take
+MOMENT = 20.0  # [s] for its version, or for loading what it made
