@@ -13,7 +13,9 @@ the servo's loop, :math:`T` a lag,
 :math:`k` the servo's compliance under the load :math:`h`, :math:`b` half a play behind it, which
 the output only leaves when it is pushed. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
-:math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h - d \dot y` with viscous friction d.
+:math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`. What has inertia may rub,
+:math:`- d \dot y - F \operatorname{sign} \dot y`: dry friction F takes no more speed than there is
+(Moreau 1988, a step that is implicit in the speed), and may have a rotor, which adds to I.
 
 Where the servo plans its way with a largest acceleration, what it plans stands for the command.
 Commands run straight from sample to sample (of velocities, lines of the same mean), or stand still
@@ -94,7 +96,9 @@ class Drive:
     lag: cs.SX | None = None  #: time constant [s]
     band: cs.SX | None = None  #: error that moves nothing, either way [rad, rad/s or N m]
     stick: cs.SX | None = None  #: error that is always left, either way [rad, rad/s or N m]
-    damping: cs.SX | None = None  #: viscous friction that torques work against [N m s/rad]
+    damping: cs.SX | None = None  #: viscous friction of what has inertia [N m s/rad]
+    rubbing: cs.SX | None = None  #: its dry friction [N m]
+    rotor: cs.SX | None = None  #: inertia that the model lacks [kg m^2]
     compliance: cs.SX | None = None  #: by how much it yields to a load [rad/(N m)]
     slack: cs.SX | None = None  #: half the play between motor and joint [rad]
     fastest: cs.SX | None = None  #: largest speed [rad/s]; None if there is none
@@ -202,7 +206,9 @@ class Drive:
         if self.compliance is not None:
             kp = kp / (1 + kp * self.compliance)
         if self.law.pushes:
-            kp, kd = cs.SX(0), cs.SX(0) if self.damping is None else self.damping
+            kp, kd = cs.SX(0), cs.SX(0)
+        kd = kd if self.damping is None else kd + self.damping
+        inertia = self.inertia if self.rotor is None else self.inertia + self.rotor
         place, speed = before.place, before.speed
         for part in range(PARTS):
             share = (part + 0.5) / PARTS
@@ -212,8 +218,10 @@ class Drive:
             push = middle if self.law.pushes else kp * (middle - place - h * speed / 4)
             if self.law.pushes and self.strongest is not None:
                 push = clipped(push, self.strongest)
-            free = speed + h / self.inertia * (push - kd * speed / 2 - self.load)
-            after = free / (1 + h / self.inertia * (kd / 2 + h * kp / 4))
+            free = speed + h / inertia * (push - kd * speed / 2 - self.load)
+            if self.rubbing is not None:
+                free = free - clipped(free, h / inertia * self.rubbing)
+            after = free / (1 + h / inertia * (kd / 2 + h * kp / 4))
             after = self._limited(after, speed, h) if self.law == Law.SERVO else self._slowed(after)
             place, speed = place + h * (speed + after) / 2, after
         return place, speed

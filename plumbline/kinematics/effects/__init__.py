@@ -1,7 +1,6 @@
 """The library of effects: one file an effect, one line here."""
 
 from plumbline.kinematics.effects.acceleration_limit import AccelerationLimit
-from plumbline.kinematics.effects.actuation_damping import ActuationDamping
 from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_gain import ActuationGain
@@ -13,7 +12,7 @@ from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.base_compliance import BaseCompliance
 from plumbline.kinematics.effects.base_drift import BaseDrift
 from plumbline.kinematics.effects.cable_spring import CableSpring
-from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
+from plumbline.kinematics.effects.coulomb_friction import CoulombFriction, CoulombFrictionOfMotion
 from plumbline.kinematics.effects.coupled_play import CoupledPlay
 from plumbline.kinematics.effects.ct_scale import CtScale
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
@@ -41,7 +40,7 @@ from plumbline.kinematics.effects.payload import Payload
 from plumbline.kinematics.effects.plane_unflatness import PlaneUnflatness
 from plumbline.kinematics.effects.range_scale import RangeScale
 from plumbline.kinematics.effects.respiration import Respiration
-from plumbline.kinematics.effects.rotor_inertia import RotorInertia
+from plumbline.kinematics.effects.rotor_inertia import RotorInertia, RotorInertiaOfMotion
 from plumbline.kinematics.effects.sensor_distortion import SensorDistortion
 from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.kinematics.effects.servo_stiffness import ServoStiffness
@@ -55,7 +54,7 @@ from plumbline.kinematics.effects.torque_scale import TorqueScale
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.kinematics.effects.trocar_load import TrocarLoad
 from plumbline.kinematics.effects.velocity_limit import VelocityLimit
-from plumbline.kinematics.effects.viscous_friction import ViscousFriction
+from plumbline.kinematics.effects.viscous_friction import ViscousFriction, ViscousFrictionOfMotion
 
 EFFECTS: tuple[type[Effect], ...] = (
     LinkGeometry,
@@ -113,7 +112,9 @@ MOTION_EFFECTS: tuple[type[MotionEffect], ...] = (
     AccelerationLimit,
     ActuationDeadband,
     ActuationLag,
-    ActuationDamping,
+    CoulombFrictionOfMotion,
+    ViscousFrictionOfMotion,
+    RotorInertiaOfMotion,
     VelocityLimit,
     TorqueLimit,
     ServoStiffness,

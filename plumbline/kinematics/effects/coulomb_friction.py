@@ -7,7 +7,8 @@ r"""Dry friction of a drive: as much torque more, whichever way it turns.
 :math:`\sigma` is the sign of the velocity, softened where the velocity is not surely one or the
 other: the reading of a joint that stands still does not say which way friction holds it. Teeth and
 balls yield before they slip, so after a turn friction changes sides over a way w, which is tried on
-a grid: a joint that creeps a little remembers which way it came.
+a grid: a joint that creeps a little remembers which way it came. In a motion it takes no more
+speed than there is.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,9 +18,11 @@ from typing import Self
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.effects.hysteresis import lag_of_play
+from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
@@ -78,3 +81,20 @@ class CoulombFriction(DriveEffect):
     def apply(self, state: State, *values: cs.SX) -> State:
         side = state.row[self._column] if self.way else state.row["turning"][self.joint - 1]
         return state.add_torque(self.joint, values[0] * side)
+
+
+@dataclass(frozen=True)
+class CoulombFrictionOfMotion(MotionEffect):
+    """Friction that a torque has to overcome before anything moves, and while it does."""
+
+    name = CoulombFriction.name
+    depends_on = CoulombFriction.depends_on
+    words = CoulombFriction.words
+    reference = "Moreau (1988), Nonsmooth Mechanics and Applications (dry friction, step by step)"
+    source = CoulombFriction.source
+    laws = INERT
+    of_command = True
+    dry = Parameter("N m", 0.0, 5.0, scale=0.1, doc="dry friction")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        return drive.changed(rubbing=value)

@@ -3,14 +3,17 @@ r"""The motor's rotor, which the model's links lack: a flywheel behind the gear.
 .. math:: \tau_i \leftarrow \tau_i + I\,\ddot q_i
 
 with the rotor's inertia times the gear's ratio squared. MuJoCo calls it armature.
+In a motion it is as much more to be moved.
 """
 
 from dataclasses import dataclass
 
 import casadi as cs
 
+from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import State
+from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -27,3 +30,20 @@ class RotorInertia(DriveEffect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         return state.add_torque(self.joint, values[0] * state.row["acceleration"][self.joint - 1])
+
+
+@dataclass(frozen=True)
+class RotorInertiaOfMotion(MotionEffect):
+    """A flywheel that torques have to move as well."""
+
+    name = RotorInertia.name
+    depends_on = RotorInertia.depends_on
+    words = RotorInertia.words
+    reference = RotorInertia.reference
+    source = RotorInertia.source
+    laws = INERT
+    needs_masses = True
+    inertia = Parameter("kg m^2", 0.0, 10.0, scale=0.02, doc="rotor's inertia on the joint's side")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        return drive.changed(rotor=value)

@@ -4,7 +4,8 @@ r"""Friction of a drive's grease, which grows with the speed.
           p \in \{1, \tfrac12\}
 
 Strain-wave gears and warm grease thin out: their friction grows slower than the speed, about with
-its root (Wolf, Iskandar 2018); the power is tried. In units of rad/s.
+its root (Wolf, Iskandar 2018); the power is tried. In units of rad/s. In a motion
+the drive works against it, :math:`I \ddot y = \ldots - b \dot y`.
 """
 
 from collections.abc import Sequence
@@ -13,8 +14,10 @@ from typing import Self
 
 import casadi as cs
 
+from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import Scope, State
+from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
 POWERS = (1.0, 0.5)
@@ -50,3 +53,19 @@ class ViscousFriction(DriveEffect):
         speed = cs.fabs(v) ** self.power
         turning = state.row["turning"][self.joint - 1]
         return state.add_torque(self.joint, values[0] * speed * turning)
+
+
+@dataclass(frozen=True)
+class ViscousFrictionOfMotion(MotionEffect):
+    """Grease that takes a share of the torque, in proportion to the speed."""
+
+    name = ViscousFriction.name
+    depends_on = ViscousFriction.depends_on
+    words = ViscousFriction.words
+    reference = "Siciliano et al. (2009), Robotics, sec. 7.2 (viscous friction at the joints)"
+    source = ViscousFriction.source
+    laws = INERT
+    viscous = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction at 1 rad/s, per that")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        return drive.changed(damping=value)

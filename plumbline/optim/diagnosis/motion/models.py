@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.rollout import Effects, Windows
-from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, Unlisted
+from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, Unlisted, exceeds
 
 Key = frozenset[MotionEffect]
 ODDS = float(np.log(PRESENT / (1 - PRESENT)))
@@ -69,15 +69,11 @@ class Models:
         return STEPS**2 * self.found[frozenset()].square if planned else 0.0
 
     def lacking(self, key: Key, time: float, sigma: float | None) -> Unlisted:
-        """What a fit leaves beyond an explained gap, by the odds of its variance against that.
-
-        With x their ratio, n / 2 (x - 1 - log x); of no form, and none where no noise is stated.
-        """
+        """What a fit leaves beyond an explained gap, of no form; none without a stated noise."""
         fit = self.found[key]
         least = 0.0 if sigma is None else (EXPLAINED * self.floor(fit, sigma)) ** 2
         x = max(fit.square / least, 1.0) if least else 1.0
-        gain = fit.residual.size / time / 2 * (x - 1.0 - float(np.log(x)))
-        return Unlisted(NO_FORM, gain, 1.0 - 1.0 / x)
+        return Unlisted(NO_FORM, exceeds(x, fit.residual.size / time), 1.0 - 1.0 / x)
 
     def sizes(self, key: Key) -> dict[str, float]:
         """What a model leaves more without each of its effects, root of squares [rad]."""

@@ -93,7 +93,7 @@ def search(
     instead = {name: _instead(name, found, share) for name in found}
     beside = Rivals(windows, fit, effective).beside()
     if sigma is not None:
-        beside = (*beside, own_past(windows, fit, models.floor(fit, sigma)))
+        beside = (*beside, own_past(windows, fit, models.floor(fit, sigma), effective))
     outside = sum(p for names, p in share if any(name[0] == "?" for name in names))
     every, anything = _mechanisms(share)
     near = {name for name, p in probability.items() if p > CONFOUNDED}
@@ -146,7 +146,7 @@ def _weights(
         past: tuple[Unlisted, ...] = ()
         if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in beside):
             floor = models.floor(fit, sigma)
-            past = (own_past(models.windows, fit, floor),)  # that no function tells
+            past = (own_past(models.windows, fit, floor, effective),)  # that no function tells
         sizes = models.sizes(less)
         for u in (*beside, *past):
             if u.share > LEAST_SHARE:

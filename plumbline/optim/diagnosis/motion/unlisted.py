@@ -110,11 +110,11 @@ class Rivals:
         return tuple(found)
 
 
-def own_past(windows: Windows, fit: Fit, sigma: float) -> Unlisted:
+def own_past(windows: Windows, fit: Fit, sigma: float, effective: float) -> Unlisted:
     """What the residual's own past foretells of it, as far as it exceeds the stated noise.
 
     A mechanism with a memory that no function of the moment has. Noise that wanders foretells
-    itself too, but stays within what is stated.
+    itself too, but stays within what is stated, as near as so many effective samples tell.
     """
     r = fit.residual
     back = [max(round(seconds / windows.dt), 1) for seconds in MEMORIES]
@@ -129,7 +129,17 @@ def own_past(windows: Windows, fit: Fit, sigma: float) -> Unlisted:
     foretold = 1 - float(np.mean((now - Phi @ w) ** 2) / max(float(np.mean(now**2)), 1e-300))
     share = min(foretold, 1 - sigma**2 / max(fit.square, 1e-300))
     cost = len(back) / 2 * float(np.log(len(now)))
-    return Unlisted(OWN_PAST, -len(now) / 2 * float(np.log1p(-max(share, 0.0))) - cost, share)
+    gain = -len(now) / 2 * float(np.log1p(-max(share, 0.0))) - cost
+    more = exceeds(max(fit.square / sigma**2, 1.0), effective)
+    return Unlisted(OWN_PAST, min(gain, more), share)
+
+
+def exceeds(ratio: float, effective: float) -> float:
+    """Log odds of a variance so many times the stated one, by so many independent samples.
+
+    n / 2 (x - 1 - log x).
+    """
+    return effective / 2 * (ratio - 1.0 - float(np.log(ratio)))
 
 
 def _along(windows: Windows, fit: Fit) -> Mapping[str, Array]:

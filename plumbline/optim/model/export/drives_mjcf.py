@@ -55,7 +55,8 @@ class Actuator:
     delay: float = 0.0  # how late commands are obeyed [s]
     force: float = 0.0  # largest force either way [N m]; 0 for any
     friction: float = 0.0  # dry friction at the joint [N m]
-    damping: float = 0.0
+    damping: float = 0.0  # viscous friction there [N m s/rad]
+    rotor: float = 0.0  # inertia there [kg m^2]
 
 
 def drives_mjcf(drives: Driven) -> Exported:
@@ -96,12 +97,15 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
     offset, late = servo.value("actuation_offset"), servo.value("actuation_delay")
     lag, strongest = servo.value("actuation_lag"), servo.value("torque_limit")
     inertia, scale = servo.inertia + LEAST_INERTIA, 1.0 + servo.value("actuation_gain")
+    rubs = {
+        "friction": servo.value("coulomb_friction"), "damping": servo.value("viscous_friction"),
+        "rotor": servo.value("rotor_inertia"),
+    }  # fmt: skip
     if law not in SPRINGY:
         kv = inertia * STIFF if law in (Law.VELOCITY, Law.RATE) else 0.0
         gain = kv or 1.0
         bias = (gain * offset, 0.0, -kv)
-        damping = servo.value("actuation_damping")
-        return Actuator(gain * scale, bias, lag, late, strongest, damping=damping)
+        return Actuator(gain * scale, bias, lag, late, strongest, **rubs)
     yields = servo.value("servo_stiffness")
     stiffness = kp / (1 + kp * yields) if kp else 1 / yields if yields else inertia * STIFF**2
     damping = (
@@ -117,7 +121,7 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
     play = play or servo.value("actuation_deadband")
     return Actuator(
         stiffness * scale, (stiffness * offset, -stiffness, -damping), lag, max(late, 0.0),
-        strongest, stiffness * play,
+        strongest, **rubs | {"friction": rubs["friction"] + stiffness * play},
     )  # fmt: skip
 
 
@@ -146,7 +150,11 @@ def _root(drives: Driven, robot: Robot, numbers: Mapping[int, int]) -> ElementTr
         for k, servo in drives.servos.items()
     }
     own = {
-        numbers[k]: {"armature": LEAST_INERTIA, "frictionloss": a.friction, "damping": a.damping}
+        numbers[k]: {
+            "armature": LEAST_INERTIA + a.rotor,
+            "frictionloss": a.friction,
+            "damping": a.damping,
+        }
         for k, a in made.items()
     }
     inertias = [whole.model.inertias[j] for j in range(1, whole.model.njoints)]
