@@ -24,7 +24,8 @@ from plumbline.kinematics.effects.effect import Stage
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
-INERT = (Law.SERVO, Law.TORQUE, Law.SAMPLED_TORQUE)  # whose drives have an inertia to move
+PUSHED = (Law.TORQUE, Law.SAMPLED_TORQUE)
+INERT = (Law.SERVO, *PUSHED)  # whose drives have an inertia to move
 UNITS = {Law.VELOCITY: "rad/s", Law.RATE: "rad/s", Law.TORQUE: "N m", Law.SAMPLED_TORQUE: "N m"}
 
 
