@@ -78,6 +78,11 @@ def test_the_face_states_what_it_loads_to_readers_and_type_checkers_alike():
     assert stated | {"__version__"} == set(plumbline.__all__)
 
 
+def test_the_reference_names_all_that_the_face_offers():
+    text = (ROOT / "docs/reference/face.md").read_text(encoding="utf-8")
+    assert [n for n in plumbline.__all__ if not re.search(rf"plumbline\.{n}\b", text)] == []
+
+
 def test_the_face_says_all_that_it_takes():
     """No ``**options: Any``: further keywords are those of a declared table."""
     for name in plumbline.__all__:

@@ -63,7 +63,7 @@ class Problem:
     counts: Array | None = None
 
     def __post_init__(self) -> None:
-        """Refuse bounds that contradict each other, and an objective that is no number."""
+        """Refuse contradictory bounds and an objective that is no number; weigh rows alike."""
         for k in np.flatnonzero(self.lower > self.upper)[:1].tolist():
             low, high = self.lower[k], self.upper[k]
             raise ValueError(
@@ -71,6 +71,8 @@ class Problem:
             )
         if self.objective.shape != (1, 1):
             raise ValueError(f"objective: shape {self.objective.shape}, one number expected")
+        if not self.weights.size:
+            object.__setattr__(self, "weights", np.ones(len(self.rows)))
         if isinstance(self.x, cs.MX):  # what is not stated is of the symbols' kind
             for name in ("shared", "objective", "constraints", "given"):
                 if isinstance(getattr(self, name), cs.SX):

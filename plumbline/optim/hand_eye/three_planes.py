@@ -151,7 +151,6 @@ def state(
         residual=symbols.residual,
         row=symbols.row,
         rows=rows,
-        weights=np.ones(len(rows)),
         constraints=constraints,
         g_lower=low,
         g_upper=high,

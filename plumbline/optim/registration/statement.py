@@ -138,5 +138,4 @@ def problem(markers: Markers, T: Array, centre: Array) -> Problem:
         residual=cs.substitute(s.residual, s.pose, cs.DM(pose)),
         row=s.marker,
         rows=markers.rows,
-        weights=np.ones(len(markers)),
     )

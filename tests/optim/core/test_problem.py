@@ -9,6 +9,7 @@ import pytest
 
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.parameters import Parameter
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench, residuals
@@ -37,6 +38,13 @@ def test_a_problem_knows_its_size():
     assert (problem.size, problem.equations) == (2, 1)
     assert problem.shared.numel() == 0
     assert problem.constraints.numel() == 0
+
+
+def test_rows_without_weights_count_all_alike():
+    x, row = cs.SX.sym("x"), cs.SX.sym("row")
+    free = np.full(1, np.inf)
+    stated = Problem(x, ("x",), -free, free, np.ones(1), x - row, row, np.array([[1.0], [3.0]]))
+    assert Mapped(stated).gram(np.zeros(1)).square == pytest.approx(10.0)
 
 
 def test_bounds_that_contradict_each_other_are_refused():
