@@ -82,12 +82,14 @@ def refit(
     nuisances: Mapping[str, float] | None = None,
     *,
     free: Collection[Effect] = (),
+    weights: Array | None = None,
 ) -> Solution:
     """The fit behind :func:`refitted`, whose unknowns are the nuisances, then the effects'.
 
-    Those of the effects that are ``free`` are fitted again, from their values.
+    Those of the effects that are ``free`` are fitted again, from their values; rows count by their
+    ``weights`` (N,).
     """
-    model = build_model(other, effects)
+    model = build_model(other, effects, weights=weights)
     p = model.problem
     start, lower, upper = model.start.copy(), p.lower.copy(), p.upper.copy()
     for i, name in enumerate(model.nuisance.names):

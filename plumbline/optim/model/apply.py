@@ -6,22 +6,27 @@ Whether one of them has changed is asked of each in turn, about that fit:
 .. math:: z^2 = \delta^T (\sigma^2 S^{-1} + C)^{-1} \delta, \qquad \delta = -S^{-1} g
 
 with the curvature S and the slope g of the cost in its parameters, all that is fitted again
-eliminated, the noise :math:`\sigma` of the rows and the covariance C that the model states.
+eliminated, the noise :math:`\sigma` of the rows and the covariance C that the model states. Where
+that leaves more than the model did on its own recording, what the library has besides is asked so.
+Rows that are missed by far more than all others are gross errors: they are left out, and told.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import fault
-from plumbline.kinematics.effects import REGISTRY, Effect
+from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect
 from plumbline.optim.core.judged import Judgement, judged
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.quantities import percent, quantity
+from plumbline.optim.core.quantities import counted, percent, quantity
 from plumbline.optim.core.solution import Solution
+from plumbline.optim.diagnosis.posterior.robust import far_off
+from plumbline.optim.diagnosis.prior import ROUNDS
+from plumbline.optim.measurement.candidates import candidates_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.measurement.refit import always_fitted, figure, gap_unit, refit
 from plumbline.optim.measurement.torque import newton_metres, stated_noise
@@ -50,6 +55,7 @@ class Change:
     label: str  # the effect and its element
     z: float  # how many standard errors it is off, those of both recordings
     saves: float  # share of the gap left that fitting it again would save
+    new: bool = False  # whether the model has nothing of it
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,7 @@ class Applied:
     outside_columns: dict[str, float]  # columns that leave it, and the share of rows that do
     changes: tuple[Change, ...]  # causes that seem to have changed, the most telling first
     judged: Judgement = field(default_factory=Judgement)  # whether both fits converged
+    gross: tuple[int, ...] = ()  # rows that were left out as gross errors, from 1
 
     @property
     def outside_share(self) -> float:
@@ -89,11 +96,14 @@ class Applied:
         again = ", ".join(self.refitted) or "nothing"
         said = [f"On {self.recording}, with {again} fitted again: {before} -> {after}."]
         said += [f"{percent(self.outside_share)} of the rows lie outside of what was fitted."]
+        if self.gross:
+            said += [f"Left out as gross errors: {counted(len(self.gross), 'row')}."]
         if self.holds:
             return " ".join([*said, "The model holds."])
         if self.changes:
             named = ", ".join(
-                f"{c.label} ({percent(c.saves)} of what is left)" for c in self.changes
+                f"{c.label} ({'new, ' * c.new}{percent(c.saves)} of what is left)"
+                for c in self.changes
             )
             stays = self.after * (1.0 - max(c.saves for c in self.changes))
             then, was = (quantity(v, self.unit) for v in (stays, self.promised))
@@ -121,7 +131,10 @@ class Applied:
             "left_out": list(self.left_out),
             "outside_range": {"share": self.outside_share, "columns": self.outside_columns},
             "holds": self.holds,
-            "changes": [{"cause": c.label, "z": c.z, "saves": c.saves} for c in self.changes],
+            "changes": [
+                {"cause": c.label, "z": c.z, "saves": c.saves, "new": c.new} for c in self.changes
+            ],
+            "gross_rows": list(self.gross),
             "notes": list(self.judged.failures),
         }
 
@@ -134,32 +147,78 @@ def apply(model: Fitted, other: Recording) -> Applied:
     """
     refuse_another_robot(model, other)
     always = always_fitted(other)
-    nominal = refit(other, always, _nulls(always), free=always)
     carried, left_out = _carried(model, other)
     free = [e for e in carried.effects if e.name in (*model.always, *other.always)]
     more = [e for e in always if e not in carried.effects]
     effects = [*carried.effects, *more]
     values = np.concatenate([carried.values, _nulls(more)])
-    solution = refit(other, effects, values, free=[*free, *more])
+    solution, bad = _robust(other, effects, values, [*free, *more])
+    nominal = refit(other, always, _nulls(always), free=always, weights=(~bad).astype(float))
     unit, per_row = gap_unit(other)
     by = newton_metres(other)
-    residuals = solution.mapped.residuals(solution.x)
+    before, after = (
+        by * figure(s.mapped.residuals(s.x)[~bad], per_row) for s in (nominal, solution)
+    )
+    promised = _promised(model, other, per_row=per_row)
+    changes = _changes(carried, solution, free, other)
+    if after * (1.0 - max((c.saves for c in changes), default=0.0)) > HOLDS * promised:
+        changes = _with_new(changes, other, effects, solution, (~bad).astype(float))
     outside, columns = outside_range(carried, other)
     ends = [judged(nominal, "the fit without causes"), judged(solution, "the fit to other rows")]
     return Applied(
         recording=other.name,
         rows=len(other),
         unit=unit,
-        before=by * figure(nominal.mapped.residuals(nominal.x), per_row),
-        after=by * figure(residuals, per_row),
-        promised=_promised(model, other, per_row=per_row),
+        before=before,
+        after=after,
+        promised=promised,
         refitted=_named(other, [*free, *more]),
         left_out=left_out,
         outside=tuple(int(k) + 1 for k in np.flatnonzero(outside)),
         outside_columns=columns,
-        changes=_changes(carried, solution, free, other),
+        changes=changes,
         judged=Judgement.of(ends),
+        gross=tuple(int(k) + 1 for k in np.flatnonzero(bad)),
     )
+
+
+def _robust(
+    other: Recording, effects: Sequence[Effect], values: Array, free: Sequence[Effect]
+) -> tuple[Solution, NDArray[np.bool_]]:
+    """The fit without gross rows, and which these are (N,)."""
+    bad = np.zeros(len(other), dtype=bool)
+    solution = refit(other, effects, values, free=free)
+    for _ in range(ROUNDS):
+        before, bad = bad, far_off(solution.mapped.residuals(solution.x))
+        if (bad == before).all():
+            break
+        solution = refit(other, effects, values, free=free, weights=(~bad).astype(float))
+    return solution, bad
+
+
+def _with_new(
+    known: tuple[Change, ...],
+    other: Recording,
+    effects: Sequence[Effect],
+    solution: Solution,
+    weights: Array,
+) -> tuple[Change, ...]:
+    """The changes, in front what the library has besides where it explains more than any of them.
+
+    Of families that are scanned over a number, such as ripples of all orders, none is asked.
+    """
+    labels = {e.label for e in effects}
+    others = [e for e in candidates_of(other, EFFECTS) if e.label not in labels and not e.scanned]
+    model = build_model(other, [*effects, *others], weights=weights)
+    x = np.concatenate([solution.x, model.start[len(solution.x) :]])
+    gram, none = Solution(model.problem, x).gram, np.zeros((len(x), len(x)))
+    fitted = np.flatnonzero(solution.problem.lower < solution.problem.upper)
+    asked = [
+        _change(t.effect.label, np.arange(len(x))[t.columns], fitted, gram, none, other)
+        for t in model.terms[len(effects) :]
+    ]
+    told = [c for c in asked if c.z > CHANGED and c.saves > max([WORTH, *(k.saves for k in known)])]
+    return (*(replace(c, new=True) for c in sorted(told, key=lambda c: -c.saves)[:1]), *known)
 
 
 def refuse_another_robot(model: Fitted, other: Recording) -> None:
@@ -245,9 +304,11 @@ def _changes(
     carried: Fitted, solution: Solution, free: Collection[Effect], other: Recording
 ) -> tuple[Change, ...]:
     """Causes whose values these rows would rather have otherwise."""
-    gram = solution.gram
+    gram, E = solution.gram, len(carried.values)
+    covariance = np.zeros_like(gram.matrix)
     # Unknowns: nuisances, the carried effects', then what is fitted besides.
-    start = at = sum(name.startswith(NUISANCES) for name in solution.problem.names)
+    at = sum(name.startswith(NUISANCES) for name in solution.problem.names)
+    covariance[at : at + E, at : at + E] = carried.covariance[-E:, -E:] if E else 0.0
     groups: dict[str, list[int]] = {}
     for effect in carried.effects:
         columns = list(range(at, at + len(effect.parameters)))
@@ -257,7 +318,7 @@ def _changes(
     held = {k for columns in groups.values() for k in columns}
     fitted = np.array([k for k in range(len(solution.x)) if k not in held], dtype=int)
     found = [
-        _change(label, np.array(columns), fitted, gram, carried, start, other)
+        _change(label, np.array(columns), fitted, gram, covariance, other)
         for label, columns in groups.items()
     ]
     told = [c for c in found if c.z > CHANGED and c.saves > WORTH]
@@ -269,10 +330,10 @@ def _change(
     own: NDArray[np.intp],
     fitted: NDArray[np.intp],
     gram: Gram,
-    carried: Fitted,
-    start: int,
+    covariance: Array,
     other: Recording,
 ) -> Change:
+    """What fitting some columns again would save, given a covariance (P, P) of all unknowns."""
     A, g = gram.matrix, gram.vector
     back = np.linalg.pinv(A[np.ix_(fitted, fitted)], hermitian=True)
     pull = A[np.ix_(own, fitted)] @ back
@@ -283,8 +344,7 @@ def _change(
     saved = float(-slope @ delta)
     freedom = max(gram.count - len(fitted) - len(own), 1.0)
     variance = max((gram.square - saved) / freedom, (stated_noise(other) or 0.0) ** 2)
-    place = own - start + len(carried.nuisance_names)
-    C = carried.covariance[np.ix_(place, place)]
+    C = covariance[np.ix_(own, own)]
     z2 = float(delta @ np.linalg.pinv(variance * inverse + C, hermitian=True) @ delta)
     saves = 1 - float(np.sqrt(max(1 - saved / max(gram.square, 1e-300), 0.0)))
     return Change(label, float(np.sqrt(max(z2, 0.0))), saves)

@@ -20,11 +20,14 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint_problem import LOG_GROSS_ODDS
 from plumbline.optim.diagnosis.posterior.noise import _chance, repeat_noise
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit, rows_between_bumps
+from plumbline.optim.diagnosis.posterior.robust import (
+    distrusted_by_fit,
+    far_off,
+    rows_between_bumps,
+)
 from plumbline.optim.diagnosis.posterior.selection import select
 from plumbline.optim.diagnosis.posterior.shortlists import _best
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
-from plumbline.optim.diagnosis.predict.held_out import _far_off
 from plumbline.optim.diagnosis.verdict.lack_of_fit import noisiest_joint
 from tests.benches import bench
 from tests.designs import selection
@@ -250,4 +253,4 @@ def test_a_group_may_hold_seven_tenths_of_the_rows_and_not_four_fifths():
 def test_a_row_kept_back_is_gross_if_it_is_missed_ten_times_as_far(times, gross):
     rows = spread(200)
     rows[100] = [times * np.median(np.linalg.norm(rows, axis=1)), 0.0, 0.0]
-    assert _far_off(rows)[100] == gross
+    assert far_off(rows)[100] == gross

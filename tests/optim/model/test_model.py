@@ -396,3 +396,23 @@ def test_an_effect_that_was_found_to_be_nought_is_not_taken_for_a_matter_of_link
     assert made.error < 1e-9
     assert [lack.label for lack in made.lacks] == [e.label for e in sags]
     assert "joint_compliance 2" in arm.as_table().words
+
+
+def test_gross_rows_of_another_recording_are_left_out_and_told(model, diagnosis):
+    measured = diagnosis.recording.measured.copy()
+    measured[[4, 70], 0] += 0.02
+    tried = apply(model, replace(diagnosis.recording, measured=measured))
+    assert tried.gross == (5, 71)
+    assert tried.holds
+    assert "Left out as gross errors: 2 rows." in tried.words
+
+
+def test_what_the_model_has_nothing_of_is_named_where_it_has_come_since(model, diagnosis):
+    own = diagnosis.recording
+    assert "joint_offset 3" not in model.labels
+    turned = own.q + 2e-3 * np.eye(6)[2]
+    T, was = own.chain.placement(turned), own.chain.placement(own.q)
+    moved = own.measured + (T[:, :3, 3] - was[:, :3, 3]) @ model.T_device_base[:3, :3].T
+    tried = apply(model, replace(own, measured=moved))
+    assert [(c.label, c.new) for c in tried.changes[:1]] == [("joint_offset 3", True)]
+    assert "joint_offset 3 (new, " in tried.words

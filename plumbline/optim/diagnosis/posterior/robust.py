@@ -33,6 +33,7 @@ from plumbline.optim.diagnosis.prior import (
     ALARM,
     ANISOTROPY,
     FEWEST_BETWEEN,
+    GROSS_KEPT_BACK,
     LEVER_CHANGE,
     MANY_ROWS,
     MOST_GROSS_SHARE,
@@ -71,6 +72,15 @@ def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
     scale = np.median(square) / _typical(m)
     bad = square > ANISOTROPY * chdtri(m, ALARM / rows) * scale
     return bad if bad.sum() <= MOST_GROSS_SHARE * rows else np.zeros(rows, dtype=bool)
+
+
+def far_off(residuals: Array) -> NDArray[np.bool_]:
+    """Gross errors (N,) among rows kept back: missed ten times as far as the others.
+
+    What is missed by less may be what the causes cannot foretell, which the gap has to show.
+    """
+    missed = np.linalg.norm(residuals, axis=1)
+    return distrusted_by_fit(residuals) & (missed > GROSS_KEPT_BACK * float(np.median(missed)))
 
 
 def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
-from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
+from plumbline.optim.diagnosis.posterior.robust import far_off
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.shrink import (
     BY_MARKER,
@@ -29,7 +29,7 @@ from plumbline.optim.diagnosis.predict.shrink import (
     shrink_interval,
     whole_model,
 )
-from plumbline.optim.diagnosis.prior import ALARM, GROSS_KEPT_BACK
+from plumbline.optim.diagnosis.prior import ALARM
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import figure, gap_unit, refitted, rows_of_gap
 from plumbline.optim.recording.recording import Recording
@@ -113,7 +113,7 @@ def evaluate(
             test, ended = predicted(held, solution, selected)
             parts.append((train, test))
             fits += filter(None, [ended])
-        gross = _far_off(parts[1][1])
+        gross = far_off(parts[1][1])
         before, after = (_merged(kept, train, test) for train, test in parts)
         all_trusted = np.ones(len(recording), dtype=bool)
         all_trusted[~kept], all_trusted[kept] = trusted, ~gross
@@ -133,15 +133,6 @@ def _as_measured(recording: Recording, residuals: Array) -> Array:
     if recording.session is None or recording.noise_shape is None:
         return residuals
     return np.asarray(residuals * recording.noise_shape)
-
-
-def _far_off(residuals: Array) -> NDArray[np.bool_]:
-    """Gross errors (N,) among rows kept back: missed ten times as far as the others.
-
-    What is missed by less may be what the causes cannot foretell, which the gap has to show.
-    """
-    missed = np.linalg.norm(residuals, axis=1)
-    return distrusted_by_fit(residuals) & (missed > GROSS_KEPT_BACK * float(np.median(missed)))
 
 
 def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
