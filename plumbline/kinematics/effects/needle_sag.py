@@ -46,12 +46,8 @@ class NeedleSag(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """One, along the nominal tool, or along z where the tool has no length."""
-        return [cls(axis_of(scope))]
-
-    def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same with an axis that may be a little off."""
-        return [] if self.askew else [replace(self, askew=True)]
+        """Along the nominal tool, or along z where it has no length; and a little off."""
+        return [cls(axis_of(scope), askew) for askew in (False, True)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         R_tip_base = state.nominal.frames[-1].R.T
