@@ -44,7 +44,7 @@ def read(path: Path) -> list[Raw]:
         raise fault(path.name, "no rows below the header", "samples", "record some samples")
     mark = _mark(body)
     table = _cells(path, "".join(body), mark, skipped)
-    notes = cut_short(path.name, text, len(lines), str(table.iloc[-1, -1]))
+    notes = cut_short(path.name, text, len(lines), [*map(str, table.iloc[1:, -1])])
     header, table, first = _header(table, skipped)
     said = _units_row(table)
     if said:

@@ -175,16 +175,33 @@ def read_table(file: str, data: bytes) -> Table:
         raise fault(f"{file}, row 2", "no rows below the header", "samples", "record some samples")
     _check_lengths(file, header, rows, lines)
     columns = dict(zip(header, zip(*rows[1:], strict=True), strict=True))
-    notes = cut_short(file, text, int(lines[-1]), rows[-1][-1])
+    notes = cut_short(file, text, int(lines[-1]), [row[-1] for row in rows[1:]])
     return Table(Origin(file, np.array(lines[1:], dtype=np.int64)), columns, notes)
 
 
-def cut_short(file: str, text: str, row: int, cell: str) -> tuple[str, ...]:
-    """A note on a last row without a line end: its last cell may be half of a number."""
+def cut_short(file: str, text: str, row: int, column: Sequence[str]) -> tuple[str, ...]:
+    """A note on a last row without a line end: its last cell may be half of a number.
+
+    Raises:
+        PlumblineError: It has fewer decimals than any other of its column.
+    """
     if text.endswith(("\n", "\r")):
         return ()
-    within = f" within {shown(cell.strip())}" if cell.strip() else ""
+    *others, cell = (cell.strip() for cell in column)
+    numbers = [other for other in others if any(c.isdigit() for c in other)]
+    least = min(map(_decimals, numbers), default=0)
+    if _decimals(cell) < least:
+        found = f"{shown(cell)} and no line end, where every other row has {least} decimals or more"
+        mend = "delete the row, or end the line if it is whole"
+        raise fault(Spot.at(file, row), found, "a whole number", mend)
+    within = f" within {shown(cell)}" if cell else ""
     return (f"{Spot.at(file, row)}: no line end; was it cut short{within}?",)
+
+
+def _decimals(cell: str) -> int:
+    """Characters after the decimal mark, an exponent among them."""
+    _, mark, after = cell.replace(",", ".").partition(".")
+    return len(after) if mark else 0
 
 
 def _split(file: str, text: str) -> tuple[list[list[str]], list[int]]:

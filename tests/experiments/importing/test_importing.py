@@ -73,11 +73,13 @@ def test_remarks_units_in_a_row_and_units_in_names_are_read(tmp_path, bench):
     said = ";".join(["deg"] * 6 + ["in"] * 3) + "\n"
     log.write_text(head + said + rows.to_csv(index=False, header=False, sep=";"))
     same(imported(tmp_path, log, "--robot", "ur5", "--tool", TOOL, "--yes"), bench)
-    # A last row without its end is read, named and doubted.
-    log.write_text(log.read_text()[:-3])
-    found = text.read(log)[0]
-    last, half = len(bench) + 4, found.columns["z"][-1]
-    assert f"log.txt, row {last}: no line end; was it cut short within '{half}'?" in found.notes
+    # A last row without its end is named and doubted; with half a number it is refused.
+    whole, last = log.read_text(), len(bench) + 4
+    log.write_text(whole[:-1])
+    assert f"row {last}: no line end; was it cut short within" in text.read(log)[0].notes[0]
+    log.write_text(whole[: whole.rindex(".") + 3])
+    with pytest.raises(PlumblineError, match=f"row {last}: found '.*' and no line end, where"):
+        text.read(log)
     shutil.rmtree(tmp_path / "made")
     named = rows.rename(columns={c: f"{c} [{'deg' if c in JOINTS else 'in'}]" for c in rows})
     named.to_csv(log, index=False)

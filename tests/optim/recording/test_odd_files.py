@@ -253,6 +253,14 @@ def test_many_columns_that_nothing_reads_are_a_few_notes(tmp_path):
     assert max(map(len, notes)) < 600
 
 
+def test_half_a_number_at_the_end_of_a_file_is_refused():
+    whole = b"q1,x\n0.5,0.123456\n0.6,0.654321\n0.7,0.246135"
+    assert "was it cut short within '0.246135'?" in table.read_table("a.csv", whole).notes[0]
+    assert table.read_table("a.csv", whole[:-3] + b"\n").notes == ()
+    with pytest.raises(PlumblineError, match=r"a.csv, row 4: found '0.246' and no line end"):
+        table.read_table("a.csv", whole[:-3])
+
+
 def test_a_list_in_a_message_is_cut():
     assert listed(["a", "b"]) == "a, b"
     assert listed(range(8)) == "0, 1, 2, 3, 4, 5, 6, 7"
