@@ -10,7 +10,7 @@ import typer
 from plumbline.experiments.commands.pages import write_page
 from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs, say
 
-Spec = Annotated[Path, typer.Argument(metavar="SPEC.toml", help="The links, by [[link]].")]
+Spec = Annotated[Path, typer.Argument(metavar="SPEC.toml", help=r"The links, by \[\[link]].")]
 
 
 def budget(

@@ -397,6 +397,7 @@ def test_every_command_has_examples_that_parse_and_its_help_shows_them(name, cap
     assert run([*name.split(), "--help"]) == 0
     said = "".join(capsys.readouterr().out.split())
     assert all("".join(example.split()) in said for example in EXAMPLES[name])
+    assert "[]" not in said  # brackets of a help text are no mark-up
 
 
 @pytest.mark.parametrize("group", [[], ["withheld"]])

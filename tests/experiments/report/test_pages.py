@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline import PlumblineError, fit_dh, load, write_report
+from plumbline import PlumblineError, fit_dh, load, register, write_report
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.report import named
 from plumbline.experiments.report.diagnosis.scene import scene
@@ -25,6 +25,7 @@ from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.registration import MarkerNoise, ThreePoint
 from tests.experiments.report.test_report import HOSTILE, SCRIPT, scripts, tags
+from tests.fuzz.recordings import sound
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.phantoms import registered
 from tests.ranging_scenes import CLEAN, surveyed
@@ -73,6 +74,15 @@ def test_a_page_needs_nothing_but_itself_and_is_the_same_every_time(answer, page
     assert len(found.ids) == len(set(found.ids))
     assert report_html(answer) == page
     assert not re.search(r"\b20\d\d-\d\d-\d\d", page)
+
+
+def test_no_column_of_a_table_is_empty(tmp_path):
+    for name, text in sound("fiducials").items():  # a target whose place was not measured
+        (tmp_path / name).write_text(text)
+    for grid in re.findall(r"<table.*?</table>", report_html(register(tmp_path)), re.DOTALL):
+        rows = re.findall(r"<tr>(.*?)</tr>", grid, re.DOTALL)[1:]
+        cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in rows]
+        assert all(any(column) for column in zip(*cells, strict=True))
 
 
 def test_words_of_the_data_are_escaped_on_every_page(page):

@@ -58,7 +58,7 @@ def _beam(answer: HandEye) -> Part:
         for k, axis in enumerate("xyz")
     ]
     rows += [
-        [f"v_{axis}", f"{c.beam.v[k]:.5f} ± {c.std[3 + k]:.5f}", "direction of the beam"]
+        [f"v_{axis}", measured(c.beam.v[k], c.std[3 + k], ""), "direction of the beam"]
         for k, axis in enumerate("xyz")
     ]
     grid = Grid(("", "value ± standard error", "meaning"), rows, (1,), sorts=False)

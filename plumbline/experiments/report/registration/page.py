@@ -118,7 +118,9 @@ def _targets(told: Mapping[str, Any]) -> list[Part]:
         axes = " × ".join(_mm(v) for v in t["semi_axes95"] or [None])
         rows.append([t["label"], *place, _mm(t["tre_rms"]), axes, _mm(t["measured_error"], "")])
     columns = ("target", "x", "y", "z", "TRE, RMS", "95 % semi-axes", "measured error")
-    return [Part("Targets in the robot's frame", ("All in mm.",), Grid(columns, rows, range(1, 7)))]
+    shown = len(columns) if any(row[-1] for row in rows) else len(columns) - 1
+    grid = Grid(columns[:shown], [row[:shown] for row in rows], range(1, shown))
+    return [Part("Targets in the robot's frame", ("All in mm.",), grid)]
 
 
 def _picture(answer: Registration) -> Picture:
