@@ -162,16 +162,19 @@ def _explained(
     for left in reversed(range(ROUNDS)):
         told = explain(selected, options.seed, options.unlisted)
         kept = worth_while(selected, told.terms)
-        keys, candidates = selected.selection.keys(kept), selected.selection.candidates
-        spared = [candidates[t.index] for t in told.terms if candidates[t.index].key not in keys]
         selected = with_terms(selected, kept, *given, tried=told.terms)
         wrong = foretold_wrongly(selected)
         if not left or wrong < NO_EVIDENCE or wrong > 0.5 * before:
             break
         before = wrong
         selected = about_its_fit(selected, task.library)
-    # Of many causes a rival may do as well on other rows: only what is negligible is spared there.
-    barred = frozenset(c.key for c in spared) if told.one_by_one else selected.excluded
+    # Of many causes any rival may do nearly as well: folds choose among those of the model, of a
+    # long recording among all that its rows show, of which the posterior has seen only a part.
+    barred = selected.excluded
+    if told.one_by_one:
+        shown = told.terms if told.compared else selected.chosen
+        every = frozenset(c.key for c in selected.selection.candidates)
+        barred = every - selected.selection.keys(shown)
     return replace(selected, barred=barred, states=told.states), told
 
 

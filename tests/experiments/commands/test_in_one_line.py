@@ -49,7 +49,9 @@ def test_a_diagnosis_is_one_line_that_names_its_causes(diagnosis):
     assert one_line(diagnosis.verdict).removeprefix("<Verdict on") in said.removeprefix(
         "<Diagnosis of"
     )
-    assert one_line(diagnosis.verdict.causes[0]) == "<Cause: transmission_ripple of joint 2, 93 %>"
+    first = diagnosis.verdict.causes[0]
+    percent = f"{100 * first.probability:.0f}"
+    assert one_line(first) == f"<Cause: transmission_ripple of joint 2, {percent} %>"
 
 
 def test_what_a_diagnosis_rests_on_is_one_line_each(diagnosis):

@@ -189,6 +189,15 @@ def test_white_noise_is_asked_for_nothing(rows):
     assert np.diff(CORRELATIONS).max() < 0.11
 
 
+@pytest.mark.parametrize("size", [1e-16, 1e-6, 0.1])
+def test_less_than_the_stated_noise_is_no_sign_that_rows_know_of_each_other(rows, size):
+    repeated = five_each(rows)
+    for seed in range(5):
+        left = size * np.random.default_rng(seed).normal(size=(len(repeated), 3))
+        for noise in (NoisePrior.of(1.0), NoisePrior.of(0.3 * size)):
+            assert correlation_of(left, repeated, noise)[0] == (0.0, 0.0)
+
+
 # Whole verdicts
 
 

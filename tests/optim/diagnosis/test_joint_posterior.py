@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+import plumbline.optim.diagnosis.posterior.one_by_one as one_by_one_module
 from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
@@ -413,3 +414,18 @@ def test_a_climb_down_and_one_up_that_end_apart_count_by_their_posterior():
     assert 0.05 < share < 0.4
     np.testing.assert_allclose(both.marginals[0][:2], share, atol=0.05)
     assert both.states[0][1] == up.states[0][1]
+
+
+def test_a_state_is_asked_anew_without_what_the_library_lacks(monkeypatch):
+    """That may hold the places of several causes, none of which alone would win its own back."""
+    X, t = drawn(0, strength=15.0, mixed=0.1)
+    asked = replace(problem(X, t), unlisted=np.arange(X.shape[1]) == 2)
+    begun = []
+    monkeypatch.setattr(
+        one_by_one_module,
+        "one_by_one",
+        lambda p, state: begun.append([s.index for s in state]) or one_by_one(p, state),
+    )
+    ends = coarsened(asked, [SelectedTerm(k, 1.0) for k in range(3)], 1.0).states
+    assert begun == [[0, 1, 2], [0, 1], []]
+    assert ends[0][0] == max(log for log, _ in ends)

@@ -1,10 +1,10 @@
 r"""Whether rows know of each other: by evidence, from what the best state leaves.
 
 What is left of m components a row is Gaussian with correlation :math:`\rho^d` between rows d apart,
-or c between readings of one posture. With R its correlation matrix, the noise integrated out,
+or c between readings of one posture. With R its correlation matrix and the noise's size integrated
+out, of which a statement says nothing here: where it is too large, rows would seem alike,
 
-.. math:: \log p = -\tfrac m2 \log\det R
-          - \tfrac{\nu_0 + n}{2} \log(\nu_0 \sigma_0^2 + \mathrm{tr}\, e^T R^{-1} e),
+.. math:: \log p = -\tfrac m2 \log\det R - \tfrac n2 \log \mathrm{tr}\, e^T R^{-1} e
 
 is tried over a grid, and a correlation is taken only where the data ask for it (Schwarz 1978). As
 the state may hold slow functions of time and whatever else the library lacks, all that these
@@ -48,17 +48,23 @@ def correlation_of(
     return best, tried[best] - tried.get(now, tried[0.0, 0.0])
 
 
-def _log_likelihood(square: float, log_det: float, left: Array, noise: NoisePrior) -> float:
-    """Of what is left, from its whitened square and the determinant of one component's R."""
-    known = noise.freedom * noise.sigma**2 + max(square, left.size * noise.least**2)
-    return -0.5 * (left.shape[1] * log_det + (noise.freedom + left.size) * float(np.log(known)))
+def _log_likelihood(
+    square: float, log_det: float, trace: float, left: Array, least: float
+) -> float:
+    """Of what is left, from its whitened square, and R of one component: its determinant, tr R^-1.
+
+    What rounding leaves, or the finest device, is white.
+    """
+    known = max(square, left.shape[1] * trace * least**2)
+    return -0.5 * (left.shape[1] * log_det + left.size * float(np.log(known)))
 
 
 def _wandering(left: Array, recording: Recording, noise: NoisePrior, rho: float) -> float:
     follows = follows_of(recording, rho=rho)
     white = less_foretold(left, np.zeros_like(left[:1]), follows) if follows.size else left
     log_det = float(np.log1p(-(follows**2)).sum())
-    return _log_likelihood(float(np.sum(white**2)), log_det, left, noise)
+    trace = len(left) + 2.0 * float(np.sum(follows**2 / (1.0 - follows**2)))
+    return _log_likelihood(float(np.sum(white**2)), log_det, trace, left, noise.least)
 
 
 def _alike(left: Array, posture: NDArray[np.intp], noise: NoisePrior, c: float) -> float:
@@ -68,4 +74,5 @@ def _alike(left: Array, posture: NDArray[np.intp], noise: NoisePrior, c: float) 
     square = float(np.sum((left - means[posture]) ** 2)) / (1.0 - c)
     square += float(np.sum((count / own)[:, None] * means**2))
     log_det = float(np.sum((count - 1.0) * np.log1p(-c) + np.log(own)))
-    return _log_likelihood(square, log_det, left, noise)
+    trace = float(np.sum((count - 1.0) / (1.0 - c) + 1.0 / own))
+    return _log_likelihood(square, log_det, trace, left, noise.least)

@@ -57,17 +57,19 @@ def added_evidence(
 
 
 def coarsened(problem: JointProblem, state: Sequence[SelectedTerm], power: float) -> Sampled:
-    """The same by a power of the likelihood, a share of what the rows say, from two starts.
+    """The same by a power of the likelihood, a share of what the rows say, from three starts.
 
-    From the state downwards and from its gross rows upwards: a climb ends where one step more does
-    not gain, and what a few terms say of such data may be another state than what is left of many.
-    Both ends count by their posterior.
+    From the state downwards, from its listed terms, whose places nothing else then holds, and from
+    its gross rows upwards: a climb ends where one step more does not gain, and what a few terms say
+    of such data may be another state than what is left of many. All ends count by their posterior.
     """
     whole = problem.linear
     linear = Linear(power * whole.G, power * whole.b, power * whole.tt, power * whole.n)
     problem = replace(problem, linear=linear)
     gross = [t for t in state if problem.gross[t.index]]
-    return _mixed([one_by_one(problem, start) for start in (state, gross)])
+    none = problem.unlisted
+    listed = state if none is None else [t for t in state if not none[t.index]]
+    return _mixed([one_by_one(problem, start) for start in (state, listed, gross)])
 
 
 def _mixed(ends: Sequence[Sampled]) -> Sampled:

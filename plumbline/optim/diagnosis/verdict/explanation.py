@@ -108,7 +108,9 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         agreed = _by_blocks(selected, alt, state)
         told = _told(alt, agreed)
         lacked = _unlisted(alt, agreed.states[0][1])
-        terms = (*terms, *_more(selected, alt, terms, agreed.states[0][1], told.named))
+        more = tuple(_more(selected, alt, terms, agreed.states[0][1], told.named))
+        held = {_dependence(alt, t.index) for t in more}
+        terms = (*(t for t in terms if _dependence(alt, t.index) not in held), *more)
     else:
         terms = _terms(selected, alt, found, told.named)
         lacked = _unlisted(alt, found.states[0][1])
@@ -265,6 +267,10 @@ def _more(
 
 def _place(alt: Alternatives, index: int) -> Place:
     return alt.places[int(alt.problem.labels[1][index])]
+
+
+def _dependence(alt: Alternatives, index: int) -> tuple[str, int | None, str]:
+    return alt.mechanisms[int(alt.problem.labels[0][index])][:3]
 
 
 def _terms(
