@@ -7,6 +7,7 @@ where :math:`J_i` turns or slides joint i and :math:`p_i` is the centre of mass 
 computes the same numbers from the same model; the tests hold the two together.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -111,7 +112,7 @@ class Chain:
             for joint in self.joints
             if joint.kind == "prismatic" and np.isfinite([joint.lower, joint.upper]).all()
         ]
-        return float(sum(np.linalg.norm(T[:3, 3]) for T in fixed) + sum(slides))
+        return float(sum(math.hypot(*T[:3, 3]) for T in fixed) + sum(slides))
 
     def typical_load(self, joint: int) -> float:
         """Half of the torque [N m] of all that a joint (from 1) carries, were it stretched level.

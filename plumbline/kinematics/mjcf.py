@@ -14,9 +14,14 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.errors import PlumblineError, one_line
+from plumbline.kinematics.dh import LARGEST
 from plumbline.kinematics.evaluate import Array
 
 PLACE = re.compile(r"(?i)^(from file|in function|at line|message:)")  # of what Pinocchio says first
+# Numbers of the attributes that make a robot: Pinocchio takes what it finds in memory for others.
+COUNTS = {"pos": 3, "axis": 3, "euler": 3, "zaxis": 3, "diaginertia": 3, "quat": 4, "axisangle": 4,
+          "xyaxes": 6, "fullinertia": 6, "range": 2, "mass": 1, "ref": 1}  # fmt: skip
+PARTS = ("body", "joint", "inertial", "geom", "site", "frame")
 FREE = 6  # degrees of freedom of a base that floats
 FLATTEN = (
     "python -c \"import mujoco as m; m.mj_saveLastXML('flat.xml', "
@@ -68,10 +73,27 @@ def _parsed(text: str, where: str, most_joints: int) -> ElementTree.Element:
         )
     if root.find("worldbody/body") is None:
         raise PlumblineError(f"{where}: no body found, at least 1 expected that moves")
+    for element in (e for e in root.iter() if e.tag in PARTS):
+        _refuse_odd_numbers(element, where)
     count = len(root.findall(".//worldbody//joint"))
     if count > most_joints:
         raise PlumblineError(f"{where}: {count:,} joints, at most {most_joints} expected")
     return root
+
+
+def _refuse_odd_numbers(element: ElementTree.Element, where: str) -> None:
+    """Refuse an attribute that does not hold as many finite numbers as it must."""
+    for key in (k for k in element.attrib if k in COUNTS):
+        words = element.get(key, "").split()
+        try:
+            good = len(words) == COUNTS[key] and all(abs(float(word)) < LARGEST for word in words)
+        except ValueError:
+            good = False
+        if not good:
+            found = f"<{element.tag}> {key}={one_line(' '.join(words))[:40]!r}"
+            raise PlumblineError(
+                f"{where}: {found}, {COUNTS[key]} finite numbers expected; mend it"
+            )
 
 
 def _normalised(words: str, where: str) -> str:

@@ -90,6 +90,7 @@ def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
 
 def _session(session: SessionFile) -> tuple[dict[str, Any], str]:
     """Several recordings of one robot, for JSON and in words."""
+    from plumbline.optim.core.quantities import counted
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
     from plumbline.optim.diagnosis.several.sections import refuse_unlike
     from plumbline.optim.loading import parts_of_session
@@ -105,7 +106,7 @@ def _session(session: SessionFile) -> tuple[dict[str, Any], str]:
         "command": "plumbline diagnose FOLDER",
     }
     shared = f", shared: {', '.join(session.shared)}" if session.shared else ""
-    head = f"Session {session.name!r}: {len(parts)} recordings{shared}"
+    head = f"Session {session.name!r}: {counted(len(parts), 'recording')}{shared}"
     return content, "\n\n".join([head, *(words for _, words in parts)])
 
 

@@ -145,6 +145,7 @@ def build(
     )
     assumed = _assumed_pairs(recording)
     recording = replace(recording, socket_pairs=recording.socket_pairs or assumed)
+    units.refuse_fast(recording, origin)  # before what was recorded is smoothed
     recording = _completed(recording, origin)
     found = [_told(assumed, origin)] if len(assumed) > 1 else []
     found += [*checks.run(recording, origin), *units.run(recording, origin)]

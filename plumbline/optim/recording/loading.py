@@ -204,7 +204,10 @@ def read_bytes(folder: Path, name: str, largest: int | None = None) -> bytes:
     except FileNotFoundError:
         found = f"no such file in {folder.name} (there: {_there(folder)})"
         file = listed([name])
-        raise fault(file, found, f"a file {file}", "add it or mend its name") from None
+        mend = "add it or mend its name"
+        if name == "dataset.toml" and is_file(folder / "session.toml"):
+            mend = "it is a session of several: name the folder of one of them"
+        raise fault(file, found, f"a file {file}", mend) from None
     except (OSError, ValueError) as error:
         found = f"a file that cannot be read ({reason(error)})"
         raise fault(listed([name]), found, "a plain readable file", "mend it") from None

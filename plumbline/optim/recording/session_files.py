@@ -10,11 +10,13 @@
     bundled = "ur5"
 """
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from plumbline.errors import best_matches, fault, shown
 from plumbline.kinematics.files import is_file, is_folder
+from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording.loading import (
     SOURCES_OF_ROBOT,
     RobotFiles,
@@ -62,6 +64,10 @@ def open_session(folder: str | Path) -> SessionFile:
         raise fault(
             settings.where("recordings"), "nothing", "folders", 'write recordings = ["a", "b"]'
         )
+    name, times = Counter(names).most_common(1)[0]
+    if times > 1:  # told before any is read
+        where, found = settings.where("recordings"), f"{shown(name)} {counted(times, 'time')}"
+        raise fault(where, found, "each once", "leave the others out")
     shared = settings.words("shared") or ()
     for word in shared:
         if word not in SHARED:

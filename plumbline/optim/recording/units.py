@@ -237,8 +237,12 @@ def payload_is_in_kilograms(r: Recording, origin: Origin) -> Iterator[str]:
         yield from _within(r.payload, 0.0, at.LARGEST_PAYLOAD, "kg", "payload", origin)
 
 
-def rates_are_in_si(r: Recording, origin: Origin) -> Iterator[str]:
-    """Speeds, accelerations and efforts are what drives can do."""
+def refuse_fast(r: Recording, origin: Origin) -> None:
+    """Refuse speeds, accelerations and efforts beyond any drive's, as they were recorded.
+
+    Raises:
+        PlumblineError: The first of them.
+    """
     efforts = r.measured if r.observation == "joint_torque" else r.effort
     for name, values, most, unit in (
         ("velocity", r.velocity, at.LARGEST_SPEED, "rad/s or m/s"),
@@ -246,7 +250,7 @@ def rates_are_in_si(r: Recording, origin: Origin) -> Iterator[str]:
         ("effort", efforts, at.LARGEST_EFFORT, "N m or N"),
     ):
         for joint, column in enumerate([] if values is None else values.T, start=1):
-            yield from _within(column, -most, most, unit, f"{name}{joint}", origin)
+            list(_within(column, -most, most, unit, f"{name}{joint}", origin))
 
 
 def _within(
@@ -276,5 +280,5 @@ CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
     robot_is_in_metres, gravity_is_the_earths, noise_is_plausible, joints_are_in_si,
     joints_meet_the_tips, tips_are_in_metres, second_encoders_move, quaternions_are_unit,
     quaternions_are_in_order, temperature_is_celsius, payload_is_in_kilograms, rows_meet_the_model,
-    encoders_count_the_motors_turns, rates_are_in_si,
+    encoders_count_the_motors_turns,
 )  # fmt: skip

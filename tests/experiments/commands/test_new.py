@@ -175,6 +175,9 @@ def test_a_recording_on_an_mjcf_is_loaded_and_stored(tmp_path):
             "no movable joint found",
         ),
         (mjcf('axisangle="0 0 0 3"'), "an axis and an angle expected"),
+        (mjcf('quat="1 0 0"'), "quat='1 0 0', 4 finite numbers expected"),
+        (mjcf('euler="a b c"'), "euler='a b c', 3 finite numbers expected"),
+        (mjcf('euler="0 0 1e300"'), "euler='0 0 1e300', 3 finite numbers expected"),
     ],
 )
 def test_an_mjcf_that_is_none_is_refused_in_one_line(text, said):

@@ -219,9 +219,10 @@ def test_a_session_s_folder_is_checked_part_by_part(folder, capsys):
         ('recording = ["one"]', "row 1, recording: found the key 'recording', expected name"),
         ('name = "x"', "session.toml, recordings: found nothing, expected folders"),
         ('recordings = ["one", "twi"]', "found 'twi', no folder in arm-7, expected folders"),
+        ('recordings = ["one", "one"]', "found 'one' 2 times, expected each once"),
         ('recordings = ["../one"]', "found '../one', no folder in arm-7"),
         ('recordings = ["one"]\nshared = ["tol"]', "shared: found ['tol'], expected of frame"),
-        ('recordings = ["one", "one"]\n[robot]\nbundled = "ur5"', "given twice (as one)"),
+        ('recordings = ["one", "./one"]\n[robot]\nbundled = "ur5"', "given twice (as one)"),
         ('recordings = ["one"]', "found no [robot], expected one of urdf"),
     ],
 )

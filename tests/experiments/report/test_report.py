@@ -567,16 +567,14 @@ def test_causes_lead_the_ranking_and_improbable_rivals_are_left_out(bench):
     assert [c.element for c in shown[3:]] == [30, 29, 28]
 
 
-def test_the_staircase_says_how_it_differs_from_the_gap(bench):
+def test_the_staircase_says_how_it_goes_with_the_gap(bench):
     def words(verdict):
         shown = pictures(Subject.of(replace(bench, verdict=verdict)))
         return next(picture.words for picture in shown if picture.key == "staircase")
 
-    assert "the causes are held to those named; the gap above chooses them anew" in words(
-        bench.verdict
-    )
+    assert "The last bar is the gap's own" in words(bench.verdict)
     alone = (Step("frame and tool alone", 1e-4),)
-    assert "held to" not in words(replace(bench.verdict, causes=(), staircase=alone))
+    assert "in proportion" not in words(replace(bench.verdict, causes=(), staircase=alone))
 
 
 def test_the_staircase_starts_at_the_gap_and_ends_at_what_is_left(bench):

@@ -70,15 +70,14 @@ def test_the_panda_misses_by_its_joint_offsets_and_links_first(diagnosed):
 def test_another_panda_misses_by_its_joint_offsets_as_well(diagnosed):
     found = diagnosed("panda-1")
     assert causes(found)[0][0] == "joint_offset"
-    assert found.verdict.gap.after < 0.1 * found.verdict.gap.before
+    # Of effects that a fold chose and the verdict does not hold, 0.084 of it would be left.
+    assert found.verdict.gap.after < 0.065 * found.verdict.gap.before
 
 
 @pytest.mark.parametrize("name", ["panda-1", "panda-3", "ur5-grid"])
 def test_the_staircase_comes_down_to_the_figure_that_the_verdict_states(diagnosed, name):
     verdict = diagnosed(name).verdict
-    assert verdict.staircase[-1].gap <= 1.1 * verdict.gap.after
-    # Nor is the headline of effects that a fold chose and the verdict has not.
-    assert verdict.gap.after <= 1.2 * verdict.staircase[-1].gap
+    assert verdict.staircase[-1].gap == pytest.approx(verdict.gap.after, rel=1e-9)
 
 
 def test_the_iiwa_misses_by_far_less_than_a_panda(diagnosed):

@@ -416,3 +416,10 @@ def test_what_the_model_has_nothing_of_is_named_where_it_has_come_since(model, d
     tried = apply(model, replace(own, measured=moved))
     assert [(c.label, c.new) for c in tried.changes[:1]] == [("joint_offset 3", True)]
     assert "joint_offset 3 (new, " in tried.words
+
+
+def test_a_session_is_tried_by_one_of_its_recordings(stored, tmp_path, capsys):
+    (tmp_path / "days").mkdir()
+    (tmp_path / "days" / "session.toml").write_text('recordings = ["monday"]\n')
+    assert run(["apply", str(stored), str(tmp_path / "days")]) == 2
+    assert "it is a session of several: name the folder of one of them" in capsys.readouterr().err

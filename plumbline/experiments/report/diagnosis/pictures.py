@@ -68,10 +68,7 @@ def _staircase(subject: Subject) -> Picture | None:
         return None
     ratio = verdict.gap.after / max(verdict.gap.noise_floor, 1e-300)
     count = len(verdict.causes)
-    held = (
-        "Here the causes are held to those named; the gap above chooses them anew without the rows "
-        "left out. "
-    )
+    held = "The last bar is the gap's own; those of fewer causes are in proportion to it. "
     all_causes = f"all {count} causes" if count > 1 else "the cause" if count else "no cause"
     known = verdict.knows_noise
     left = "the noise" if known else "what the fit of all rows leaves"

@@ -26,28 +26,34 @@ from plumbline.optim.recording.recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Stairs:
-    """Held-out figures of some of the causes, by the linear problem about the final fit."""
+    """Held-out figures of some of the causes, by the linear problem about the final fit.
+
+    That of all causes is the gap's own, of true residuals; what the linear problem says of fewer is
+    told by its ratio to what it says of all.
+    """
 
     pool: Pool  # the chosen effects alone
     terms: list[SelectedTerm]  # the terms in it
     variance: float  # noise variance that weighs their priors
     # the rows that the figures are of, fold by fold; only what the gap is counted in
     rows: list[Linear]
-    points: float  # weighted number of points that the squares are summed over
+    after: float  # held-out RMS with all causes, the gap's
 
     @classmethod
     def of(cls, recording: Recording, selected: SelectedModel, evaluation: Evaluation) -> Stairs:
         """Linearised about the final fit, once."""
         pool, terms = settled(selected.pool, selected.chosen, selected.best.x)
         rows = counted_rows(recording, pool, evaluation)
-        points = max(sum(part.n for part in rows) / (3.0 if evaluation.per_row else 1.0), 1.0)
-        return cls(pool, terms, selected.selection.variance(selected.chosen), rows, points)
+        variance = selected.selection.variance(selected.chosen)
+        return cls(pool, terms, variance, rows, evaluation.rms_after)
 
     def figure(self, keys: Sequence[Key]) -> float:
         """Held-out RMS with these causes and no others."""
-        chosen = [c for c in self.terms if self.pool.candidates[c.index].key in keys]
-        square = square_with(self.pool, chosen, self.variance, self.rows)
-        return float(np.sqrt(square / self.points))
+        some = [c for c in self.terms if self.pool.candidates[c.index].key in keys]
+        square, least = (
+            square_with(self.pool, t, self.variance, self.rows) for t in (some, self.terms)
+        )
+        return self.after * float(np.sqrt(square / least)) if least > 0.0 else self.after
 
     @property
     def keys(self) -> list[Key]:
