@@ -140,7 +140,7 @@ def build(
         q=postures,
         measured=_measured(measured, observation, rows, chain.n, origin),
         tool_offset=_vector(tool_offset),
-        held_out=_flags(held_out, rows, origin),
+        held_out=held_flags(held_out, rows, origin),
         **columns,
     )
     assumed = _assumed_pairs(recording)
@@ -321,7 +321,8 @@ def _vector(values: ArrayLike) -> Array:
     return array
 
 
-def _flags(values: ArrayLike | None, rows: int, origin: Origin) -> Flags | None:
+def held_flags(values: ArrayLike | None, rows: int, origin: Origin) -> Flags | None:
+    """Which rows are held out (N,), of 0 and 1 (PlumblineError: another number, or every row)."""
     if values is None:
         return None
     numbers = as_integers(_column(values, "held_out", rows, origin), "held_out", origin)

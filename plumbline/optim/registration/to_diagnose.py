@@ -22,6 +22,7 @@ import numpy as np
 from plumbline.errors import PlumblineError, fault, one_line, shown
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import checks
+from plumbline.optim.recording.building import held_flags
 from plumbline.optim.recording.loading import open_folder
 from plumbline.optim.recording.origin import Array, Integers, Origin
 from plumbline.optim.recording.recording import Recording, hash_of
@@ -156,8 +157,8 @@ def _context(table: Table) -> tuple[dict[str, Any], tuple[str, ...]]:
     for name in [name for name in ("group", "held_out") if name in table]:
         told[name] = as_integers(table.numbers(name), name, table.origin)
     if "held_out" in told:
-        held = told["held_out"] == 1
-        told["held_out"] = held if held.any() else None
+        held = held_flags(told["held_out"], len(table), table.origin)
+        told["held_out"] = held if held is not None and held.any() else None
     points = [f"{frame}_{axis}" for frame in ("ct", "robot") for axis in "xyz"]
     return told, ("label", "role", *points, *told)
 

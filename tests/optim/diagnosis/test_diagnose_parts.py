@@ -22,6 +22,7 @@ from plumbline.optim.measurement.parts import LEAST_HALF, half_widths
 from plumbline.optim.recording.stand_in import points_robot, pose_readings, poses_robot
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 from tests.benches import bench
+from tests.fuzz.recordings import sound
 from tests.part_cases import JOINTS, diagnosed, fiducials, first, ranges
 
 NEW = {
@@ -359,3 +360,14 @@ def test_the_bench_counts_what_is_right_by_the_truth_that_it_holds_apart(kind):
         [3, 1, 3, 1]
     ]
     assert wrong["cases"].sum() == 2
+
+
+@pytest.mark.parametrize(("held", "words"), [(1, "every row held out"), (2, "found 2, expected 0")])
+def test_held_out_markers_are_told_by_0_and_1(tmp_path, held, words):
+    files = dict(sound("fiducials"))
+    head, *rows = files["samples.csv"].splitlines()
+    files["samples.csv"] = "\n".join([f"{head},held_out", *(f"{r},{held}" for r in rows)]) + "\n"
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(PlumblineError, match=words):
+        load_to_diagnose(tmp_path)
