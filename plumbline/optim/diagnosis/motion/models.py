@@ -140,8 +140,7 @@ class Models:
     def likeliest(self, here: Key) -> Key:
         """Of models that do alike, one by whose names most of the probability goes.
 
-        Of names that tie, the one of more forms: what the rows tell is true of each of them; then
-        what acts nearest to the joint.
+        Of names that tie, the one of more forms: what the rows tell is true of each of them.
         """
         time = self.time
         known = [k for k in self.found if not self.negligible(k, here)]
@@ -152,7 +151,7 @@ class Models:
         def rank(names: frozenset[str]) -> tuple[float, int]:
             return round(float(np.logaddexp.reduce(forms[names])), 3), len(forms[names])
 
-        first = max(reversed(forms), key=rank)
+        first = max(forms, key=rank)
         return max((k for k in known if names_of(k) == first), key=lambda k: self.score(k, time))
 
     def negligible(self, key: Key, beside: Key) -> bool:
