@@ -185,7 +185,7 @@ def cut_short(file: str, text: str, row: int, column: Sequence[str]) -> tuple[st
     Raises:
         PlumblineError: It has fewer decimals than any other of its column.
     """
-    if text.endswith(("\n", "\r")):
+    if text.endswith(("\n", "\r")) or not column:
         return ()
     *others, cell = (cell.strip() for cell in column)
     numbers = [other for other in others if any(c.isdigit() for c in other)]

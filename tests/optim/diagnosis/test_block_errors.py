@@ -12,7 +12,7 @@ from plumbline.optim.diagnosis.posterior.agreement import agreement
 from plumbline.optim.diagnosis.predict.folds import blocks_of
 from plumbline.optim.diagnosis.predict.shrink import FoldModel
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
-from plumbline.optim.diagnosis.verdict.block_errors import block_errors
+from plumbline.optim.diagnosis.verdict.block_errors import _values, block_errors
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench
@@ -110,3 +110,7 @@ def test_errors_tell_how_far_an_estimate_moves_with_what_is_chosen_beside_it():
     assert errors[column] == pytest.approx(scale * np.sqrt(3 * 2 / 3))
     assert np.delete(errors, column) == pytest.approx(np.delete(block_errors(selected), column))
     assert block_errors(selected, models[2:])[column] == block_errors(selected)[column]
+
+
+def test_a_fold_that_chose_nothing_has_no_values():
+    assert _values(FoldModel((), np.empty(0), np.zeros(9), (), 0)) == {}

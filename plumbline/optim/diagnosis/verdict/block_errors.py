@@ -63,5 +63,6 @@ def _chosen_anew(selected: SelectedModel, models: Sequence[FoldModel]) -> Array:
 
 def _values(model: FoldModel) -> dict[Effect, Array]:
     """Each effect's values, in units of their scales."""
-    ends = np.cumsum([len(effect.parameters) for effect in model.effects])
-    return dict(zip(model.effects, np.split(model.values, ends[:-1]), strict=True))
+    ends = np.cumsum([len(effect.parameters) for effect in model.effects], dtype=int)
+    pairs = zip(model.effects, ends, strict=True)
+    return {effect: model.values[k - len(effect.parameters) : k] for effect, k in pairs}
