@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -134,9 +135,19 @@ def parts_of_session(
         PlumblineError: One cannot be used; the line names its folder.
     """
     effects = None if known_effects is None else tuple(known_effects)
-    return [
+    parts = [
         load_part(stated.place / name, name=name, robot=stated.robot, known_effects=effects)
         for name in stated.recordings
+    ]
+    return told_apart(parts, stated.recordings)
+
+
+def told_apart(parts: Sequence[Any], folders: Sequence[str]) -> list[Any]:
+    """Recordings from folders, those of one name with their folder's beside it."""
+    names = [part.name for part in parts]
+    return [
+        replace(part, name=f"{part.name} ({folder})") if names.count(part.name) > 1 else part
+        for part, folder in zip(parts, folders, strict=True)
     ]
 
 

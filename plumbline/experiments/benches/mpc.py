@@ -287,7 +287,7 @@ def bench(
     """Measure time and quality, and print them beside what is asked."""
 
     def measure() -> Found:
-        check_output(plot, "--plot")
+        check_output(plot, "--plot", overwrite=True)
         found = measured(quick=quick)
         if plot is not None:
             picture(found["growth"]).savefig(plot, facecolor="white", dpi=150)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_output, say
 
 if TYPE_CHECKING:
     from plumbline.optim.model import Applied
@@ -17,9 +17,15 @@ ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.toml", help="What --mo
 Folder = Annotated[Path, typer.Argument(help="Another recording of the same robot.")]
 
 
-def apply(model: ModelFile, folder: Folder, json: Json = None, quiet: Quiet = False) -> None:
+def apply(
+    model: ModelFile,
+    folder: Folder,
+    json: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
     """Try a model on another recording: before, after, and whether it still holds."""
-    check_output(json, "--json", [folder])
+    check_output(json, "--json", [folder], overwrite=overwrite)
     found = _tried(model, folder)
     said = [f"Not carried over: {', '.join(found.left_out)}."] if found.left_out else []
     said += [f"Note: {note}." for note in found.judged.failures]

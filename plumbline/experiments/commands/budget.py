@@ -8,7 +8,14 @@ from typing import Annotated
 import typer
 
 from plumbline.experiments.commands.pages import write_page
-from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs, say
+from plumbline.experiments.console.outputs import (
+    Json,
+    Overwrite,
+    Quiet,
+    Report,
+    check_outputs,
+    say,
+)
 
 Spec = Annotated[Path, typer.Argument(metavar="SPEC.toml", help=r"The links, by \[\[link]].")]
 
@@ -17,9 +24,7 @@ def budget(
     spec: Spec,
     json: Json = None,
     report: Report = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace files that are there.")
-    ] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Say what each link of a chain contributes to the error, and what to mend first."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_output, say
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 def check(
     folder: Annotated[Path, typer.Argument(help="A recording, or a session of several.")],
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Read and check a recording of any kind; say what is in it, what is odd and what reads it."""
-    check_output(json, "--json", [folder])
+    check_output(json, "--json", [folder], overwrite=overwrite)
     say(json, quiet, *examined(folder))
 
 

@@ -8,7 +8,14 @@ from typing import Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
+from plumbline.experiments.console.outputs import (
+    Json,
+    Overwrite,
+    Quiet,
+    check_new,
+    check_output,
+    say,
+)
 
 BUILD = "cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm"
 DEPTH, ASIDE = 120.0, 20.0  # [mm] of the example's tips behind their trocars, and to the side
@@ -21,15 +28,18 @@ def codegen(
     capsules: Annotated[int, typer.Option(min=0, help="Capsules among the obstacles.")] = 0,
     balls: Annotated[int, typer.Option(min=0, help="Spheres among the obstacles.")] = 0,
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a controller's step for instruments through trocars in C, with a program to try it."""
-    check_output(json, "--json")
+    check_output(json, "--json", overwrite=overwrite)
     if folder.exists() and not folder.is_dir():
         raise PlumblineError(f"{folder}: a file; name a folder")
     from plumbline.optim.capsule_mpc import Settings, Statement, TipInstrument
     from plumbline.optim.capsule_mpc.codegen import FILES, Example, write
 
+    for name in FILES:
+        check_new(folder / name, "FOLDER", overwrite=overwrite)
     points = [_point(words) for words in trocar]
     tools = tuple(TipInstrument(point) for point in points)
     statement = Statement(tools, capsules, Settings(p=horizon), balls)

@@ -15,7 +15,6 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
 from plumbline.experiments.commands.pages import hand_out
 from plumbline.experiments.console.outputs import (
-    STDOUT,
     Json,
     Quiet,
     Report,
@@ -74,7 +73,9 @@ Smoothing = Annotated[
     float, typer.Option(metavar="M", help="Misfits far below it count as their squares, m.")
 ]
 Tilts = Annotated[bool, typer.Option("--tilts/--no-tilts", help="A tilt between parallel axes.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite files of --urdf and --toml.")]
+Replace = Annotated[
+    bool, typer.Option("--overwrite", "--force", help="Replace files that are there.")
+]
 
 
 def dhfit(
@@ -92,15 +93,13 @@ def dhfit(
     tilts: Tilts = True,
     held_out: HeldOutBy = HeldOut.AUTO,
     seed: Seed = 0,
-    force: Force = False,
+    overwrite: Replace = False,
     report: Report = None,
     quiet: Quiet = False,
 ) -> None:
     """Fit the links of a robot to tip readings; say what the readings can tell."""
     outputs = {"--json": json, "--urdf": urdf, "--toml": toml, "--report": report}
-    check_outputs(outputs, [folder])
-    for option, path in (("--urdf", urdf), ("--toml", toml)):
-        _keep(path, option, force=force)
+    check_outputs(outputs, [folder], overwrite=overwrite)
     options = _options(
         objective, smoothing, solver, frame, parameters, tilts, delta_length, delta_angle
     )
@@ -132,15 +131,6 @@ def _found(unseen: HeldOutMisfits | None, files: dict[str, Exported]) -> dict[st
         misfits = {"before": unseen.before.numbers, "after": unseen.after.numbers}
     told = {o: {"tip_frame": e.tip_frame, "largest_error": e.error} for o, e in files.items()}
     return {"held_out": misfits, "files": told}
-
-
-def _keep(path: Path | None, option: str, *, force: bool) -> None:
-    if path is None:
-        return
-    if str(path) == STDOUT:
-        raise PlumblineError(f"{option} -: standard output is for --json; name a file")
-    if path.exists() and not force:
-        raise PlumblineError(f"{option} {path}: is there already; choose another, or add --force")
 
 
 def _options(

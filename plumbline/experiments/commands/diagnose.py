@@ -14,7 +14,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.motion import diagnose_motion
 from plumbline.experiments.commands.several import diagnose_several
 from plumbline.experiments.commands.verdicts import Outputs
-from plumbline.experiments.console.outputs import Json, Quiet, Report, check_new, check_outputs
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, Report, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ class HeldOut(StrEnum):
     ROWS = "rows"
 
 
+MOST_CASES = 10_000  # a day at ten seconds each; shares are known to half a percent
 Folder = Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")]
 Folders = Annotated[
     list[Path],
@@ -58,7 +59,6 @@ ModelOut = Annotated[
     Path | None,
     typer.Option(metavar="OUT.toml", help="Write what was found as a model, for apply and export."),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a model that is there.")]
 Without = Annotated[
     list[str] | None,
     typer.Option(metavar="EFFECT", help="Leave an effect out of the library; may be repeated."),
@@ -69,6 +69,7 @@ Calibrate = Annotated[
         "--rehearse",
         "--calibrate",
         min=0,
+        max=MOST_CASES,
         metavar="CASES",
         help="Diagnose so many simulated cases at the same rows, and recalibrate by them.",
     ),
@@ -103,8 +104,7 @@ def diagnose(
 ) -> None:
     """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
     read = [*folders, *([also] if also is not None else [])]
-    check_outputs({"--json": json, "--report": report, "--model": model}, read)
-    check_new(model, "--model", overwrite=overwrite)
+    check_outputs({"--json": json, "--report": report, "--model": model}, read, overwrite=overwrite)
     from plumbline.optim.loading import load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
     from plumbline.optim.recording.session_files import is_session

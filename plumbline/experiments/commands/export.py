@@ -9,7 +9,14 @@ from typing import Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, Quiet, check_outputs, say, write_text
+from plumbline.experiments.console.outputs import (
+    Json,
+    Overwrite,
+    Quiet,
+    check_outputs,
+    say,
+    write_text,
+)
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.toml", help="What --model wrote.")]
 Urdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Links and zeros as URDF.")]
@@ -17,7 +24,6 @@ Mjcf = Annotated[Path | None, typer.Option(metavar="FILE", help="The same, or dr
 Dh = Annotated[Path | None, typer.Option(metavar="FILE", help="The same as DH rows in TOML.")]
 Csv = Annotated[Path | None, typer.Option(metavar="FILE", help="Corrections for a controller.")]
 C = Annotated[Path | None, typer.Option(metavar="FILE", help="The whole model as C.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")]
 
 
 def export(
@@ -36,8 +42,7 @@ def export(
     files = {option: path for option, path in asked.items() if path is not None}
     if not files:
         raise PlumblineError("export: no format is named; add --urdf, --mjcf, --dh, --csv or --c")
-    check_outputs(files, overwrite=overwrite)
-    check_outputs({**files, "--json": json}, inputs={"MODEL": model})
+    check_outputs({**files, "--json": json}, inputs={"MODEL": model}, overwrite=overwrite)
     makers = _makers(model)
     for option in files:
         if option not in makers:

@@ -8,7 +8,13 @@ from typing import Annotated
 import typer
 
 from plumbline.experiments.commands.pages import hand_out
-from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs
+from plumbline.experiments.console.outputs import (
+    Json,
+    Overwrite,
+    Quiet,
+    Report,
+    check_outputs,
+)
 
 
 def handeye(
@@ -19,10 +25,11 @@ def handeye(
     ] = 5,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the next poses' candidates.")] = 0,
     report: Report = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Calibrate a range finder on an arm from readings on planes."""
-    check_outputs({"--json": json, "--report": report}, [folder])
+    check_outputs({"--json": json, "--report": report}, [folder], overwrite=overwrite)
     from plumbline.optim.hand_eye.answer import hand_eye
     from plumbline.optim.hand_eye.calibrate import HandEyeOptions
 

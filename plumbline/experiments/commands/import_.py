@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, talks, write_json
+from plumbline.experiments.console.outputs import (
+    Json,
+    Overwrite,
+    Quiet,
+    check_output,
+    talks,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from plumbline.experiments.importing.asked import Asked
@@ -62,10 +69,11 @@ def import_(
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Write without asking.")] = False,
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Turn files of a laboratory into a recording, shown as understood before it is written."""
-    check_output(json, "--json", [to])
+    check_output(json, "--json", [to], overwrite=overwrite)
     from plumbline.experiments.console.places import check_free
     from plumbline.experiments.importing.asked import asked
     from plumbline.experiments.importing.asked import shift as parse_shift

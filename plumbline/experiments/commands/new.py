@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_output, say
 
 JOINTS = 6  # of a robot that is not named yet
 
@@ -22,10 +22,11 @@ def new(
         str | None, typer.Option(metavar="NAME|FILE", help="A known robot, a URDF or an MJCF.")
     ] = None,
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a commented template: dataset.toml, and the header of samples.csv."""
-    check_output(json, "--json", [folder])
+    check_output(json, "--json", [folder], overwrite=overwrite)
     from plumbline.experiments.console.places import place
     from plumbline.experiments.importing import templates
     from plumbline.experiments.importing.asked import named_robot

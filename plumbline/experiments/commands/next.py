@@ -17,7 +17,7 @@ from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.experiments.commands.diagnose import Folder, Force, Seed
 from plumbline.experiments.commands.motion import next_efforts, next_motion
 from plumbline.experiments.console import outputs
-from plumbline.experiments.console.outputs import Json, Quiet, check_outputs
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -88,10 +88,11 @@ def next_(
     within: Within = Range.RECORDED,
     of: Of = "",
     force: Force = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Say which rows to record next, so as to tell the leading explanations apart."""
-    check_outputs({"--json": json, "--csv": csv}, [folder])
+    check_outputs({"--json": json, "--csv": csv}, [folder], overwrite=overwrite)
     from plumbline.optim.diagnosis import diagnose as diagnosis_module
     from plumbline.optim.diagnosis.design.next_experiment import next_experiment
     from plumbline.optim.diagnosis.design.rows import DesignOptions
@@ -139,13 +140,13 @@ def _of_session(
     from plumbline.optim.diagnosis.design.next_experiment import PROPOSED, next_experiment
     from plumbline.optim.diagnosis.design.rows import DesignOptions
     from plumbline.optim.diagnosis.several.sections import Sections
-    from plumbline.optim.loading import load_part
+    from plumbline.optim.loading import parts_of_session
     from plumbline.optim.model.part import number_of
     from plumbline.optim.recording.session_files import open_session
 
     stated = open_session(folder)
     places = [stated.place / one for one in stated.recordings]
-    parts = [load_part(place, robot=stated.robot) for place in places]
+    parts = parts_of_session(stated)
     if name and name not in [part.name for part in parts]:
         near = best_matches(name, [part.name for part in parts])
         raise fault("--of", shown(name), "one of the session", f"best matches: {near}")

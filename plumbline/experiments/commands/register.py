@@ -12,6 +12,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.pages import hand_out
 from plumbline.experiments.console.outputs import (
     Json,
+    Overwrite,
     Quiet,
     Report,
     check_outputs,
@@ -74,10 +75,11 @@ def register(
     ct_resolution: Resolution = None,
     robot_std: RobotStd = None,
     report: Report = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Register markers of CT and robot; say where targets are and how far to trust it."""
-    check_outputs({"--json": json, "--tfm": tfm, "--report": report}, files)
+    check_outputs({"--json": json, "--tfm": tfm, "--report": report}, files, overwrite=overwrite)
     from plumbline.experiments.report.registration.page import compared, elsewhere
     from plumbline.experiments.slicer.given import along, given
     from plumbline.optim.registration import RegistrationOptions

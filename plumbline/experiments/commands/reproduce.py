@@ -8,7 +8,13 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.pages import hand_out
-from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs
+from plumbline.experiments.console.outputs import (
+    Json,
+    Overwrite,
+    Quiet,
+    Report,
+    check_outputs,
+)
 from plumbline.experiments.console.progress_bar import progress_bar
 
 
@@ -17,10 +23,11 @@ def reproduce(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     json: Json = None,
     report: Report = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Reproduce a published method: the paper's figures beside ours."""
-    check_outputs({"--json": json, "--report": report})
+    check_outputs({"--json": json, "--report": report}, overwrite=overwrite)
     from plumbline.experiments.reproduce import PAPERS
     from plumbline.experiments.reproduce import reproduce as run
 

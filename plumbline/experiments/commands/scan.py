@@ -8,7 +8,13 @@ from typing import Annotated
 import typer
 
 from plumbline.experiments.commands.pages import hand_out
-from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs
+from plumbline.experiments.console.outputs import (
+    Json,
+    Overwrite,
+    Quiet,
+    Report,
+    check_outputs,
+)
 
 
 def scan(
@@ -19,10 +25,11 @@ def scan(
     ] = None,
     json: Json = None,
     report: Report = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Rebuild a scan; say the angles of its faces, or where CT lies for the robot."""
-    check_outputs({"--json": json, "--report": report}, [folder])
+    check_outputs({"--json": json, "--report": report}, [folder], overwrite=overwrite)
     from plumbline.optim.hand_eye.scan import ScanOptions
     from plumbline.optim.hand_eye.scan import scan as rebuild
     from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan

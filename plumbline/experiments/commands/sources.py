@@ -12,16 +12,21 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Quiet, check_output, say
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_output, say
 
 Effects = Annotated[
     bool, typer.Option("--effects", help="List the effects that a gap is searched for instead.")
 ]
 
 
-def list_(effects: Effects = False, json: Json = None, quiet: Quiet = False) -> None:
+def list_(
+    effects: Effects = False,
+    json: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
     """List the public recordings that can be fetched, or the library of effects."""
-    check_output(json, "--json")
+    check_output(json, "--json", overwrite=overwrite)
     if effects:
         _list_effects(json, quiet)
         return
@@ -52,10 +57,11 @@ def fetch(
         typer.Option(metavar="DIR", help="Write into this folder, not the current one."),
     ] = None,
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a public recording as a folder of that name, checked by its hash."""
-    check_output(json, "--json", [(to or Path()) / name])
+    check_output(json, "--json", [(to or Path()) / name], overwrite=overwrite)
     from plumbline.experiments.sources import fetch as fetch_source
     from plumbline.experiments.sources import list_sources
 

@@ -14,7 +14,7 @@ import typer
 
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.experiments.console import outputs
-from plumbline.experiments.console.outputs import STDOUT, Json, Quiet, check_outputs
+from plumbline.experiments.console.outputs import STDOUT, Json, Overwrite, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def sweep(
     by: By = None,
     figure: Of = None,
     plot: Plot = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Diagnose a recording under many options, or try a method on many made-up realities.
@@ -74,9 +75,10 @@ def sweep(
     asked = read_spec(spec)
     read = [] if asked.recording is None else [asked.recording]
     files = {"--json": json, "--csv": csv, "--parquet": parquet, "--plot": plot}
-    check_outputs(files, read, inputs={"SPEC": spec})
-    factors = _two_of(by, asked.cases[0].to_dict(), plot)
     keep = _kept_beside(csv, parquet, None if json == STDOUT else json)
+    begun = keep is not None and keep.is_file()
+    check_outputs(files, read, inputs={"SPEC": spec}, overwrite=overwrite or begun)
+    factors = _two_of(by, asked.cases[0].to_dict(), plot)
     tables = Tables(csv, parquet)
     with progress_bar(quiet=quiet or json == STDOUT) as progress, closing(tables):
         found = run_sweep(

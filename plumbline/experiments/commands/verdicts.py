@@ -61,7 +61,7 @@ class Outputs:
         for path, _ in made.values():
             check_new(path, "--model", overwrite=self.overwrite)
         for path, model in made.values():
-            model.save(path, overwrite=self.overwrite)
+            model.save(path, overwrite=True)
         if not talks(self.json, self.quiet):
             return
         from rich.console import Console

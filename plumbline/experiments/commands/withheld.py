@@ -13,6 +13,7 @@ from plumbline.experiments.commands.examples import BLIND, epilog
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.outputs import (
     Json,
+    Overwrite,
     Quiet,
     check_output,
     say,
@@ -84,10 +85,11 @@ def make(
     unknown_noise: Annotated[bool, typer.Option("--unknown-noise", help="State no noise.")] = False,
     seed: SecretSeed = None,
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Write sealed cases: recordings here, the truth there, its hashes in a ledger first."""
-    check_output(json, "--json", [out, truth])
+    check_output(json, "--json", [out, truth], overwrite=overwrite)
     from plumbline.experiments.withheld.design import Design
 
     design = Design(
@@ -122,9 +124,15 @@ def _make(
 
 
 @app.command("seal", epilog=epilog("withheld seal"))
-def seal(cases: Cases, truth: TruthFolder, json: Json = None, quiet: Quiet = False) -> None:
+def seal(
+    cases: Cases,
+    truth: TruthFolder,
+    json: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
     """Write the ledger of cases that were made elsewhere."""
-    check_output(json, "--json", [cases, truth])
+    check_output(json, "--json", [cases, truth], overwrite=overwrite)
     from plumbline.experiments.withheld.sealing import seal_folder
 
     ledger = seal_folder(cases, truth)
@@ -139,10 +147,11 @@ def run(
     jobs: Jobs = 0,
     seed: Seed = 0,
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Diagnose every case in a process that can open nothing but its recording."""
-    check_output(json, "--json", [cases, out])
+    check_output(json, "--json", [cases, out], overwrite=overwrite)
     from plumbline.experiments.withheld.running import run_set
 
     with progress_bar(quiet=quiet or json == "-") as progress:
@@ -161,10 +170,13 @@ def score(
     partial: Annotated[bool, typer.Option("--partial", help="Verdicts may be missing.")] = False,
     seed: Seed = 0,
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Compare the hashes, open the truth, and count."""
-    outputs.check_outputs({"--json": json, "--report": report}, [verdicts, truth])
+    outputs.check_outputs(
+        {"--json": json, "--report": report}, [verdicts, truth], overwrite=overwrite
+    )
     if report is not None and report.suffix.lower() not in PICTURES:
         raise PlumblineError(f"--report {report}: a page or a picture; name it .html or .png")
     from plumbline.experiments.withheld.scoring import score_run
@@ -201,6 +213,7 @@ def bench(
         Path | None, typer.Option(metavar="OUT.md", help="Write the table of results.")
     ] = None,
     json: Json = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Make, run and score every kind of case, so many each: the large run."""
@@ -211,7 +224,7 @@ def bench(
         if name not in SETS:
             raise PlumblineError(f"--only {name!r} not recognised; known: {', '.join(SETS)}")
     own = [folder / name for name in SETS]
-    outputs.check_outputs({"--json": json, "--table": table}, own)
+    outputs.check_outputs({"--json": json, "--table": table}, own, overwrite=overwrite)
     with progress_bar(quiet=quiet or json == "-") as progress:
         found = measure(
             folder, count, seed=seed, jobs=jobs, only=tuple(only or ()), progress=progress

@@ -38,7 +38,7 @@ def compare(
     """Set plumbline beside its peers on the same data, each in an environment of its own."""
     try:
         for option, path in (("--json", json), ("--csv", csv), ("--out", out)):
-            check_output(path, option)
+            check_output(path, option, overwrite=True)
         chosen = _chosen(only or [])
         build.mkdir(parents=True, exist_ok=True)
         cells = [one for contest in chosen for one in _cells(contest, build, quiet=quiet)]

@@ -32,7 +32,7 @@ def timed(
 def tell(measure: Callable[[], Found], json: str | None, command: str = "bench") -> None:
     """Measure, write what was found, and print it; a fault in one line."""
     try:
-        check_output(json, "--json")
+        check_output(json, "--json", overwrite=True)
         found = measure()
         write_json(json, {name: plain(value) for name, value in found.items()})
     except PlumblineError as error:

@@ -1,12 +1,15 @@
 """The commands share this: where output goes.
 
 ``--json OUT`` writes a file, ``--json -`` prints JSON on standard output and nothing else there;
-``--quiet`` leaves out words and progress. No command writes into a recording's folder.
+``--quiet`` leaves out words and progress. No command writes into a recording's folder. JSON and a
+report take the place of what plumbline wrote there before; any other file stays unless
+``--overwrite`` is said.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
@@ -26,20 +29,28 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no words and n
 Report = Annotated[
     Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
 ]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")]
+OWN_JSON = "\n \n"  # ends JSON that plumbline wrote, past what a reader of JSON minds
+OWN_PAGE = '<meta name="generator" content="plumbline">'  # in the head of a report
+HEAD = 4096  # bytes at either end of a file in which these are looked for
 COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")  # what a report says it was made by
 
 
-def check_output(path: str | Path | None, option: str, folders: Sequence[Path] = ()) -> None:
+def check_output(
+    path: str | Path | None, option: str, folders: Sequence[Path] = (), *, overwrite: bool
+) -> None:
     """Refuse an output file before anything is computed.
 
     Args:
         path: The file; None is always fine, and ``-`` for JSON.
         option: The option that names it.
         folders: Recordings, cases, truths and verdicts, which no output is written into.
+        overwrite: Whether a file of the user's may be replaced.
 
     Raises:
         PlumblineError: It lies in a missing folder or one that takes no files, is a folder, lies
-            inside of one of those, or is standard output, where nothing but JSON goes.
+            inside of one of those, is a file that must stay, or is standard output, where nothing
+            but JSON goes.
     """
     if path is None or (str(path) == STDOUT and option == "--json"):
         return
@@ -64,18 +75,28 @@ def check_output(path: str | Path | None, option: str, folders: Sequence[Path] =
         check_writable(target)
     except OSError as error:
         raise PlumblineError(f"{option} {path}: cannot be written ({reason(error)})") from None
+    check_new(target, option, overwrite=overwrite)
 
 
-def check_new(path: str | Path | None, option: str, *, overwrite: bool) -> None:
-    """Refuse to replace a file unless that was asked for.
+def check_new(path: Path, option: str, *, overwrite: bool) -> None:
+    """Refuse to replace a file unless that was asked for, or it is an earlier report or JSON.
 
     Raises:
-        PlumblineError: There is one already.
+        PlumblineError: There is one that must stay.
     """
-    if path is not None and not overwrite and Path(path).exists():
-        raise PlumblineError(
-            f"{option} {path}: is there already; choose another name, or add --overwrite"
-        )
+    if overwrite or not path.is_file() or _may_go(path):
+        return
+    raise PlumblineError(
+        f"{option} {path}: is there already; choose another name, or add --overwrite"
+    )
+
+
+def _may_go(path: Path) -> bool:
+    """Whether a file is empty, or JSON or a report as plumbline wrote it."""
+    with open(path, "rb") as file:
+        head = file.read(HEAD)
+        file.seek(-min(path.stat().st_size, len(OWN_JSON)), os.SEEK_END)
+        return not head or OWN_PAGE.encode() in head or file.read() == OWN_JSON.encode()
 
 
 def check_outputs(
@@ -83,7 +104,7 @@ def check_outputs(
     folders: Sequence[Path] = (),
     *,
     inputs: Mapping[str, Path] | None = None,
-    overwrite: bool = True,
+    overwrite: bool,
 ) -> None:
     """Refuse output files, by their options, before anything is computed.
 
@@ -91,15 +112,14 @@ def check_outputs(
         outputs: The files; None for one that is not asked for.
         folders: What no output is written into.
         inputs: Files that are read, by what they are called: no output may be one of them.
-        overwrite: Whether files that are there may be replaced.
+        overwrite: Whether files of the user's may be replaced.
 
     Raises:
         PlumblineError: One cannot be written, is there already, or has the name of another.
     """
-    for option, path in outputs.items():
-        check_output(path, option, folders)
-        check_new(path, option, overwrite=overwrite or str(path) == STDOUT)
     check_distinct({**(inputs or {}), **outputs})
+    for option, path in outputs.items():
+        check_output(path, option, folders, overwrite=overwrite)
 
 
 def check_distinct(outputs: Mapping[str, str | Path | None]) -> None:
@@ -137,13 +157,13 @@ def write_json(path: str | None, content: Any) -> None:
     """
     if path is None:
         return
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    text = json.dumps(content, indent=1, allow_nan=False)
     if path == STDOUT:
         if sys.stdout is None:
             raise PlumblineError("--json -: standard output is closed; name a file")
-        sys.stdout.write(text)
+        sys.stdout.write(text + "\n")
     else:
-        write_text(path, text, "--json")
+        write_text(path, text + OWN_JSON, "--json")
 
 
 def talks(json_path: str | None, quiet: bool) -> bool:

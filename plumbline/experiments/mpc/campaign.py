@@ -219,7 +219,7 @@ def campaign(
     """Run random tasks, or go on with them, and print what came of them."""
 
     def measure() -> Found:
-        check_output(out, "--out")
+        check_output(out, "--out", overwrite=True)
         names = _known(controller or list(CONTROLLERS))
         for line in go_on(out, count, seed, names, jobs):
             if line.number % 100 == 99 and line.controller == names[-1]:

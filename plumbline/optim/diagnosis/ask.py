@@ -18,7 +18,7 @@ from plumbline.optim.diagnosis.several.sections import Sections, diagnose_all
 from plumbline.optim.diagnosis.several.together import diagnose_session
 from plumbline.optim.hand_eye.recording import RangeRecording
 from plumbline.optim.hand_eye.to_diagnose import ranges_to_diagnose
-from plumbline.optim.loading import load_part, parts_of_session
+from plumbline.optim.loading import load_part, parts_of_session, told_apart
 from plumbline.optim.recording.loading import open_folder
 from plumbline.optim.recording.recording import Recording, Session
 from plumbline.optim.recording.session_files import is_session, open_session
@@ -122,6 +122,8 @@ def diagnose_several(
         said = {"name": stated.name, "shared": stated.shared}
     else:
         parts = [_read(one) for one in recordings]
+        if all(isinstance(one, str | Path) for one in recordings):
+            parts = told_apart(parts, [str(one) for one in recordings])
     _refuse_folds_of_motions(parts, options or DiagnosisOptions())
     return diagnose_all(parts, options, progress=progress, **said)
 

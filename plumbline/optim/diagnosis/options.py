@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from plumbline.errors import PlumblineError, fault, shown
+from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.diagnosis.posterior.search import SOLVER
@@ -69,10 +68,10 @@ class DiagnosisOptions:
 
 def _unknown(name: str, known: Sequence[str]) -> PlumblineError:
     """The error of an effect that the library lacks: it names those that are called alike."""
-    near = difflib.get_close_matches(name, known) or [n for n in known if name in n]
-    listed = f"Best matches are {', '.join(near)}" if near else f"There are {', '.join(known)}"
+    near = listed([n for n in known if name.lower() in n]) or best_matches(name, known)
     return PlumblineError(
-        f"without {shown(name)} not recognised. {listed}; see 'plumbline list --effects'",
+        f"without {shown(name)} not recognised. Best matches are {near}; see 'plumbline list "
+        "--effects'",
         column="without",
         value=shown(name),
         limit="an effect of the library",

@@ -192,8 +192,29 @@ def test_an_input_is_never_written_over_by_way_of_a_second_name(tmp_path, monkey
     (tmp_path / "soft").symlink_to(folder / "samples.csv")
     os.link(folder / "samples.csv", tmp_path / "hard")
     assert "never written to" in refused(capsys, "diagnose", folder, "--json", tmp_path / "soft")
-    assert run(["diagnose", str(folder), "--quiet", "--json", str(tmp_path / "hard")]) == 0
+    assert (
+        run(["diagnose", str(folder), "--quiet", "--json", str(tmp_path / "hard"), "--overwrite"])
+        == 0
+    )
     assert (folder / "samples.csv").read_bytes() == before
+
+
+def test_a_file_of_the_user_s_stays_and_an_earlier_output_is_replaced(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(diagnose_module, "diagnose", lambda recording, *_, **__: made_up(recording))
+    out = tmp_path / "out.json"
+    out.touch()  # as a script's temporary file
+    command = ["diagnose", str(BENCH), "--quiet", "--json", str(out)]
+    assert [run(command), run(command)] == [0, 0]
+    written = out.read_bytes()
+    for own in (b"mine", written.strip() + b"\n"):
+        out.write_bytes(own)
+        assert run(command) == 2
+        assert out.read_bytes() == own
+        assert "add --overwrite" in capsys.readouterr().err
+    assert run([*command, "--overwrite"]) == 0
+    assert out.read_bytes() == written
 
 
 @pytest.mark.parametrize("name", ["/sys/out.json", "/proc/out.json", "n" * 300])

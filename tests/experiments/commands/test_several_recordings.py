@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 from dataclasses import replace
 
@@ -211,6 +212,15 @@ def test_a_session_s_folder_is_checked_part_by_part(folder, capsys):
     assert [part["rows"] for part in told["recordings"]] == [20, 20]
     assert run(["check", str(folder)]) == 0
     assert "Session 'arm 7': 2 recordings" in capsys.readouterr().out
+
+
+def test_recordings_of_one_name_are_told_apart_by_their_folders(folder, tmp_path, capsys):
+    same = shutil.copytree(folder, tmp_path / "same")
+    for settings in same.glob("*/dataset.toml"):
+        settings.write_text(re.sub('name = ".*"', 'name = "run"', settings.read_text()))
+    assert run(["check", str(same), "--json", "-"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [part["name"] for part in told["recordings"]] == ["run (one)", "run (two)"]
 
 
 @pytest.mark.parametrize(

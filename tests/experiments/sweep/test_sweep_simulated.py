@@ -116,7 +116,8 @@ def test_whatever_can_be_made_up_may_be_asked_in_its_first_way(reality):
 
 def test_a_command_sets_a_figure_out_by_two_factors_and_goes_on_where_it_was(tmp_path, capsys):
     spec, table, picture = written(tmp_path, MARKERS), tmp_path / "t.csv", tmp_path / "p.png"
-    wanted = ["sweep", str(spec), "--jobs", "1", "--csv", str(table), "--by", "markers,estimator"]
+    wanted = ["sweep", str(spec), "--jobs", "1", "--csv", str(table), "--overwrite"]
+    wanted += ["--by", "markers,estimator"]
     assert run([*wanted, "--of", "error", "--plot", str(picture), "--json", "-"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert len(told["cases"]) == len(pd.read_csv(table)) == 12

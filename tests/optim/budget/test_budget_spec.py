@@ -129,7 +129,7 @@ def test_a_file_takes_stored_answers(beam):
     assert "handeye.json" in parts[1].origin
 
 
-def test_the_command_tells_what_to_mend_and_replaces_nothing(spec, tmp_path, capsys):
+def test_the_command_tells_what_to_mend_and_replaces_nothing_but_its_own(spec, tmp_path, capsys):
     out, page = tmp_path / "budget.json", tmp_path / "budget.html"
     words = ["budget", str(spec), "--json", str(out), "--report", str(page)]
     assert run(words) == 0
@@ -138,11 +138,13 @@ def test_the_command_tells_what_to_mend_and_replaces_nothing(spec, tmp_path, cap
     assert "For the next 0.100 mm: calculation from 1.55 mm to" in said
     assert json.loads(out.read_text())["parts"][0]["name"] == "calculation"
     assert "five markers" in page.read_text()
+    assert run(words) == 0  # in the place of its own
+    page.write_text("mine")
     before = spec.read_bytes(), out.read_bytes()
     assert run(words) == 2
     assert "is there already" in capsys.readouterr().err
     assert run(["budget", str(spec), "--json", str(spec), "--overwrite"]) == 2
-    assert (spec.read_bytes(), out.read_bytes()) == before
+    assert (spec.read_bytes(), out.read_bytes(), page.read_text()) == (*before, "mine")
 
 
 @pytest.mark.parametrize(

@@ -403,7 +403,7 @@ def _with(model, effect):
         ({"seed": -1}, "seed: found -1, expected 0 to 4294967295"),
         ({"without": ["backlsh"]}, "without 'backlsh' not recognised. Best matches are backlash"),
         ({"without": "backlash"}, "without: found 'backlash', expected a list of names"),
-        ({"without": ["latency"], "library": (REGISTRY["joint_scale"],)}, "There are joint_scale"),
+        ({"without": ["latency"], "library": (REGISTRY["joint_scale"],)}, "Best matches are"),
     ],
 )
 def test_options_that_there_are_not_are_refused_in_one_line(options, words):
