@@ -232,7 +232,7 @@ def test_recordings_of_one_name_are_told_apart_by_their_folders(folder, tmp_path
         ('recordings = ["one", "one"]', "found 'one' 2 times, expected each once"),
         ('recordings = ["../one"]', "found '../one', no folder in arm-7"),
         ('recordings = ["one"]\nshared = ["tol"]', "shared: found ['tol'], expected of frame"),
-        ('recordings = ["one", "./one"]\n[robot]\nbundled = "ur5"', "given twice (as one)"),
+        ('recordings = ["one", "./one"]\n[robot]\nbundled = "ur5"', "given twice (as one"),
         ('recordings = ["one"]', "found no [robot], expected one of urdf"),
     ],
 )
