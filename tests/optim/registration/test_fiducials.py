@@ -228,7 +228,7 @@ def test_the_command_writes_a_transform_for_slicer(folder, tmp_path, capsys):
     out = tmp_path / "T.tfm"
     found = registered(capsys, folder, "--tfm", out)
     assert np.allclose(read_tfm(out), found["T_RC"], atol=1e-12)
-    found = registered(capsys, folder, "--tfm", out, "--ct-axes", "RAS")
+    found = registered(capsys, folder, "--tfm", out, "--overwrite", "--ct-axes", "RAS")
     assert np.allclose(read_tfm(out, "RAS"), found["T_RC"], atol=1e-12)
 
 

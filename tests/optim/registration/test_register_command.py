@@ -82,7 +82,7 @@ def test_either_axes_give_the_same_motion(lists, capsys, tmp_path):
     lps = told(capsys, *lists, "--tfm", tmp_path / "a.tfm")
     for ct, robot in (("RAS", "RAS"), ("LPS", "RAS"), ("RAS", "LPS")):
         axes = ("--ct-axes", ct, "--robot-axes", robot)
-        found = told(capsys, *lists, *axes, "--tfm", tmp_path / "b.tfm")
+        found = told(capsys, *lists, *axes, "--tfm", tmp_path / "b.tfm", "--overwrite")
         R = np.array(found["T_RC"])[:3, :3]
         R = FLIP @ R if robot == "RAS" else R
         R = R @ FLIP if ct == "RAS" else R
