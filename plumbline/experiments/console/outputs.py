@@ -117,6 +117,8 @@ def check_outputs(
     Raises:
         PlumblineError: One cannot be written, is there already, or has the name of another.
     """
+    for option, path in outputs.items():
+        check_output(path, option, folders, overwrite=True)
     check_distinct({**(inputs or {}), **outputs})
     for option, path in outputs.items():
         check_output(path, option, folders, overwrite=overwrite)

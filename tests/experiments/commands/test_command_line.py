@@ -116,9 +116,10 @@ def test_an_unknown_effect_cannot_be_left_out(folder, quick, capsys):
     assert not quick
 
 
-def test_a_name_like_no_effect_s_gets_all_names(folder, quick, capsys):
+def test_a_name_like_no_effect_s_gets_a_few_names_and_where_all_are(folder, quick, capsys):
     message = refused(capsys, "diagnose", folder, "--without", "foo")
-    assert all(effect.name in message for effect in EFFECTS)
+    assert sum(effect.name in message for effect in EFFECTS) >= 3
+    assert len(message) < 400
     assert "plumbline list --effects" in message
     part = refused(capsys, "diagnose", folder, "--without", "sag")
     assert "Best matches are needle_sag;" in part
