@@ -15,7 +15,8 @@ the output only leaves when it is pushed. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
 :math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`. What has inertia may rub,
 :math:`- d \dot y - F \operatorname{sign} \dot y`: dry friction F takes no more speed than there is
-(Moreau 1988, a step that is implicit in the speed), and may have a rotor, which adds to I.
+(Moreau 1988, a step that is implicit in the speed), and may have a rotor, which adds to I. Soft
+friction is a constraint of MuJoCo's, :math:`s (\ddot y + r \dot y)` up to F (Todorov 2014, ICRA).
 
 Where the servo plans its way with a largest acceleration, what it plans stands for the command.
 Commands run straight from sample to sample (of velocities, lines of the same mean), or stand still
@@ -35,6 +36,11 @@ import casadi as cs
 EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
 
 PLANNED = 8  # steps of a sample of a planned way; twice as many change its parameters by 0.5 %
+# Of soft friction, MuJoCo's where a file says no other (XML reference: `solimpfriction` .9 .95,
+# `solreffriction` .02 s): its stiffness s per inertia, the joint at zero and all others free, and
+# the rate at which it slows a joint.
+HOLDS = 0.9 / (1 - 0.9)
+SLOWS = 2 / (0.95 * 0.02)  # [1/s]
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
 
 
@@ -92,12 +98,14 @@ class Drive:
     inertia: cs.SX  #: inertia about the joint [kg m^2]
     kp: cs.SX  #: gain of a servo whose gains are known [N m/rad]
     kd: cs.SX  #: its damping [N m s/rad]
+    bare: cs.SX  #: inertia about the joint at its zero, the others free [kg m^2]
     shift: cs.SX | None = None  #: how late commands are obeyed [s]
     lag: cs.SX | None = None  #: time constant [s]
     band: cs.SX | None = None  #: error that moves nothing, either way [rad, rad/s or N m]
     stick: cs.SX | None = None  #: error that is always left, either way [rad, rad/s or N m]
     damping: cs.SX | None = None  #: viscous friction of what has inertia [N m s/rad]
     rubbing: cs.SX | None = None  #: its dry friction [N m]
+    soft: bool = False  #: whether that yields as MuJoCo's does
     rotor: cs.SX | None = None  #: inertia that the model lacks [kg m^2]
     compliance: cs.SX | None = None  #: by how much it yields to a load [rad/(N m)]
     slack: cs.SX | None = None  #: half the play between motor and joint [rad]
@@ -219,12 +227,20 @@ class Drive:
             if self.law.pushes and self.strongest is not None:
                 push = clipped(push, self.strongest)
             free = speed + h / inertia * (push - kd * speed / 2 - self.load)
+            back = 1 + h / inertia * (kd / 2 + h * kp / 4)
             if self.rubbing is not None:
-                free = free - clipped(free, h / inertia * self.rubbing)
-            after = free / (1 + h / inertia * (kd / 2 + h * kp / 4))
+                held = self._given(free, speed, back, h) if self.soft else free
+                free = free - clipped(held, h / inertia * self.rubbing)
+            after = free / back
             after = self._limited(after, speed, h) if self.law == Law.SERVO else self._slowed(after)
             place, speed = place + h * (speed + after) / 2, after
         return place, speed
+
+    def _given(self, free: cs.SX, speed: cs.SX, back: cs.SX, h: cs.SX) -> cs.SX:
+        """What soft friction takes of a step's speed where its limit does not hold it [rad/s]."""
+        stiff, slows = HOLDS * self.bare / self.inertia, SLOWS * h / 2
+        after = (free + stiff * (1 - slows) * speed) / (back + stiff * (1 + slows))
+        return free - back * after
 
     def _limited(self, speed: cs.SX, before: cs.SX, h: cs.SX) -> cs.SX:
         """The speed that the largest torque and the largest speed allow [rad/s]."""

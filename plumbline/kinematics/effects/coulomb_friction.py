@@ -8,7 +8,7 @@ r"""Dry friction of a drive: as much torque more, whichever way it turns.
 other: the reading of a joint that stands still does not say which way friction holds it. Teeth and
 balls yield before they slip, so after a turn friction changes sides over a way w, which is tried on
 a grid: a joint that creeps a little remembers which way it came. In a motion it takes no more
-speed than there is.
+speed than there is; the form ``soft`` gives way below its limit, as simulators' does.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from typing import Self
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.drive import Drive
+from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.effects.hysteresis import lag_of_play
@@ -87,6 +87,8 @@ class CoulombFriction(DriveEffect):
 class CoulombFrictionOfMotion(MotionEffect):
     """Friction that a torque has to overcome before anything moves, and while it does."""
 
+    soft: bool = False  # whether a joint that is held creeps
+
     name = CoulombFriction.name
     depends_on = CoulombFriction.depends_on
     words = CoulombFriction.words
@@ -96,5 +98,19 @@ class CoulombFrictionOfMotion(MotionEffect):
     of_command = True
     dry = Parameter("N m", 0.0, 5.0, scale=0.1, doc="dry friction")
 
+    @property
+    def variant(self) -> str:
+        """Whether it gives way."""
+        return "soft: held, the joint creeps" if self.soft else ""
+
+    @classmethod
+    def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
+        """Hard and soft."""
+        return [
+            replace(e, soft=soft)
+            for e in super().candidates(law, masses=masses)
+            for soft in (False, True)
+        ]
+
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        return drive.changed(rubbing=value)
+        return replace(drive.changed(rubbing=value), soft=self.soft)

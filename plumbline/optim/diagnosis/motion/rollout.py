@@ -56,6 +56,7 @@ class Windows:
     length: int  # samples after it (H)
     settle: int  # how many of those do not count, since what nobody measured settles in them
     size: float = 1.0  # what a radian is in the unit of ``q``
+    bare: float = 1.0  # inertia about the joint at its zero, the others free [kg m^2]
     push: float = 1.0  # what a newton metre of command is in this joint's usual ones
 
     def __len__(self) -> int:
@@ -253,7 +254,7 @@ def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Arra
     state[:R, 0] = _begun(w, u, begin)[:size].T
     for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
         state[:R, 1:, k] = du[:, :1] * by
-    fixed = np.tile([w.dt, w.kp, w.kd, *theta], (abreast * call, 1))
+    fixed = np.tile([w.dt, w.kp, w.kd, w.bare, *theta], (abreast * call, 1))
     after = np.empty((abreast, call, 1 + P, size))
     out = np.empty((*data.shape[:2], 1 + P))
     handle: Any = _rolling(
@@ -307,14 +308,14 @@ def _piece(law: Law, effects: Effects, slopes: bool) -> cs.Function:
 def _shift(effects: Effects) -> cs.Function:
     """``theta (P,) -> shift, its gradient (1, P)``."""
     theta = cs.SX.sym("theta", len(effects))
-    drive = _drive(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 5))
+    drive = _drive(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
     shift = cs.SX(0) if drive.shift is None else drive.shift
     return cs.Function("shift", [theta], [shift, cs.densify(cs.jacobian(shift, theta))])
 
 
 def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX) -> Drive:
-    load, inertia, dt, kp, kd = cs.vertsplit(rest)
-    drive = Drive(law, dt, command, load, inertia, kp, kd)
+    load, inertia, dt, *gains = cs.vertsplit(rest)
+    drive = Drive(law, dt, command, load, inertia, *gains)
     for k, effect in enumerate(effects):
         drive = effect.apply(drive, theta[k])
     return drive
@@ -322,13 +323,13 @@ def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX
 
 @lru_cache(maxsize=1024)
 def _step(law: Law, effects: Effects, slopes: bool = True) -> cs.Function:
-    """``state and sensitivities, (u, du, load, inertia), (dt, kp, kd, theta) -> next, output``."""
+    """``state and sensitivities, (u, du, load, inertia), (dt, kp, kd, bare, theta) -> next, output``."""
     P, names = len(effects), _memory(effects)
     size = len(names)
     both, data = cs.SX.sym("both", size * (1 + P * slopes)), cs.SX.sym("data", 4)
-    fixed = cs.SX.sym("fixed", 3 + P)
-    theta, state = fixed[3:], both[:size]
-    drive = _drive(law, effects, theta, data[0], cs.vertcat(data[2:], fixed[:3]))
+    fixed = cs.SX.sym("fixed", 4 + P)
+    theta, state = fixed[4:], both[:size]
+    drive = _drive(law, effects, theta, data[0], cs.vertcat(data[2:], fixed[:4]))
     after = drive.step(Memory(*cs.vertsplit(state)))
     new = cs.vertcat(*(getattr(after, name) for name in names))
     if not slopes:
@@ -354,7 +355,7 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     size = len(_memory(effects))
     begin = _begun(w, u, np.array([at]))[:size, 0]
     data = np.stack([u[0, 1:], np.zeros(M - 1), *w.loads(np.arange(at + 1, M))])
-    fixed = np.array([w.dt, w.kp, w.kd, *theta])
+    fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
     steps = _step(w.law, effects, False).mapaccum("played", M - 1)  # not expanded: M may be large
     out = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
     return np.concatenate([[w.q[at]], np.asarray(out)[0]])

@@ -116,6 +116,16 @@ class Signals:
         found = between(np.arange(len(self.q)))
         return found[0], found[1]
 
+    @cached_property
+    def bare(self) -> Array:
+        """Inertia about each joint with all at zero, the others free (n,) [kg m^2]."""
+        if not self.has_masses:
+            return np.ones(self.recording.n)
+        model, index = self.recording.robot.model, list(self.recording.index)
+        M = pin.crba(model, model.createData(), pin.neutral(model))[np.ix_(index, index)]
+        M += LEAST_INERTIA * 1e-3 * np.eye(len(M))
+        return np.asarray(1 / np.diagonal(np.linalg.inv(M)))
+
     @property
     def has_masses(self) -> bool:
         """Whether the robot's file states any mass."""
@@ -164,7 +174,7 @@ class Signals:
             r.law, self.dt, float(r.kp[joint]), float(r.kd[joint]), self.command[:, joint],
             self.first, self.q[:, joint], self.posture[:, joint], self.speed[:, joint],
             h[:, joint], inertia[:, joint],
-            starts, self.length, self.settle, r.size, self._push(joint),
+            starts, self.length, self.settle, r.size, self.bare[joint], self._push(joint),
         )  # fmt: skip
 
     def seen(self, joint: int) -> Seen:
