@@ -106,11 +106,7 @@ class CoulombFrictionOfMotion(MotionEffect):
     @classmethod
     def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
         """Hard and soft."""
-        return [
-            replace(e, soft=soft)
-            for e in super().candidates(law, masses=masses)
-            for soft in (False, True)
-        ]
+        return [cls(), cls(soft=True)] if law in cls.laws else []
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         return replace(drive.changed(rubbing=value), soft=self.soft)

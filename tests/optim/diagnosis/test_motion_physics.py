@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from plumbline import build_motion, diagnose
+from plumbline.kinematics import drive
 from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.motion import rollout
 from plumbline.optim.diagnosis.motion.rollout import Windows, roll_out
 
 KP, KD, STEP, EVERY = 60.0, 3.0, 1e-3, 10
@@ -127,6 +129,40 @@ def test_a_planned_way_takes_the_time_of_its_two_ramps_and_trails_what_moves():
     assert q[-1] == pytest.approx(0.9 - 1 / (2 * 5.0), abs=5e-3)  # v^2 / 2 a behind
 
 
+@pytest.mark.parametrize(("constant", "by"), [("HOLDS", 1.0), ("HOLDS", 2.0), ("SLOWS", 2.0)])
+def test_soft_friction_is_mujocos_frictionloss(constant, by, monkeypatch):
+    monkeypatch.setattr(drive, constant, by * getattr(drive, constant))
+    t = np.arange(0.0, 3.0, 0.01)
+    u, rubs = 0.8 * np.sin(3.0 * t) + 0.3 * np.sin(11.0 * t), 0.31  # N m, some of them held
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="1e-4" gravity="0 0 0"/><worldbody><body><joint name="a"
+        frictionloss="{rubs}"/><inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/></body>
+        </worldbody><actuator><motor joint="a"/></actuator></mujoco>"""
+    )
+    data, q = mujoco.MjData(model), np.empty_like(t)
+    for k in range(len(t)):
+        q[k] = data.qpos[0]
+        data.ctrl[0] = u[k]
+        for _ in range(100):
+            mujoco.mj_step(model, data)
+    zeros, inertia = np.zeros_like(t), np.full_like(t, 0.05)
+    windows = Windows(
+        Law.TORQUE, 0.01, 0.0, 0.0, u, zeros.astype(np.int64), *[zeros] * 4, inertia,
+        np.array([0]), len(t) - 1, 0, bare=0.05,
+    )  # fmt: skip
+    for cached in (rollout._rolling, rollout._piece, rollout._step):
+        cached.cache_clear()
+    missed = [
+        np.abs(
+            roll_out(windows, (NAMES["coulomb_friction"](soft=s),), np.array([rubs]))[0][0] - q[1:]
+        )
+        for s in (True, False)
+    ]
+    for cached in (rollout._rolling, rollout._piece, rollout._step):
+        cached.cache_clear()
+    assert (missed[0].max() < 0.05 * missed[1].max()) == (by == 1.0), [x.max() for x in missed]
+
+
 def test_a_dead_band_holds_small_errors_and_leaves_its_width_of_large_ones():
     u = np.concatenate([np.zeros(250), np.full(51, 0.1)])
     assert np.abs(step_response(Law.POSITION, "actuation_deadband", 0.11, u)).max() < 1e-12
@@ -150,7 +186,9 @@ def test_a_lag_before_the_drive_is_exact_for_commands_that_run_straight(law):
     for asked in np.interp((np.arange(400 * fine) + 0.5) * dt / fine, t, u):
         filtered.append(filtered[-1] + (asked - filtered[-1]) * (1 - np.exp(-dt / fine / lag)))
     memory = cs.SX.sym("memory", 5)
-    one = Drive(law, cs.SX(dt), cs.SX.sym("u"), *(cs.SX(x) for x in (0, 1, 1, 1)), lag=cs.SX(lag))
+    one = Drive(
+        law, cs.SX(dt), cs.SX.sym("u"), *(cs.SX(x) for x in (0, 1, 1, 1, 1)), lag=cs.SX(lag)
+    )
     after = one.step(Memory(*cs.vertsplit(memory)))
     step = cs.Function("step", [memory, one.command], [cs.vertcat(after.asked, after.sent)])
     state, found = cs.DM([u[0], 0.0, 0.0, 0.0, u[0]]), [u[0]]

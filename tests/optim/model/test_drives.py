@@ -15,6 +15,7 @@ from plumbline.kinematics.effects.actuation_gain import ActuationGain
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_offset import ActuationOffset
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
+from plumbline.kinematics.effects.coulomb_friction import CoulombFrictionOfMotion
 from plumbline.kinematics.effects.servo_stiffness import ServoStiffness
 from plumbline.kinematics.effects.torque_limit import TorqueLimit
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
@@ -118,6 +119,14 @@ def test_what_mujoco_has_no_word_for_is_told_with_its_size(made):
     assert "mrad" in file.words
     assert "Not in this file: actuation_deadband 1" in file.text
     assert file.to_dict()["unit"] == "rad"
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_soft_friction_is_left_as_mujoco_has_it(soft):
+    rubs = one((CoulombFrictionOfMotion(soft=soft), 0.3))
+    text = drives(rubs, one(), law=Law.TORQUE).as_mjcf().text
+    assert 'frictionloss="0.3"' in text
+    assert ("solreffriction" in text) != soft
 
 
 def test_an_actuator_is_what_was_found():

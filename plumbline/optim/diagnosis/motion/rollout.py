@@ -314,8 +314,8 @@ def _shift(effects: Effects) -> cs.Function:
 
 
 def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX) -> Drive:
-    load, inertia, dt, *gains = cs.vertsplit(rest)
-    drive = Drive(law, dt, command, load, inertia, *gains)
+    load, inertia, dt, kp, kd, bare = cs.vertsplit(rest)
+    drive = Drive(law, dt, command, load, inertia, kp, kd, bare)
     for k, effect in enumerate(effects):
         drive = effect.apply(drive, theta[k])
     return drive
@@ -323,7 +323,10 @@ def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX
 
 @lru_cache(maxsize=1024)
 def _step(law: Law, effects: Effects, slopes: bool = True) -> cs.Function:
-    """``state and sensitivities, (u, du, load, inertia), (dt, kp, kd, bare, theta) -> next, output``."""
+    """``both, (u, du, load, inertia), (dt, kp, kd, bare, theta) -> next, output``.
+
+    ``both`` are the state and its sensitivities.
+    """
     P, names = len(effects), _memory(effects)
     size = len(names)
     both, data = cs.SX.sym("both", size * (1 + P * slopes)), cs.SX.sym("data", 4)

@@ -31,7 +31,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.export.exported import Exported, Lack, must_agree
-from plumbline.optim.model.export.mjcf import words, world
+from plumbline.optim.model.export.mjcf import FRICTION, words, world
 
 STIFF = 300.0  # [rad/s] of a servo that gives way to nothing: its error is late by 7 ms
 DAMPED = 1.0  # of critical: the least that does not overshoot
@@ -159,7 +159,12 @@ def _root(drives: Driven, robot: Robot, numbers: Mapping[int, int]) -> ElementTr
     }
     inertias = [whole.model.inertias[j] for j in range(1, whole.model.njoints)]
     placed = [joint.T_parent_joint for joint in whole.joints]
-    root, _ = world(robot, whole.joints, whole.parents, placed, inertias, own)
+    root, bodies = world(robot, whole.joints, whole.parents, placed, inertias, own)
+    for k, servo in drives.servos.items():
+        if servo.value("coulomb_friction", soft=True):  # MuJoCo's own, where a file says no other
+            for joint in bodies[numbers[k]].findall("joint"):
+                for key in FRICTION:
+                    joint.attrib.pop(key, None)
     option = root.find("option")
     if option is not None:
         option.attrib |= {"timestep": repr(STEP), "integrator": "implicitfast"}
