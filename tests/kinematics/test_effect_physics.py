@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.effects import REGISTRY, Payload, Scope
-from plumbline.kinematics.effects.link_thermal import LinkWarmUp
+from plumbline.kinematics.effects.link_thermal import LinkWarmerThanShown, LinkWarmUp
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.measurement.observation import scope_of
@@ -273,7 +274,11 @@ def test_hysteresis_may_begin_with_its_play_taken_up():
     (lag,) = effect.derive({"q": np.linspace(0.0, 1.0, 9)[:, None]}).values()
     np.testing.assert_allclose(lag, -0.5, atol=1e-12)
     rows = {"q": np.zeros((2, 1)), "direction": -np.ones((2, 1))}
-    np.testing.assert_allclose(*effect.derive(rows).values(), 0.5, err_msg="as the rows say")
+    np.testing.assert_allclose(*effect.derive(rows).values(), -0.5, err_msg="too short a way")
+    said = replace(effect, start=0.0)
+    np.testing.assert_allclose(*said.derive(rows).values(), 0.5, err_msg="as the rows say")
+    tried = {e.start for e in said.neighbours(scope_of(bench("ur5", "tip_position")))}
+    assert {-0.5, -0.25, 0.25, 0.5} <= tried
 
 
 def test_hysteresis_does_not_depend_on_how_fast_the_path_is_run():
@@ -508,6 +513,30 @@ def test_a_warm_up_is_of_first_order():
     np.testing.assert_allclose(predicted(recording, effect, 1e-3), expected, atol=EXACT)
 
 
+def test_what_settles_is_looked_for_at_every_pace():
+    """Between the time constants that are tried none is further off than a sixth of itself."""
+    scope = scope_of(bench("ur5", "tip_position", columns=["time"]))
+    span = float(np.ptp(scope.span["time"]))
+    for kind in (REGISTRY["base_drift"], LinkWarmUp):
+        tried = [e for e in kind.candidates(scope) if getattr(e, "rate", 1.0) > 0.0]
+        every = {*tried, *(n for e in tried for n in e.neighbours(scope))}
+        known = {getattr(e, "time_constant", None) or 1.0 / e.rate for e in every}
+        logs = np.log(np.array(sorted(known)) / span)
+        assert logs[0] < np.log(0.03)
+        assert logs[-1] > np.log(2.0)
+        assert np.diff(logs).max() < np.log(1.35)
+
+
+def test_links_may_be_warmer_than_a_thermometer_shows():
+    recording = bench("ur5", "tip_position")
+    warmer = LinkWarmerThanShown(time_constant=30.0, start=0.0)
+    growth = LinkWarmUp(time_constant=30.0, start=0.0)
+    own = predicted(recording, growth, 1e-3) - recording.measured
+    shown = predicted(recording, REGISTRY["link_thermal"](), 2e-5) - recording.measured
+    both = predicted(recording, warmer, 1e-3, 2e-5) - recording.measured
+    np.testing.assert_allclose(both, own + shown, atol=1e-12)
+
+
 L, LOAD, KAPPA = 0.8, 12.0, 4e-5
 
 
@@ -683,8 +712,8 @@ def test_a_drift_goes_evenly_with_time():
 
 def test_a_settling_drift_slows_down():
     recording = bench("ur5", "tip_position")
-    effect = REGISTRY["base_drift"](start=0.0, end=90.0, settling=True)
-    expected = shaken(recording, 1 - np.exp(-recording.time / 30.0))
+    effect = REGISTRY["base_drift"](start=0.0, end=90.0, rate=1 / 30.0)
+    expected = shaken(recording, (1 - np.exp(-recording.time / 30.0)) / (1 - np.exp(-3.0)))
     np.testing.assert_allclose(predicted(recording, effect, *TWIST), expected, atol=EXACT)
 
 

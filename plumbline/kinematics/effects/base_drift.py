@@ -1,13 +1,15 @@
 r"""The base (or the device's stand) creeps while the recording lasts.
 
 .. math:: T_{world,base} \leftarrow T_{world,base}\, \exp(s(t)\, \xi), \qquad
-          s = (t - t_0)/(t_1 - t_0) \quad\text{or}\quad 1 - e^{-(t - t_0)/\tau}
+          s = \frac{1 - e^{-r (t - t_0)}}{1 - e^{-r (t_1 - t_0)}} \quad\text{or}\quad
+          \frac{t - t_0}{t_1 - t_0} \text{ for } r = 0
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
+import numpy as np
 
 from plumbline.kinematics.effects.effect import (
     FIDUCIALS,
@@ -18,6 +20,11 @@ from plumbline.kinematics.effects.effect import (
     State,
 )
 from plumbline.kinematics.parameters import Parameter
+
+# Time constants of what settles, from a twentieth of the recording, where it is a step, to one and
+# a half, where it is nearly steady; and those between them, which are threefold apart.
+SETTLING = (0.05, 0.15, 0.5, 1.5)
+BETWEEN = (0.58, 0.76, 1.3, 1.7)
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,8 @@ class BaseDrift(BaseMotion):
 
     start: float = 0.0
     end: float = 1.0
-    settling: bool = False
+    # reciprocal of the time constant with which it settles; none of what is steady
+    rate: float = field(default=0.0, metadata={"unit": "1/s"})
 
     name = "base_drift"
     depends_on = "time"
@@ -62,13 +70,18 @@ class BaseDrift(BaseMotion):
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """Shift alone or with a turn; steady, or settling within a third of the recording."""
+        """Shift alone or with a turn; steady, or settling with some time constant."""
         start, end = scope.span["time"]
-        kinds = ((turning, settling) for turning in (True, False) for settling in (False, True))
-        return [cls(turning, start, end, settling) for turning, settling in kinds]
+        rates = (0.0, *(1.0 / (share * (end - start)) for share in SETTLING))
+        return [cls(turning, start, end, rate) for turning in (True, False) for rate in rates]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Time constants between those that are tried."""
+        return [replace(self, rate=self.rate / f) for f in BETWEEN] if self.rate else []
 
     def apply(self, state: State, *values: cs.SX) -> State:
-        share = (state.row["time"] - self.start) / (self.end - self.start)
-        if self.settling:
-            share = 1 - cs.exp(-3 * share)
+        since, whole = state.row["time"] - self.start, self.end - self.start
+        share = since / whole
+        if self.rate:
+            share = (1 - cs.exp(-self.rate * since)) / (1 - np.exp(-self.rate * whole))
         return self.moved(state, share, values)

@@ -19,6 +19,7 @@ from plumbline.kinematics.parameters import Parameter
 
 # [rad or m] tried first, a decade apart: gears have the least, cables the most; refined afterwards.
 WIDTHS = (1e-4, 1e-3, 1e-2, 1e-1)
+STARTS = (-0.5, -0.25, 0.25, 0.5)  # lags before the first row that are tried [width]
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,8 @@ class Hysteresis(JointEffect):
     """Play whose state depends on the whole path so far; rows must be in the order of time."""
 
     width: float = field(default=WIDTHS[0], metadata={"unit": "rad"})
-    start: float = field(default=0.0, metadata=UNSAID)  # lag before the first row, if none says it
+    # lag before the first row [width]; 0: none, or, where ``direction`` says its side, all
+    start: float = field(default=0.0, metadata=UNSAID)
 
     depends_on = "direction"
     name = "hysteresis"
@@ -44,9 +46,11 @@ class Hysteresis(JointEffect):
         return [e for j in scope.joints for e in cls(j)._of(WIDTHS, scope)]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Narrower and wider play, and play that the way to the first row has taken up."""
-        taken_up = [] if self.start or scope.has("direction") else (-0.5, 0.5)
-        other = [replace(self, start=lag) for lag in taken_up]
+        """Narrower and wider play, and play that the way to the first row has taken up, or partly.
+
+        Where ``direction`` says the side, that way may still have been too short to cross it.
+        """
+        other = [replace(self, start=lag) for lag in (() if self.start else STARTS)]
         return [*self._of([self.width * f for f in (0.3, 0.55, 1.8, 3.0)], scope), *other]
 
     def _of(self, widths: Sequence[float], scope: Scope) -> Sequence[Effect]:
@@ -60,10 +64,11 @@ class Hysteresis(JointEffect):
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
         """The normalised lag (p - q) / w of every row, between -1/2 and 1/2.
 
-        The path begins with the way that the first row was come to, where ``direction`` says it.
+        The path begins with the way that the first row was come to, where ``direction`` says it and
+        nothing else is tried.
         """
         start = self.start
-        if "direction" in rows:
+        if "direction" in rows and not start:
             start = -0.5 * float(np.sign(rows["direction"][0, self.joint - 1]))
         return {self._column: lag_of_play(rows["q"][:, self.joint - 1], self.width, start)}
 

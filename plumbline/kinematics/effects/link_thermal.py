@@ -3,14 +3,19 @@ r"""All links grow with temperature, logged or guessed from the time since switc
 .. math:: t_{i,i+1} \leftarrow (1 + \epsilon\, w)\, t_{i,i+1}, \qquad
           w = T - T_{ref} \quad\text{or}\quad w = 1 - e^{-(t - t_0)/\tau}
 
+or both, each with a growth of its own: a thermometer beside the arm misses its warm-up, and one on
+it lags behind.
+
 First-order warm-up after Heisel, Richter, Wurst (1997), CIRP Annals 46(1).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import casadi as cs
 
+from plumbline.kinematics.effects.base_drift import BETWEEN, SETTLING
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter
@@ -48,12 +53,13 @@ class LinkThermal(_Lengths):
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
-        """Warm-up over time, and growth above 20 degC or above the coldest row."""
+        """Warm-up over time, growth above 20 degC or above the coldest row, and both."""
         found: list[Effect] = []
         if cls.fits(scope):
             low, high = scope.span["temperature"]
             references = dict.fromkeys((STANDARD_TEMPERATURE, low)) if high - low > 0.05 else ()
             found += [cls(reference_temperature=reference) for reference in references]
+            found += LinkWarmerThanShown.candidates(scope) if found else []
         return [*found, *LinkWarmUp.candidates(scope)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
@@ -68,7 +74,7 @@ class LinkWarmUp(_Lengths):
     time_constant: float = field(default=600.0, metadata={"unit": "s"})
     start: float = 0.0
 
-    needs = ("time",)
+    needs: ClassVar[tuple[str, ...]] = ("time",)
     source = (
         "aluminium 23, steel 12 ppm/K (Heisel et al. 1997); the bound allows for a poor thermometer"
     )
@@ -80,13 +86,26 @@ class LinkWarmUp(_Lengths):
         if not cls.fits(scope):
             return []
         start, end = scope.span["time"]
-        shares = (0.05, 0.15, 0.5, 1.5)
-        return [cls(time_constant=share * (end - start), start=start) for share in shares]
+        return [cls(time_constant=share * (end - start), start=start) for share in SETTLING]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Time constants between those that are tried, which are threefold apart."""
-        return [replace(self, time_constant=self.time_constant * f) for f in (0.58, 0.76, 1.3, 1.7)]
+        """Time constants between those that are tried."""
+        return [replace(self, time_constant=self.time_constant * f) for f in BETWEEN]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         since = state.row["time"] - self.start
         return self._grow(state, values[0] * (1 - cs.exp(-since / self.time_constant)))
+
+
+@dataclass(frozen=True)
+class LinkWarmerThanShown(LinkWarmUp):
+    """Growth with the logged temperature, and with a warm-up that the thermometer does not show."""
+
+    needs = ("time", "temperature")
+    growth, expansion = LinkWarmUp.growth, LinkThermal.expansion
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        above = state.row["temperature"] - STANDARD_TEMPERATURE
+        since = state.row["time"] - self.start
+        warmed = 1 - cs.exp(-since / self.time_constant)
+        return self._grow(state, values[0] * warmed + values[1] * above)

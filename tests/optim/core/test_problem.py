@@ -75,7 +75,7 @@ def test_a_model_s_unknowns_are_the_nuisances_and_then_the_effects():
         *("frame x", "frame y", "frame z", "frame rx", "frame ry", "frame rz"),
         *("tool x", "tool y", "tool z"),
         "joint_offset 2 offset",
-        *(f"base_drift {c} [turning=False, start=0.0, end=90.0, settling=False]" for c in "xyz"),
+        *(f"base_drift {c} [turning=False, start=0.0, end=90.0, rate=0.0]" for c in "xyz"),
     )
     assert model.fixed == 9
     assert [term.columns for term in model.terms] == [slice(9, 10), slice(10, 13)]

@@ -15,14 +15,13 @@ from plumbline.experiments.reality.joint_effects import (
 from plumbline.experiments.reality.sensor_effects import Respiration
 from plumbline.experiments.reality.tool_effects import NeedleSag
 from plumbline.kinematics.effects import REGISTRY, JointScale
-from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.findings import Kind
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.robust import noise_lever, rows_between_bumps
+from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
@@ -108,17 +107,6 @@ def test_zeros_of_second_encoders_are_offsets_unless_the_recording_says_otherwis
     assert causes(diagnose(recording)) == [("joint_offset", 4)]
     mounted = replace(recording, always=("joint_offset",))
     assert diagnose(mounted).verdict.verdict == Kind.NO_GAP
-
-
-def test_two_bumps_that_set_a_row_apart_are_a_gross_row():
-    recording = bench("ur5", "tip_position")
-    time = recording.time
-    bumps = [BaseBump(moment=float(t)) for t in (time[10] - 0.01, time[11] - 0.01)]
-    inside = (time > bumps[0].moment) & (time <= bumps[1].moment)
-    np.testing.assert_array_equal(rows_between_bumps(bumps, recording), inside)
-    assert not rows_between_bumps(bumps[:1], recording).any()
-    far = [bumps[0], BaseBump(moment=float(time[-1]))]
-    assert not rows_between_bumps(far, recording).any()
 
 
 @pytest.mark.parametrize("lever", [0.1, 0.9])

@@ -14,8 +14,10 @@ from scipy.stats import chi2, norm
 
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.optim.diagnosis import prior
+from plumbline.optim.diagnosis.diagnose import task_of
 from plumbline.optim.diagnosis.discrepancy import alternatives
 from plumbline.optim.diagnosis.findings import NoiseLevel
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint_problem import LOG_GROSS_ODDS
 from plumbline.optim.diagnosis.posterior.noise import _chance, repeat_noise
@@ -23,10 +25,10 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.robust import (
     distrusted_by_fit,
     far_off,
-    rows_between_bumps,
 )
 from plumbline.optim.diagnosis.posterior.selection import select
 from plumbline.optim.diagnosis.posterior.shortlists import _best
+from plumbline.optim.diagnosis.posterior.task import find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.verdict.lack_of_fit import noisiest_joint
 from tests.benches import bench
@@ -138,16 +140,18 @@ def test_no_more_than_a_fifth_of_the_rows_are_gross(share, some):
     assert distrusted_by_fit(rows).any() == some
 
 
-@pytest.mark.parametrize(("count", "apart"), [(3, True), (5, False)])
-def test_three_rows_between_two_bumps_are_gross_and_five_are_not(count, apart):
-    class Timed:
-        time = np.arange(20.0)
-
-        def __len__(self):
-            return 20
-
-    bumps = [BaseBump(moment=4.5), BaseBump(moment=4.5 + count)]
-    assert rows_between_bumps(bumps, Timed()).any() == apart
+@pytest.mark.parametrize(("first", "count", "gross"), [(0, 3, True), (30, 3, True), (0, 4, False)])
+def test_three_rows_that_steps_explain_are_gross_and_four_are_not(first, count, gross):
+    """Of a bump soon after the first row, or of two on both sides of rows, one never sees more."""
+    recording = bench("ur5", "tip_position")
+    sigma, rng = 1e-5, np.random.default_rng(5)
+    measured = recording.measured + rng.normal(0.0, sigma, (len(recording), 3))
+    measured[first : first + count] += [5e-4, -3e-4, 4e-4]
+    options = DiagnosisOptions(library=(BaseBump,))
+    task = task_of(replace(recording, measured=measured, noise_std=sigma), options)
+    selected, bad = find_causes(task, lambda *_: None, np.zeros(len(recording), dtype=bool))
+    assert bad.sum() == (count if gross else 0)
+    assert bool(selected.effects) != gross
 
 
 def repeats(postures, gap=0.0):

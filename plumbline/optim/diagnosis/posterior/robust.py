@@ -13,17 +13,11 @@ and is kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.special import chdtri, gammaincinv
 
-from plumbline.kinematics.effects import Effect
-from plumbline.kinematics.effects.base_bump import BaseBump
-from plumbline.kinematics.effects.tool_slip import ToolSlip
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
@@ -32,7 +26,6 @@ from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (
     ALARM,
     ANISOTROPY,
-    FEWEST_BETWEEN,
     GROSS_KEPT_BACK,
     LEVER_CHANGE,
     MANY_ROWS,
@@ -117,23 +110,6 @@ def lone_rows(recording: Recording) -> NDArray[np.bool_]:
     if recording.observation != "fiducials" or recording.element is None:
         return np.zeros(len(recording), dtype=bool)
     return np.asarray(np.bincount(recording.element)[recording.element] == 1)
-
-
-def rows_between_bumps(effects: Sequence[Effect], recording: Recording) -> NDArray[np.bool_]:
-    """Rows (N,), fewer than :data:`FEWEST_BETWEEN`, that two bumps or slips set apart.
-
-    One bump of the base, or slip of the tool, and another soon after are gross errors by another
-    name.
-    """
-    apart = np.zeros(len(recording), dtype=bool)
-    if recording.time is None:
-        return apart
-    moments = sorted({e.moment for e in effects if isinstance(e, BaseBump | ToolSlip)})
-    for first, second in pairwise(moments):
-        between = (recording.time > first) & (recording.time <= second)
-        if between.sum() < FEWEST_BETWEEN:
-            apart |= between
-    return apart
 
 
 def noise_lever(solution: Solution, recording: Recording) -> float:

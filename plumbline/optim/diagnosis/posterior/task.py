@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.kinematics.effects.tool_slip import ToolSlip
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
@@ -17,14 +20,20 @@ from plumbline.optim.diagnosis.posterior.robust import (
     distrusted_given,
     distrusted_rows,
     lone_rows,
-    rows_between_bumps,
 )
-from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, on_all_rows, search
-from plumbline.optim.diagnosis.prior import LONG, ROUNDS
+from plumbline.optim.diagnosis.posterior.search import (
+    SelectedModel,
+    fit,
+    on_all_rows,
+    ridge_of,
+    search,
+)
+from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, LONG, ROUNDS
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.recording.recording import Recording
 
+STEPS = (BaseBump, ToolSlip)
 BRIEF = LevenbergMarquardt(max_iterations=4, tolerance=1e-6)
 
 
@@ -89,13 +98,38 @@ def _from_nothing(
     selected = _search(task, bad, rounds, pool)
     for _ in range(looks):
         again = distrusted_given(selected.best, task.noise.sigma)
-        again |= rows_between_bumps(selected.effects, task.recording)
+        again |= _rows_by_steps(task, selected, bad)
         again &= ~lone_rows(task.recording)
         if (again == bad).all():
             break
         bad = again
         selected = _search(task, bad, rounds, pool)
     return selected, bad
+
+
+def _rows_by_steps(
+    task: Task, selected: SelectedModel, bad: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Rows (N,) that bumps or slips explain where few rows alone are missed by far without.
+
+    A step of the base or the tool beside a few rows, and two on both sides of them, are gross
+    errors by another name: such rows are judged by the fit without one, and without two together.
+    """
+    found = np.zeros(len(task.recording), dtype=bool)
+    effects = dict(zip(selected.effects, selected.chosen, strict=True))
+    steps = sorted((e for e in effects if isinstance(e, STEPS)), key=lambda e: e.moment)
+    for gone in [*((e,) for e in steps), *pairwise(steps)]:
+        kept = [e for e in effects if e not in gone]
+        ridge = ridge_of(selected.selection, [effects[e] for e in kept], task.fixed)
+        given = selected.best.by_name
+        _, rest = fit(
+            task.recording, [*task.fixed, *kept], selected.model.nuisance,
+            trust(task.recording, bad), task.refitting, given, ridge,
+        )  # fmt: skip
+        missed = distrusted_given(rest, task.noise.sigma)
+        if missed.sum() < FEWEST_BETWEEN:
+            found |= missed
+    return found
 
 
 def _about_nothing(task: Task) -> Pool:
