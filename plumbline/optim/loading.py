@@ -15,9 +15,10 @@ from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.to_diagnose import ranges_to_diagnose
 from plumbline.optim.model import Drives, Model
 from plumbline.optim.model.drives_file import is_drives
+from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.loading import RobotFiles, load_recording, open_folder
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.session import TOGETHER, build_session
+from plumbline.optim.recording.session import build_session
 from plumbline.optim.recording.session_files import (
     SessionFile,
     is_session,
@@ -64,7 +65,7 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
     if is_session(path):
         stated = open_session(path)
         parts = parts_of_session(stated, known_effects=known_effects)
-        if all(isinstance(p, Recording) and p.observation in TOGETHER for p in parts):
+        if all(isinstance(p, Recording) and p.observation in KINDS for p in parts):
             return build_session(parts, stated.name, stated.shared)
         return parts
     reader = READERS.get(open_folder(path).settings.word("observation") or "")

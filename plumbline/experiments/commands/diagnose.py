@@ -120,7 +120,7 @@ def diagnose(
         return
     recording = load_to_diagnose(folder)
     if recording.element is not None:
-        of_ct = recording.observation == "fiducials"
+        of_ct = recording.kind.fiducials
         refused = {"--also": also, "--model": not of_ct and model} if recording.stand_in else {}
         refuse_for_parts(recording, {**refused, "--rehearse": calibrate})
     other = None if also is None else load_to_diagnose(also)

@@ -112,7 +112,7 @@ def next_(
         return
     refuse_parts(folder)
     recording = load_recording(folder)
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         next_efforts(
             recording, json, csv, options=DiagnosisOptions(seed=seed, force=force), quiet=quiet
         )
@@ -137,11 +137,12 @@ def _of_session(
     """
     from plumbline.optim.diagnosis.answer import Diagnosis
     from plumbline.optim.diagnosis.ask import diagnose_several
-    from plumbline.optim.diagnosis.design.next_experiment import PROPOSED, next_experiment
+    from plumbline.optim.diagnosis.design.next_experiment import next_experiment
     from plumbline.optim.diagnosis.design.rows import DesignOptions
     from plumbline.optim.diagnosis.several.sections import Sections
     from plumbline.optim.loading import parts_of_session
     from plumbline.optim.model.part import number_of
+    from plumbline.optim.recording.kinds import PLACES
     from plumbline.optim.recording.session_files import open_session
 
     stated = open_session(folder)
@@ -160,7 +161,7 @@ def _of_session(
     if (
         not isinstance(found, Diagnosis)
         or part is None
-        or kind not in PROPOSED
+        or kind not in PLACES
         or part.socket is not None
     ):
         raise PlumblineError(

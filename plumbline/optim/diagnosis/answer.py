@@ -96,7 +96,7 @@ class Diagnosis(AlwaysFitted, Told):
         Raises:
             PlumblineError: There is no recording of that name, or the rows are ranges from poses.
         """
-        if self.recording.stand_in and self.recording.observation != "fiducials":
+        if self.recording.stand_in and not self.recording.kind.fiducials:
             raise PlumblineError(
                 f"{self.recording.name}: {self.recording.observation} from poses, of which there "
                 "is no model, an arm's joints q1, q2, ... expected; record them beside the poses"
@@ -110,7 +110,7 @@ class Diagnosis(AlwaysFitted, Told):
     @cached_property
     def _model(self) -> FoundModel:
         found = model_of(self.recording.training, self._carried, _held(self.verdict))
-        return beam_model(found) if self.recording.observation == "plane_range" else found
+        return beam_model(found) if self.recording.kind.ranges else found
 
     @cached_property
     def _carried(self) -> Fit:
@@ -161,7 +161,7 @@ def _fit_of(diagnosis: Diagnosis, carried: Carried) -> Fit:
         return Fit(model.nuisance, carried.effects, x, model.problem.scale, precision)
     noise, best = diagnosis.verdict.noise, diagnosis.solution
     sigma = noise.sigma * max(noise.ratio, 1.0)
-    if diagnosis.recording.observation == "joint_torque":  # residuals are weighed, joint by joint
+    if diagnosis.recording.kind.efforts:  # residuals are weighed, joint by joint
         sigma = float(np.sqrt(best.gram.square / best.gram.count))
     sigma = max(sigma, LEAST_NOISE)
     precision = best.gram.matrix / sigma**2

@@ -225,7 +225,7 @@ def task_of(recording: Recording, options: DiagnosisOptions) -> Task:
 def _lever_unknown(recording: Recording) -> bool:
     stated = recording.noise_std and recording.noise_std_rotation
     stated = stated or recording.session is not None  # whose parts' fits have told it
-    return recording.observation == "pose" and not stated
+    return recording.kind.oriented and not stated
 
 
 def _diagnosis(
@@ -264,9 +264,7 @@ def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) 
     for effect in always:
         taken[effect.name] += len(effect.parameters)
     unknowns = nuisances_of(recording).size + taken.total()
-    a_row = {"pose": 6, "plane_range": 1}.get(recording.observation, 3)
-    a_row = len(recording.measured_joints) or a_row
-    readings = len(recording) * a_row
+    readings = len(recording) * (recording.kind.equations or len(recording.measured_joints))
     if unknowns >= readings and not taken:
         found = f"{readings} readings in {len(recording)} rows to fit"
         more = f"more than {unknowns}, as many as are always fitted"

@@ -47,7 +47,6 @@ from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.rigid import rigid_match
 
-PLACES, EFFORTS = ("tip_position", "pose"), "joint_torque"
 MOST_ROWS = 2_000  # that the causes are fitted to again: a proof shall not take as long as a search
 CORRECTED = "what links cannot hold the readings are told"
 MOST_SECONDS = 60.0  # of a motion that is replayed
@@ -73,7 +72,7 @@ def proofs(found: Told) -> tuple[Proof, ...]:
     if isinstance(found, MotionDiagnosis):
         return tuple(_of_motion(found))
     r = found.recording
-    if r.session is not None or r.stand_in or r.observation not in (*PLACES, EFFORTS):
+    if r.session is not None or r.stand_in or not (r.kind.device or r.kind.efforts):
         return ()
     return tuple(_of_rows(found))
 
@@ -85,7 +84,7 @@ def _of_rows(found: Diagnosis) -> Iterator[Proof]:
     always = always_fitted(train)
     nulls = np.array([p.null for e in always for p in e.parameters], dtype=float)
     model, bare = _fitted(train, found.effects, values), _fitted(train, always, nulls)
-    per_row = held.observation in PLACES
+    per_row = held.kind.device
     seen = held.measured[:, :3] if per_row else held.measured
     before = figure(seen - _said(bare, held), per_row)
     for name, reader, file in _files(model):
@@ -135,7 +134,7 @@ def _fitted(train: Recording, effects: Sequence[Effect], values: Array) -> Model
 
 def _said(model: Model, held: Recording) -> Array:
     """What a model itself says of rows."""
-    if held.observation == EFFORTS:
+    if held.kind.efforts:
         return model.tau(held.q, *_moved(held))
     return model.in_device(held.q)
 
@@ -156,7 +155,7 @@ def _by_file(model: Model, name: str, file: Exported, held: Recording, corrected
         held: The rows.
         corrected: Whether readings are corrected by the model before, for what links cannot hold.
     """
-    if held.observation == EFFORTS:
+    if held.kind.efforts:
         if name == "MJCF":
             return torques_by_mujoco(file.text, held.q, *_moved(held))
         robot = Robot.from_urdf(file.text, gravity=model.robot.gravity)

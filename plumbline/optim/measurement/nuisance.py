@@ -82,11 +82,11 @@ def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance
     """
     if recording.session is not None:
         return _of_session(recording, recording.session)
-    if recording.observation in ("joint_position", "joint_torque"):
+    if recording.kind.joints:
         return Nuisance(cs.SX(0, 1), (), np.empty(0), np.empty(0))
-    if recording.observation == "fixed_point":
+    if recording.kind.sockets:
         return _socket_places(recording)
-    if recording.observation == "plane_range":
+    if recording.kind.ranges:
         return _beam_and_planes(recording, anchor or recording.anchor)
     return _device_frame(recording, anchor)
 
@@ -114,7 +114,7 @@ def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
         symbols += [shift, turn]
         scales += [FRAME_SCALE[0]] * 3 + [FRAME_SCALE[1]] * 3
     if "tool" in recording.always:
-        parts |= _tool(names, symbols, scales, recording.observation == "pose")
+        parts |= _tool(names, symbols, scales, recording.kind.oriented)
     start = np.zeros(len(names))
     return Nuisance(cs.vertcat(*symbols), tuple(names), np.array(scales), start, **parts)
 

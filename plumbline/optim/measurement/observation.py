@@ -157,14 +157,14 @@ def _scope_of(recording: Recording) -> Scope:
         "force": recording.force,
         "group": recording.group,
     }
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         vectors |= {"acceleration": recording.acceleration}
     present = {k for k, v in {**scalars, **vectors}.items() if v is not None}
     span = {k: (float(v.min()), float(v.max())) for k, v in scalars.items() if v is not None}
     chain = loaded_chain(recording.chain)
     span |= spans_of_parts(recording) | _spans("q", recording.q)
     span |= _spans("effort", recording.effort)
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         span |= _spans("effort", recording.measured) | _spans("velocity", recording.velocity)
     elif not recording.stand_in:  # which has no bodies
         span |= _spans("load", _loads(recording, chain))
@@ -178,7 +178,7 @@ def _scope_of(recording: Recording) -> Scope:
         columns=frozenset(present),
         span=span,
         rows=len(recording),
-        moving=recording.observation == "joint_torque" or _is_one_motion(recording.path[0].q),
+        moving=recording.kind.efforts or _is_one_motion(recording.path[0].q),
         times=() if recording.time is None else tuple(np.sort(recording.time).tolist()),
         groups=() if recording.group is None else tuple(np.unique(recording.group).tolist()),
         arm=not recording.stand_in,
@@ -248,7 +248,7 @@ class _Row:
         columns = _columns(recording)
         if recording.session is not None:
             columns |= hot_columns(recording)
-        elif recording.observation == "fixed_point":
+        elif recording.kind.sockets:
             columns["socket"] = one_hot_sockets(recording)
         for effect in effects:
             columns |= _derived(recording, effect)
@@ -260,7 +260,7 @@ def _columns(recording: Recording) -> dict[str, Array]:
     """What was recorded, as columns (N, k) by name."""
     columns: dict[str, Array] = {"q": recording.q, "measured": recording.measured}
     names = list(COLUMNS)
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         names += ["acceleration", "turning"]
     for name in (*names, "element", "noise_shape"):
         values = getattr(recording, name)
@@ -307,7 +307,7 @@ def _residual(
     if recording.session is not None:
         return plain / shape
     kept = list(recording.measured_joints)
-    return plain / (shape[kept] if recording.observation == "joint_position" else shape)
+    return plain / (shape[kept] if recording.kind.encoders else shape)
 
 
 def _plain_residual(
@@ -317,7 +317,7 @@ def _plain_residual(
     effects: Sequence[tuple[Effect, list[cs.SX]]],
 ) -> cs.SX:
     chain = loaded_chain(recording.chain)
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         state = State.ideal(chain, row.symbols, constant(recording.tool_offset))
         return torque_residual(recording, state, effects, apply_effects)
     if recording.session is not None:
@@ -331,16 +331,16 @@ def _plain_residual(
         return session_residual(recording, row.symbols, nuisance.own, levers, close)
     tool = constant(recording.tool_offset) + nuisance.tool
     state = replace(State.ideal(chain, row.symbols, tool), R_tip_tool=nuisance.R_tip_tool)
-    if recording.observation == "joint_position":
+    if recording.kind.encoders:
         read = apply_effects(state, effects, BEFORE_CLOSING).q - row.symbols["measured"]
         return read[list(recording.measured_joints)]
     state, T_device_tip = closed_chain(state, effects, nuisance.T_device_world)
-    if recording.observation == "plane_range":
+    if recording.kind.ranges:
         state = on_its_plane(state, T_device_tip.R, nuisance)
     state = apply_effects(state, effects, AFTER_DEVICE)
-    if recording.observation == "fixed_point":
+    if recording.kind.sockets:
         return state.reading - nuisance.sockets @ row.symbols["socket"]
-    if recording.observation == "pose":
+    if recording.kind.oriented:
         return _pose_residual(recording, state, T_device_tip)
     return state.reading - row.symbols["measured"]
 

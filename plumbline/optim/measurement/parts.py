@@ -43,11 +43,11 @@ def on_its_plane(state: State, R_base_tip: cs.SX, nuisance: Nuisance) -> State:
 
 def spans_of_parts(recording: Recording) -> dict[str, tuple[float, float]]:
     """Half width of each plane and pitch of each of CT's axes, as the effects' scope has them."""
-    if recording.observation == "plane_range":
+    if recording.kind.ranges:
         halves = half_widths(recording)
         return {f"plane{k}": (half, half) for k, half in enumerate(halves.tolist(), start=1)}
     pitch = recording.pitch
-    if recording.observation != "fiducials" or pitch is None:
+    if not recording.kind.fiducials or pitch is None:
         return {}
     return {f"pitch{a}": (h, h) for a, h in enumerate(pitch.tolist())}
 

@@ -13,7 +13,6 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.measurement.observation import build_model, scope_of
-from plumbline.optim.recording.kinds import POSITIONS
 from plumbline.optim.recording.recording import Recording
 
 
@@ -25,12 +24,9 @@ def figure(residuals: Array, per_row: bool) -> float:
 
 def gap_unit(recording: Recording) -> tuple[str, bool]:
     """Unit of the gap, and whether its RMS is of rows' norms; of slides alone it is in metres."""
-    if recording.observation == "joint_torque":
-        return "N m", False
-    if recording.observation == "plane_range":
-        return "m", False
-    if recording.observation != "joint_position":
-        return "m", True
+    kind = recording.kind
+    if not kind.encoders:
+        return kind.unit, not (kind.efforts or kind.ranges)
     turning = any(recording.chain.kinds[j] == "revolute" for j in recording.measured_joints)
     return ("rad" if turning else "m"), False
 
@@ -40,7 +36,7 @@ def rows_of_gap(recording: Recording) -> NDArray[np.bool_]:
     session, part = recording.session, recording.part
     if session is None or part is None or not session.has_positions:
         return np.ones(len(recording), dtype=bool)
-    return np.array([p.observation in POSITIONS for p in session.parts])[part]
+    return np.array([p.kind.places for p in session.parts])[part]
 
 
 def always_fitted(recording: Recording) -> tuple[Effect, ...]:
@@ -51,7 +47,7 @@ def always_fitted(recording: Recording) -> tuple[Effect, ...]:
     scope = scope_of(recording)
     names = [name for name in recording.always if name in REGISTRY]
     found = [v for name in names for v in REGISTRY[name].candidates(scope)]
-    if recording.observation not in ("joint_position", "joint_torque"):
+    if not recording.kind.joints:
         return tuple(found)
     seen = {j + 1 for j in recording.measured_joints}
     return tuple(v for v in found if v.element is None or v.element in seen)

@@ -19,7 +19,6 @@ from plumbline.kinematics.effects import Scope, State
 from plumbline.kinematics.effects.confined import PART
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array
-from plumbline.optim.recording.kinds import POSITIONS
 from plumbline.optim.recording.recording import Recording, Session, socket_labels
 from plumbline.optim.recording.session import apart
 
@@ -43,7 +42,7 @@ def hot_columns(recording: Recording) -> dict[str, Array]:
     session, part = apart(recording)
     found = {PART: (part[:, None] == np.arange(len(session))).astype(float)}
     for k, one in enumerate(session.parts):
-        if one.observation == "fixed_point":
+        if one.kind.sockets:
             hot = np.zeros((len(recording), len(socket_labels(one))))
             hot[part == k] = _hot_of(recording, k, part == k)
             found[f"{HOT} {k}"] = hot
@@ -97,11 +96,13 @@ def session_residual(
         for k, o in enumerate(own):
             if f"{HOT} {k}" in symbols:
                 there = there - o.sockets @ symbols[f"{HOT} {k}"]
-        parts.append(_padded(_of(session, POSITIONS, hot) * there, session.residuals))
+        parts.append(
+            _padded(_of([p.kind.places for p in session.parts], hot) * there, session.residuals)
+        )
     if session.has_poses:
         between = quaternion_rotation(measured[at : at + 4]).T @ T_device_tip.R @ state.R_tip_tool
         lever = chosen([cs.SX(v) for v in levers], hot)
-        turned = _of(session, ("pose",), hot) * lever * unskew(between)
+        turned = _of([p.kind.oriented for p in session.parts], hot) * lever * unskew(between)
         parts.append(_padded(cs.vertcat(cs.SX(3, 1), turned), session.residuals))
         at += 4
     if session.encoders:
@@ -116,14 +117,14 @@ def _padded(values: cs.SX, size: int) -> cs.SX:
     return cs.vertcat(values, cs.SX(size - values.numel(), 1))
 
 
-def _of(session: Session, kinds: Sequence[str], hot: cs.SX) -> cs.SX:
-    """One in rows of recordings of these kinds, nought in others."""
-    return constant([[float(p.observation in kinds) for p in session.parts]]) @ hot
+def _of(parts: Sequence[bool], hot: cs.SX) -> cs.SX:
+    """One in rows of these recordings, nought in others."""
+    return constant([[float(part) for part in parts]]) @ hot
 
 
 def _seen(session: Session, hot: cs.SX) -> cs.SX:
     """One for every second encoder (m,) that the row's recording has."""
-    encoders = [p.observation == "joint_position" for p in session.parts]
+    encoders = [p.kind.encoders for p in session.parts]
     rows = [session.live(k) & encoders[k] for k in range(len(session))]
     return constant(np.stack(rows).astype(float).T) @ hot
 

@@ -38,7 +38,7 @@ def effort_weights(recording: Recording) -> Array:
 
 def own_units(recording: Recording) -> Array:
     """What brings a row's residuals into the unit that was measured: (n,) of efforts, else (1,)."""
-    if recording.observation != "joint_torque":
+    if not recording.kind.efforts:
         return np.ones(1)
     return 1.0 / effort_weights(recording)
 
@@ -51,7 +51,7 @@ def newton_metres(recording: Recording) -> float:
 
 def stated_noise(recording: Recording) -> float | None:
     """Noise of one component of the residual, as stated [m, rad, or weighed]; None if it is not."""
-    if recording.observation != "joint_torque" or recording.noise_std is None:
+    if not recording.kind.efforts or recording.noise_std is None:
         return recording.noise_std
     return UNIT
 

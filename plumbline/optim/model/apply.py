@@ -285,16 +285,16 @@ def _nulls(effects: Sequence[Effect]) -> Array:
 
 def _named(other: Recording, free: Collection[Effect]) -> tuple[str, ...]:
     kinds = {"fixed_point": ["sockets"], "joint_position": [], "joint_torque": []}
-    if other.observation == "plane_range":
+    if other.kind.ranges:
         return ("beam", "planes", *dict.fromkeys(e.name for e in free))
     nuisances = kinds.get(other.observation, ["frame"] if "frame" in other.always else [])
-    of_joints = other.observation in ("joint_position", "joint_torque")
+    of_joints = other.kind.joints
     tool = ["tool"] if "tool" in other.always and not of_joints else []
     return (*nuisances, *tool, *dict.fromkeys(e.name for e in free))
 
 
 def _promised(model: Fitted, other: Recording, *, per_row: bool) -> float:
-    if other.observation == "joint_torque":
+    if other.kind.efforts:
         return model.held.after
     noise = (other.noise_std or 0.0) * (np.sqrt(3.0) if per_row else 1.0)
     return float(np.nanmax([model.held.after, noise]))

@@ -24,8 +24,8 @@ from plumbline.optim.measurement.observation import apply_effects
 from plumbline.optim.measurement.torque import BODIES, moved
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.rows import postures
+from plumbline.optim.recording.kinds import EFFORTS
 
-OBSERVATION = "joint_torque"
 MOTION = ("q", "velocity", "acceleration")
 
 
@@ -93,9 +93,9 @@ class Efforts:
 @lru_cache(maxsize=8)
 def efforts_of(arm: Arm) -> Efforts:
     """The efforts of an arm in symbols (PlumblineError: it was not fitted to efforts)."""
-    if arm.observation != OBSERVATION:
+    if arm.observation != EFFORTS:
         raise fault(f"{arm.recording}, tau", f"a model of {arm.observation}",
-                    f"one of {OBSERVATION}", "diagnose efforts, and take their model")  # fmt: skip
+                    f"one of {EFFORTS}", "diagnose efforts, and take their model")  # fmt: skip
     columns = arm.columns(np.zeros((1, arm.chain.n)), {})
     return Efforts(arm, {name: cs.SX.sym(name, v.shape[1]) for name, v in columns.items()})
 

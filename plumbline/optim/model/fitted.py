@@ -17,11 +17,12 @@ from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.measurement.observation import loaded_chain, names_of
 from plumbline.optim.model.known import Known, told
 from plumbline.optim.model.rows import Columns
+from plumbline.optim.recording.kinds import EFFORTS
 
 
 def chain_of(robot: Robot, tip_frame: str, observation: str, ranges: Columns) -> Chain:
     """The joints that a recording speaks of: to its tip, or of all limbs where efforts are."""
-    if observation == "joint_torque":
+    if observation == EFFORTS:
         return tree_of(robot, ranges["q"].shape[1], tip_frame)
     return robot.chain(tip_frame)
 

@@ -10,7 +10,6 @@ import numpy as np
 from plumbline.errors import best_matches, fault, shown
 from plumbline.kinematics.effects.confined import parts_of, plain
 from plumbline.optim.model.making import Fit
-from plumbline.optim.recording.kinds import POSITIONS
 from plumbline.optim.recording.recording import Session
 
 
@@ -22,7 +21,7 @@ def number_of(session: Session, name: str) -> int:
     """
     names = [part.name for part in session.parts]
     if not name:
-        places = [k for k, part in enumerate(session.parts) if part.observation in POSITIONS]
+        places = [k for k, part in enumerate(session.parts) if part.kind.places]
         return (places or [0])[0]
     if name not in names:
         near = best_matches(name, names)

@@ -220,9 +220,9 @@ def chain_to(
 def _completed(recording: Recording, origin: Origin) -> Recording:
     """With the joints that are measured, and a hash, where none was given."""
     r = recording
-    if r.observation == "joint_torque":
+    if r.kind.efforts:
         r = with_motion(r, origin)
-    elif r.observation == "joint_position" and not r.measured_joints:
+    elif r.kind.encoders and not r.measured_joints:
         seen = np.flatnonzero(np.isfinite(r.measured).all(axis=0))
         r = replace(r, measured_joints=tuple(int(j) for j in seen))
     if not r.sha256:

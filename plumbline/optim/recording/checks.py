@@ -16,7 +16,7 @@ import numpy as np
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.recording.constants import BETTER_ROWS, SAME_POSTURE
 from plumbline.optim.recording.efforts import opposed_joints
-from plumbline.optim.recording.kinds import ALWAYS, KINDS
+from plumbline.optim.recording.kinds import ALWAYS
 from plumbline.optim.recording.origin import Array, Origin
 
 if TYPE_CHECKING:
@@ -30,10 +30,9 @@ def run(recording: Recording, origin: Origin) -> list[str]:
 
 def has_enough_rows(r: Recording, origin: Origin) -> Iterator[str]:
     """More equations than unknowns, on the rows that are fitted."""
-    kind = KINDS[r.observation]
     sockets = 0 if r.socket is None else len(np.unique(r.socket))
-    unknowns = kind.unknowns(r.always, sockets)
-    equations = kind.equations or max(1, len(r.measured_joints))
+    unknowns = r.kind.unknowns(r.always, sockets)
+    equations = r.kind.equations or max(1, len(r.measured_joints))
     least = max(2, unknowns // equations + 1)
     fitted = len(r) if r.held_out is None else int((~r.held_out).sum())
     if fitted < least:
@@ -79,7 +78,7 @@ def rows_differ(r: Recording, origin: Origin) -> Iterator[str]:
         parts.append(r.socket[:, None].astype(float))
     rows = np.ascontiguousarray(np.column_stack(parts))
     doubled = len(rows) - len({row.tobytes() for row in rows})
-    if doubled and r.observation != "fixed_point":
+    if doubled and not r.kind.sockets:
         yield f"{origin.file}: {doubled} rows repeat an earlier row to the last digit"
 
 
@@ -123,7 +122,7 @@ def direction_is_a_side(r: Recording, origin: Origin) -> Iterator[str]:
 def sockets_are_shared(r: Recording, origin: Origin) -> Iterator[str]:
     """Every socket holds the tip at least twice; only ``fixed_point`` has sockets."""
     if r.socket is None:
-        if r.observation == "fixed_point":
+        if r.kind.sockets:
             mend = "add it: which socket the tip rests in"
             raise fault(origin.at("socket"), "nothing", "a whole number a row", mend)
         return
@@ -187,7 +186,7 @@ def check_always(always: tuple[str, ...], effects: tuple[str, ...], where: str) 
 
 def efforts_run_with_the_model(r: Recording, origin: Origin) -> Iterator[str]:
     """Efforts that run against the model's are noted: the sign of a joint may be turned."""
-    if r.observation != "joint_torque":
+    if not r.kind.efforts:
         return
     opposed = opposed_joints(r)
     if opposed:

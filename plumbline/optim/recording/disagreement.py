@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plumbline.optim.recording.constants import FEWEST, HUGE, OUT_OF_BASE
-from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.set_up import missed as misfit_of
 from plumbline.optim.recording.set_up import wrong_set_up
@@ -28,7 +27,7 @@ def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
     wrong = wrong_set_up(r)
     if wrong is not None:
         yield f"{origin.file}: {wrong.words}: mend this; diagnose refuses it unless forced"
-    elif KINDS[r.observation].columns[:3] == ("x", "y", "z") and len(r) >= FEWEST:
+    elif r.kind.device and len(r) >= FEWEST:
         some = r.select(some_of(len(r)))
         missed, wide = misfit_of(some), spread(some.measured[:, :3])
         if missed > HUGE * wide > 0.0:
@@ -39,7 +38,7 @@ def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
 
 def encoders_count_the_motors_turns(r: Recording, origin: Origin) -> Iterator[str]:
     """Link-side encoders that read whole turns more are noted."""
-    if r.observation != "joint_position":
+    if not r.kind.encoders:
         return
     for j in r.measured_joints:
         turns = round(float(np.median(r.measured[:, j] - r.q[:, j])) / (2 * np.pi))
@@ -52,7 +51,7 @@ def far_from_base(r: Recording) -> float:
 
     In the median; a wrong tool or a large gap is no reason to doubt the frame.
     """
-    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+    if not r.kind.device:
         return 0.0
     some = some_of(len(r))
     tips = r.measured[some, :3]

@@ -7,13 +7,12 @@ socket 3): a recording of N rows says something about the robot only if N m > u.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-POSITIONS = ("tip_position", "pose", "fixed_point")  # that say where the tip is
 ALWAYS = ("frame", "tool")  # what every model fits unless [fit] always says otherwise
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of observation that ``diagnose`` reads."""
+    """One kind of observation: all that the diagnosis asks of it."""
 
     columns: tuple[str, ...]  # names of the measured columns; empty where they depend on the robot
     # scalar equations a row; 0 stands for one a measured joint, whose encoder's zero is as many
@@ -22,6 +21,19 @@ class Kind:
     frame: int  # unknowns of the device's frame
     tool: int  # unknowns of the tool
     unit: str  # unit of the measured columns, of the first three for a pose
+    places: bool = False  # whether rows say where the tip is
+    device: bool = False  # whether they do so in the frame of a measuring device
+    oriented: bool = False  # whether they also say how the tip is turned
+    sockets: bool = False  # whether the tip rested in sockets
+    encoders: bool = False  # whether second encoders were read
+    efforts: bool = False  # whether the drives' efforts were
+    ranges: bool = False  # whether a beam met planes
+    fiducials: bool = False  # whether markers of a CT were touched
+
+    @property
+    def joints(self) -> bool:
+        """Whether joints were measured, not the tip."""
+        return self.encoders or self.efforts
 
     def unknowns(self, always: Sequence[str], sockets: int) -> int:
         """Unknowns that every model fits."""
@@ -29,12 +41,25 @@ class Kind:
         return fitted + 3 * sockets
 
 
+# Those whose folders ``diagnose`` reads itself.
 KINDS: Mapping[str, Kind] = {
-    "tip_position": Kind(("x", "y", "z"), 3, 6, 3, "m"),
-    "pose": Kind(("x", "y", "z", "qw", "qx", "qy", "qz"), 6, 6, 6, "m"),
-    "fixed_point": Kind((), 3, 0, 3, "m"),
-    "joint_position": Kind((), 0, 0, 0, "rad"),
-    "joint_torque": Kind((), 0, 0, 0, "N m"),
+    "tip_position": Kind(("x", "y", "z"), 3, 6, 3, "m", places=True, device=True),
+    "pose": Kind(
+        ("x", "y", "z", "qw", "qx", "qy", "qz"), 6, 6, 6, "m",
+        places=True, device=True, oriented=True,
+    ),
+    "fixed_point": Kind((), 3, 0, 3, "m", places=True, sockets=True),
+    "joint_position": Kind((), 0, 0, 0, "rad", encoders=True),
+    "joint_torque": Kind((), 0, 0, 0, "N m", efforts=True),
+}  # fmt: skip
+EFFORTS = "joint_torque"
+PLACES = tuple(name for name in KINDS if name != EFFORTS)  # that one fit can hold together
+MIXED = "several"  # what rows of several of them are
+ROWS: Mapping[str, Kind] = {
+    **KINDS,
+    "plane_range": Kind(("range",), 1, 0, 0, "m", ranges=True),
+    "fiducials": Kind((), 3, 0, 0, "m", fiducials=True),
+    MIXED: Kind((), 0, 0, 0, "m"),
 }
 
 

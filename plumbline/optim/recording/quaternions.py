@@ -37,7 +37,7 @@ CONVENTIONS: Mapping[str, tuple[tuple[int, int, int, int], int]] = {
 def quaternions_are_unit(r: Recording, origin: Origin) -> Iterator[str]:
     """Quaternions have norm one."""
     yield from ()
-    if r.observation != "pose":
+    if not r.kind.oriented:
         return
     norm = np.linalg.norm(r.measured[:, 3:], axis=1)
     broken = np.flatnonzero(np.abs(norm - 1.0) > UNIT_TOLERANCE)
@@ -50,7 +50,7 @@ def quaternions_are_unit(r: Recording, origin: Origin) -> Iterator[str]:
 def quaternions_are_in_order(r: Recording, origin: Origin) -> Iterator[str]:
     """Quaternions turn with the model as they stand, w first."""
     yield from ()
-    if r.observation != "pose":
+    if not r.kind.oriented:
         return
     some = some_of(len(r))
     predicted = r.chain.placement(r.q[some])[:, :3, :3]

@@ -19,7 +19,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.recording.kinds import POSITIONS
+from plumbline.optim.recording.kinds import ROWS, Kind
 from plumbline.optim.recording.origin import Array, Flags, Integers
 
 
@@ -103,6 +103,11 @@ class Recording:
             locked = array.view()
             locked.setflags(write=False)
             object.__setattr__(self, name, locked)
+
+    @property
+    def kind(self) -> Kind:
+        """What its kind of observation says."""
+        return ROWS[self.observation]
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -208,11 +213,11 @@ class Recording:
         if self.socket is not None:
             facts.insert(2, ("sockets", f"{len(np.unique(self.socket))}"))
         if self.element is not None:
-            what = "planes" if self.observation == "plane_range" else "markers"
+            what = "planes" if self.kind.ranges else "markers"
             facts.insert(2, (what, f"{len(self.elements)}: {', '.join(self.elements)}"))
             dropped = {"tool offset [m]", "always fitted", *(["robot"] if self.stand_in else [])}
             facts = [fact for fact in facts if fact[0] not in dropped]
-        elif self.observation == "joint_torque":
+        elif self.kind.efforts:
             facts = [fact for fact in facts if fact[0] != "tool offset [m]"]
             facts[facts.index(("noise, 1 sigma", noise))] = self._noise_of_efforts()
         elif self.measured_joints:
@@ -260,39 +265,40 @@ class Session:
     @property
     def encoders(self) -> tuple[int, ...]:
         """Joints, from 0, that any recording has a second encoder of."""
-        own = (p.measured_joints for p in self.parts if p.observation == "joint_position")
+        own = (p.measured_joints for p in self.parts if p.kind.encoders)
         return tuple(sorted({j for joints in own for j in joints}))
 
     @property
     def residuals(self) -> int:
         """Number m of residuals of one row, of the kind that has most."""
-        sizes = {"pose": 6, "joint_position": len(self.encoders)}
-        sizes |= {"joint_torque": self.parts[0].chain.n}
-        return max(sizes.get(p.observation, 3) for p in self.parts)
+        return max(self._size(p) for p in self.parts)
+
+    def _size(self, part: Recording) -> int:
+        joints = len(self.encoders) if part.kind.encoders else part.chain.n
+        return part.kind.equations or joints
 
     def live(self, k: int) -> NDArray[np.bool_]:
         """Which of the residuals (m,) a row of recording k has."""
         part = self.parts[k]
-        if part.observation == "joint_position":
+        if part.kind.encoders:
             own = [j in part.measured_joints for j in self.encoders]
             return np.array(own + [False] * (self.residuals - len(own)))
-        size = {"pose": 6, "joint_torque": self.residuals}.get(part.observation, 3)
-        return np.arange(self.residuals) < size
+        return np.arange(self.residuals) < self._size(part)
 
     @property
     def has_positions(self) -> bool:
         """Whether any of the recordings says where the tip is."""
-        return any(p.observation in POSITIONS for p in self.parts)
+        return any(p.kind.places for p in self.parts)
 
     @property
     def has_device(self) -> bool:
         """Whether any of them was measured by a device."""
-        return any(p.observation in ("tip_position", "pose") for p in self.parts)
+        return any(p.kind.device for p in self.parts)
 
     @property
     def has_poses(self) -> bool:
         """Whether any of them has the tip's orientation."""
-        return any(p.observation == "pose" for p in self.parts)
+        return any(p.kind.oriented for p in self.parts)
 
     def first_socket(self, k: int) -> int:
         """What is added to the sockets of recording k, so that they are told from others'."""

@@ -13,14 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, fault, one_line
-from plumbline.optim.recording.kinds import POSITIONS
+from plumbline.optim.recording.kinds import EFFORTS, MIXED, PLACES
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.recording import CONTEXT, Recording, Session, hash_of
 
-MIXED = "several"  # observation of recordings that differ in it
-PLACES = ("tip_position", "pose", "fixed_point", "joint_position")  # kinds of one joint fit
-EFFORTS = "joint_torque"
-TOGETHER = (*PLACES, EFFORTS)
 SHARED = ("frame", "tool", "sockets")
 ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
 NO_SOCKET = -1
@@ -68,7 +64,7 @@ def joined(session: Session, sigmas: Sequence[float] | None = None) -> Recording
     known = all(stated)
     noises = np.array(sigmas if sigmas is not None else [s or 1.0 for s in stated], dtype=float)
     label = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
-    efforts = first.observation == EFFORTS
+    efforts = first.kind.efforts
     by_joint: Array | None = None
     if efforts:
         by_joint, shape = _noise_by_joint(session, sigmas or [1.0] * len(parts))
@@ -113,11 +109,11 @@ def _noise_shape(session: Session, noises: Array) -> tuple[float, Array | None]:
         shape = np.ones((len(part), session.residuals))
         if part.noise_shape is not None:
             own = part.noise_shape
-            if part.observation == "joint_position":
+            if part.kind.encoders:
                 own = own[:, [j for j in session.encoders if j in part.measured_joints]]
             shape[:, live] = own[:, : int(live.sum())]
         shapes.append(noises[k] * shape)
-        gap = part.observation in POSITIONS or not session.has_positions
+        gap = part.kind.places or not session.has_positions
         counted.append(shapes[k][:, live].ravel() if gap else np.empty(0))
     whole = float(np.sqrt(np.mean(np.concatenate(counted) ** 2)))
     found = np.vstack(shapes) / whole
@@ -144,33 +140,33 @@ def _noise_by_joint(session: Session, times: Sequence[float]) -> tuple[Array, Ar
 
 def _measured(session: Session) -> Array:
     """Positions, quaternions and second encoders side by side, where there are any, or efforts."""
-    if session.parts[0].observation == EFFORTS:
+    if session.parts[0].kind.efforts:
         return np.concatenate([p.measured for p in session.parts])
     return np.vstack([np.hstack(_columns(session, p)) for p in session.parts])
 
 
 def _columns(session: Session, part: Recording) -> list[Array]:
-    rows, device = len(part), part.observation in ("tip_position", "pose")
+    rows, device = len(part), part.kind.device
     found = [np.empty((rows, 0))]
     if session.has_device:
         found.append(part.measured[:, :3] if device else np.zeros((rows, 3)))
     if session.has_poses:
         still = np.tile([1.0, 0.0, 0.0, 0.0], (rows, 1))
-        found.append(part.measured[:, 3:] if part.observation == "pose" else still)
+        found.append(part.measured[:, 3:] if part.kind.oriented else still)
     if session.encoders:
-        encoders = part.observation == "joint_position"
+        encoders = part.kind.encoders
         read = part.measured if encoders else part.q
         found.append(np.where(np.isnan(read), part.q, read))
     return found
 
 
 def _sockets(session: Session) -> NDArray[np.int64] | None:
-    if not any(p.observation == "fixed_point" for p in session.parts):
+    if not any(p.kind.sockets for p in session.parts):
         return None
     return np.concatenate(
         [
             np.full(len(p), NO_SOCKET)
-            if p.socket is None or p.observation != "fixed_point"
+            if p.socket is None or not p.kind.sockets
             else p.socket + session.first_socket(k)
             for k, p in enumerate(session.parts)
         ]
@@ -183,7 +179,7 @@ def _context(session: Session) -> dict[str, Any]:
     for name in CONTEXT:
         own = [getattr(p, name) for p in session.parts]
         there = [v for v in own if v is not None]
-        if not there or (name == "acceleration" and session.parts[0].observation != EFFORTS):
+        if not there or (name == "acceleration" and not session.parts[0].kind.efforts):
             continue
         fill = np.mean(np.concatenate(there)) if name in MEAN else np.zeros(there[0].shape[1:])
         blank = [np.full((len(p), *there[0].shape[1:]), fill) for p in session.parts]
@@ -194,7 +190,7 @@ def _context(session: Session) -> dict[str, Any]:
 
 def _always(session: Session) -> tuple[str, ...]:
     """What every recording fits of frame and tool, those that have none aside."""
-    asked = [p.always for p in session.parts if p.observation in POSITIONS]
+    asked = [p.always for p in session.parts if p.kind.places]
     return tuple(w for w in ("frame", "tool") if asked and all(w in own for own in asked))
 
 
@@ -214,7 +210,7 @@ def _refuse_twice(before: Sequence[Recording], other: Recording) -> None:
 
 def _refuse_other(first: Recording, other: Recording) -> None:
     """Refuse a recording that cannot be fitted together with the first."""
-    kinds = (EFFORTS,) if first.observation == EFFORTS else PLACES
+    kinds = (EFFORTS,) if first.kind.efforts else PLACES
     if other.observation not in kinds:
         mend = "diagnose each kind on its own, or all with plumbline.diagnose([...])"
         raise fault(other.name, other.observation, f"one of {', '.join(kinds)}", mend)

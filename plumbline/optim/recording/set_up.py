@@ -82,10 +82,10 @@ def plausible(recording: Recording) -> float:
     Trackers, arms and calibrated cameras are a hundred times finer; what is coarser hides every
     gap that a robot with a set-up that is right has ever shown.
     """
-    turning = recording.observation == "joint_position" and any(
+    turning = recording.kind.encoders and any(
         recording.chain.kinds[j] == "revolute" for j in recording.measured_joints
     )
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         return np.inf  # drives differ by decades, and so does what their efforts are read with
     return PLAUSIBLE * (1.0 if turning else recording.chain.reach)
 
@@ -111,11 +111,11 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
     """
     if recording.element is not None:
         return None  # what reads ranges and fiducials has refused what is no plane, no body
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         return None  # what moves the bodies tells their signs and order itself: see checks
     if len(np.unique(np.round(recording.q, 6), axis=0)) < FEWEST:
         return None
-    if recording.observation == "joint_position":
+    if recording.kind.encoders:
         return _wrong_encoder(recording)
     r = recording.select(some_of(len(recording)))
     own = missed(r)
@@ -134,11 +134,11 @@ def missed(r: Recording) -> float:
     T = r.chain.placement(r.q)
     R, p = T[:, :3, :3], T[:, :3, 3] + T[:, :3, :3] @ r.tool_offset
     fitted = "tool" in r.always
-    if r.socket is not None and r.observation == "fixed_point":
+    if r.socket is not None and r.kind.sockets:
         return _apart_in_sockets(R, p, np.unique(r.socket, return_inverse=True)[1], fitted)
     F, gaps = matched(R, p, r.measured[:, :3], fitted)
     squares = np.sum(gaps**2, axis=1)
-    if r.observation == "pose":
+    if r.kind.oriented:
         squares = squares + (LEVER * _turned(F @ R, r.measured[:, 3:], fitted)) ** 2
     return float(np.sqrt(np.median(squares)))
 
@@ -175,9 +175,9 @@ def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
     if r.measured.shape[1]:
         mirrored = replace(r, measured=r.measured * MIRROR[: r.measured.shape[1]])
         yield "the device's axes mirrored (left-handed: turn the sign of z)", mirrored
-    if r.observation == "pose":
+    if r.kind.oriented:
         yield from _positions_alone(r)
-    if r.observation == "fixed_point":
+    if r.kind.sockets:
         yield from _sockets_by_place(r)
     for name in bundled_names():
         other = Robot.bundled(name).chain()

@@ -19,7 +19,6 @@ from plumbline.optim.recording.disagreement import (
     encoders_count_the_motors_turns,
     rows_meet_the_model,
 )
-from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import quaternions_are_in_order, quaternions_are_unit
 from plumbline.optim.rigid import misfit, some_of, spread
@@ -64,7 +63,7 @@ def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
     """Noise is positive and smaller than what it is the noise of."""
     limit = {"m": _bound(r), "rad": 1.0, "N m": at.LARGEST}  # drives differ by decades
     for key, value, unit in (
-        ("noise_std", r.noise_std, KINDS[r.observation].unit),
+        ("noise_std", r.noise_std, r.kind.unit),
         ("noise_std_rotation", r.noise_std_rotation, "rad"),
     ):
         if value is None:
@@ -80,14 +79,14 @@ def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
             )
         if value > at.COARSE * limit[unit]:
             yield f"{origin.key(key)}: {value:.3g} {unit} is coarse; is it in {unit}?"
-    if r.noise_std_rotation is not None and r.observation != "pose":
+    if r.noise_std_rotation is not None and not r.kind.oriented:
         yield "noise_std_rotation: not used, only a pose has rotations"
 
 
 def joints_are_in_si(r: Recording, origin: Origin) -> Iterator[str]:
     """Joint readings are rad and m; slightly beyond a limit is a note."""
     sides = [("q", r.q)]
-    if r.observation == "joint_position":
+    if r.kind.encoders:
         sides.append(("m", np.where(np.isnan(r.measured), r.q, r.measured)))
     for prefix, values in sides:
         _check_turns(r, prefix, values, origin)
@@ -146,7 +145,7 @@ def _check_slides(r: Recording, prefix: str, values: Array, origin: Origin) -> N
 def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
     """Degrees and millimetres may stay within limits, but only converted do they meet the tips."""
     yield from ()
-    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+    if not r.kind.device:
         return
     some = some_of(len(r))
     q, tips = r.q[some], r.measured[some, :3]
@@ -170,7 +169,7 @@ def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
 
 def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
     """Measured tips spread as predicted ones do, and no wider than the arm can reach."""
-    if KINDS[r.observation].columns[:3] != ("x", "y", "z"):
+    if not r.kind.device:
         return
     tips = r.measured[:, :3]
     away = np.linalg.norm(tips - np.median(tips, axis=0), axis=1)
@@ -209,7 +208,7 @@ def _check_scale(r: Recording, away: Array, ratio: float, origin: Origin) -> Non
 def second_encoders_move(r: Recording, origin: Origin) -> Iterator[str]:
     """Second encoders move with the joints that they are on."""
     yield from ()
-    if r.observation != "joint_position" or not r.measured_joints:
+    if not r.kind.encoders or not r.measured_joints:
         return
     seen = list(r.measured_joints)
     moved = np.ptp(r.q[:, seen], axis=0) > at.SMALLEST_SPREAD
@@ -243,7 +242,7 @@ def refuse_fast(r: Recording, origin: Origin) -> None:
     Raises:
         PlumblineError: The first of them.
     """
-    efforts = r.measured if r.observation == "joint_torque" else r.effort
+    efforts = r.measured if r.kind.efforts else r.effort
     for name, values, most, unit in (
         ("velocity", r.velocity, at.LARGEST_SPEED, "rad/s or m/s"),
         ("acceleration", r.acceleration, at.LARGEST_ACCELERATION, "rad/s^2 or m/s^2"),

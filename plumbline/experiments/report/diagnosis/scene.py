@@ -20,7 +20,7 @@ AXIS = 0.15  # [m]: of the base frame's arrows
 def scene(subject: Subject) -> str:
     """The scene as JSON, lengths in m; empty where rows are no tips."""
     recording = subject.recording
-    if recording.observation not in ("tip_position", "pose"):
+    if not recording.kind.device:
         return ""
     R = upright(recording.chain.gravity)
     body = skeleton(recording.chain, typical_posture(recording.q), recording.tool_offset).turned(R)

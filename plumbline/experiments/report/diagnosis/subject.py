@@ -71,7 +71,7 @@ class Subject:
         factor, unit = scaled(diagnosis.verdict.gap.unit)
         keep = np.asarray(diagnosis.trusted, dtype=bool)
         # Of a pose, the gap is that of its position.
-        columns = 3 if diagnosis.recording.observation == "pose" else None
+        columns = 3 if diagnosis.recording.kind.oriented else None
         return cls(
             recording=diagnosis.recording.select(keep),
             verdict=diagnosis.verdict,
@@ -86,22 +86,22 @@ class Subject:
     @property
     def encoders(self) -> bool:
         """Whether the rows are readings of joints, angles or efforts, rather than of the tip."""
-        return self.recording.observation == "joint_position" or self.torques
+        return self.recording.kind.encoders or self.torques
 
     @property
     def ranges(self) -> bool:
         """Whether the rows are ranges on planes."""
-        return self.recording.observation == "plane_range"
+        return self.recording.kind.ranges
 
     @property
     def touches(self) -> bool:
         """Whether the rows are touches of markers."""
-        return self.recording.observation == "fiducials"
+        return self.recording.kind.fiducials
 
     @property
     def torques(self) -> bool:
         """Whether the rows are efforts of drives."""
-        return self.recording.observation == "joint_torque"
+        return self.recording.kind.efforts
 
     @cached_property
     def encoder_columns(self) -> dict[int, int]:

@@ -117,7 +117,7 @@ class Setting:
     def recorded(self, fault: Fault, errors: Array) -> Recording:
         """The recording whose residuals at the fault are these errors (N, m) [m or rad]."""
         model, x = self.model(fault)
-        if self.recording.observation == "fixed_point":
+        if self.recording.kind.sockets:
             return replace(self.recording, q=_given_way(model, x, errors))
         residuals = Mapped(model.problem).residuals(x)
         return replace(self.recording, measured=_as_read(self.recording, residuals, errors))
@@ -126,13 +126,13 @@ class Setting:
 def _as_read(recording: Recording, residuals: Array, errors: Array) -> Array:
     """Measured values (N, k) that leave the errors in place of the residuals."""
     measured = np.array(recording.measured)
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         return measured + (residuals - errors) / effort_weights(recording)
-    if recording.observation == "joint_position":
+    if recording.kind.encoders:
         measured[:, list(recording.measured_joints)] += residuals - errors
         return measured
     measured[:, :3] += (residuals - errors)[:, :3]
-    if recording.observation == "pose":
+    if recording.kind.oriented:
         lever = rotation_lever(recording)
         was, wanted = (_turns(r[:, 3:] / lever) for r in (residuals, errors))
         seen = Rotation.from_quat(measured[:, 3:], scalar_first=True)

@@ -137,7 +137,7 @@ def _as_recording(model: Model, rows: FutureRows, times: Array, warmths: Array) 
     recording = model.recording
     width = recording.measured.shape[1]
     measured = np.zeros((len(rows), width))
-    if recording.session is not None or recording.observation == "pose":
+    if recording.session is not None or recording.kind.oriented:
         _orient(model, rows.q, measured)
     given: dict[str, Any] = {"q": rows.q, "measured": measured, "held_out": None}
     given["part"] = None if recording.part is None else np.full(len(rows), recording.part[0])

@@ -168,7 +168,7 @@ def _within_reach(
 ) -> NDArray[np.bool_]:
     """Rows within joint ranges, and with their tips where the device has seen the tip before."""
     good = np.all((q >= lower) & (q <= upper), axis=1)
-    if seen and recording.observation in ("tip_position", "pose"):
+    if seen and recording.kind.device:
         known, tips = (recording.chain.tips(p, recording.tool_offset) for p in (recording.q, q))
         low, high = known.min(axis=0), known.max(axis=0)
         margin = WIDER * (high - low)

@@ -29,10 +29,10 @@ from plumbline.optim.diagnosis.prior import (
 )
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.model.part import number_of
+from plumbline.optim.recording.kinds import PLACES
 from plumbline.optim.recording.recording import Recording
 
 # Kinds for which rows are proposed: postures, not motions.
-PROPOSED = ("tip_position", "pose", "fixed_point", "joint_position")
 NEEDS = "needs the column "
 COLUMNS = {
     "direction": "record which way each joint came last (direction1, ...)",
@@ -265,7 +265,7 @@ def suggestions(selected: SelectedModel, verdict: Verdict, seed: int) -> tuple[d
     """
     recording = selected.model.recording
     own = _written(recording, "")
-    if own.observation not in PROPOSED or (own.socket is not None and own is not recording):
+    if own.observation not in PLACES or (own.socket is not None and own is not recording):
         return ()
     rows = next_experiment(selected, verdict, replace(CHEAP, seed=seed)).rows
     of = {} if own is recording else {"recording": own.name}

@@ -85,7 +85,7 @@ def dependences(recording: Recording, ports: Ports, seed: int) -> Iterator[Depen
         ports: Its ports on these rows.
         seed: Of the random features.
     """
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         for words, on, j, own in torque_functions(recording):
             port = ports.joint[[j]]
             yield from _one_of(_at(words, on, "actuation", j + 1, form, port) for form in own)
@@ -97,9 +97,10 @@ def dependences(recording: Recording, ports: Ports, seed: int) -> Iterator[Depen
             yield from _one_of(forms)
     if recording.stand_in:
         return
-    if recording.observation not in ("joint_position", "fixed_point", "plane_range"):
+    kind = recording.kind
+    if not (kind.encoders or kind.sockets or kind.ranges):
         yield from _of_place(recording, ports, rng)
-    if recording.observation != "joint_position":
+    if not kind.encoders:
         posture = random_features(normal(recording.q), REACHES[-1], rng)
         yield _at("the posture", "posture", "link", None, posture, ports.shift)
         yield from _of_links(recording, ports)

@@ -40,7 +40,7 @@ class Offered:
 
 def part_functions(recording: Recording, rng: np.random.Generator) -> Iterator[Offered]:
     """Functions of what was recorded that ranges or fiducials may follow."""
-    if recording.observation == "plane_range":
+    if recording.kind.ranges:
         yield from _of_ranges(recording, rng)
     else:
         yield from _of_fiducials(recording, rng)

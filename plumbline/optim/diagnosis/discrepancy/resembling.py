@@ -65,7 +65,7 @@ def resembling(
     if recording.stand_in:
         return  # for poses and points that were given there is no joint whose angle or load counts
     load = loads(recording)
-    torques = recording.observation == "joint_torque"
+    torques = recording.kind.efforts
     for candidate in listed:
         effect = candidate.effect
         place = (str(effect.stage), effect.element)
@@ -151,7 +151,7 @@ def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[tuple[s
     turn = "own angle" if effect.stage == Stage.JOINT else "angle"
     if isinstance(effect, GearRipple):
         yield turn, turns(effect.order * angle, 2, constant=False)
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         yield from seen_by_drives(recording, joint)
     elif effect.stage != Stage.SENSOR:
         yield turn, turns(angle, 2, constant=False)

@@ -107,8 +107,8 @@ class Ports:
             always: How many of its unknowns are always fitted; all of them if not given.
         """
         n = model.recording.chain.n
-        torques = model.recording.observation == "joint_torque"
-        encoders = torques or model.recording.observation == "joint_position"
+        torques = model.recording.kind.efforts
+        encoders = torques or model.recording.kind.encoders
         r, J = _columns(model, x, rows)
         base = J * model.problem.scale[:, None, None]
         target = np.einsum("pnm,p->nm", base, x / model.problem.scale) - r
@@ -134,7 +134,7 @@ class Ports:
             shift = shift / shape[rows][:, own]
             joint = joint / shape[rows] if torques else joint
         places = session is not None and session.has_positions
-        size = 3 if places or model.recording.observation == "pose" else r.shape[1]
+        size = 3 if places or model.recording.kind.oriented else r.shape[1]
         link = link.reshape(-1, 6, *r.shape)
         always = len(x) if always is None else always
         gross = model.problem.weights[rows] == 0

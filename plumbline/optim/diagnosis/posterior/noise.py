@@ -46,8 +46,8 @@ def _used(best: Solution, rows: Gram) -> float:
 
 def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
     """Pooled spread [m] of residuals of repeated readings; None with too few of them."""
-    kinds = ("tip_position", "pose", "fiducials")
-    if recording.observation not in kinds or recording.alike:
+    kind = recording.kind
+    if not (kind.device or kind.fiducials) or recording.alike:
         return None
     trusted = best.problem.weights > 0
     _, label, count = np.unique(

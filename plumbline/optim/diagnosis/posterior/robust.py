@@ -107,7 +107,7 @@ def _size(squares: Array, freedom: int | Array, of: NDArray[np.bool_]) -> float:
 
 def lone_rows(recording: Recording) -> NDArray[np.bool_]:
     """Rows (N,) of markers that are touched once: what is wrong with them is the marker's place."""
-    if recording.observation != "fiducials" or recording.element is None:
+    if not recording.kind.fiducials or recording.element is None:
         return np.zeros(len(recording), dtype=bool)
     return np.asarray(np.bincount(recording.element)[recording.element] == 1)
 

@@ -128,7 +128,7 @@ def on_all_rows(
     A frame's numbers are told from where it was registered; sockets are numbered by those that are
     visited, and how much their known distances count depends on all visits.
     """
-    sockets = recording.observation == "fixed_point"
+    sockets = recording.kind.sockets
     nuisance = nuisances_of(recording) if sockets else guess.model.nuisance
     model = build_model(recording, guess.effects_of_fit, nuisance=nuisance, weights=weights)
     return model, Solution(model.problem, model.started(guess.best.by_name))

@@ -304,7 +304,7 @@ def predicted(
 ) -> tuple[Array, Judged | None]:
     """Residuals of rows that were kept back; a socket that no other row rests in is refitted."""
     effects = _effects_of(solution, selected)
-    if held.observation != "fixed_point":
+    if not held.kind.sockets:
         model = build_model(held, effects, nuisance=selected.model.nuisance)
         return Mapped(model.problem).residuals(solution.x), None
     nuisances = dict(zip(selected.model.nuisance.names, solution.x.tolist(), strict=False))

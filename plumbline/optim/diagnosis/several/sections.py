@@ -26,8 +26,9 @@ from plumbline.optim.diagnosis.several.motions import diagnose_motions, joined_m
 from plumbline.optim.diagnosis.several.together import diagnose_session
 from plumbline.optim.diagnosis.told import Told
 from plumbline.optim.model import Applied, Drives, Model
+from plumbline.optim.recording.kinds import EFFORTS, PLACES
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.session import ALIKE, EFFORTS, PLACES, build_session
+from plumbline.optim.recording.session import ALIKE, build_session
 
 Section = Diagnosis | MotionDiagnosis
 ORDER = (PLACES, (EFFORTS,), ("motion",), ("tracking",), ("plane_range",), ("fiducials",))
@@ -159,7 +160,7 @@ def _section(
 
 def _shared(rows: Sequence[Recording], shared: Sequence[str]) -> Sequence[str]:
     """What is shared of a frame and a tool, which places alone have."""
-    return shared if rows[0].observation in PLACES else ()
+    return () if rows[0].kind.efforts else shared
 
 
 def _groups(

@@ -29,7 +29,7 @@ from plumbline.optim.measurement.candidates import runs_once
 from plumbline.optim.measurement.refit import gap_unit
 from plumbline.optim.measurement.torque import UNIT, newton_metres
 from plumbline.optim.recording.recording import Recording, Session
-from plumbline.optim.recording.session import EFFORTS, apart, joined
+from plumbline.optim.recording.session import apart, joined
 
 OWN_SHARE = 0.4  # of the time, for the recordings one by one (progress only)
 
@@ -72,7 +72,7 @@ def diagnose_session(
         alone.append(_alone(part, options))
     suspects = _suspects(alone)
     session = replace(session, parts=tuple(a.recording for a in alone), suspects=suspects)
-    efforts = session.parts[0].observation == EFFORTS
+    efforts = session.parts[0].kind.efforts
     joint = joined(session, [a.sigma / UNIT if efforts else a.weighing for a in alone])
     found = diagnose(
         joint, options, progress=lambda words, share: tell(words, OWN_SHARE + 0.6 * share)
@@ -86,7 +86,7 @@ def _alone(part: Recording, options: DiagnosisOptions) -> _Alone:
     part = usable(part, options.force)
     task = task_of(part, options)
     selected, _ = find_causes(task, lambda words, share: None)
-    if part.observation == "pose" and not (part.noise_std and part.noise_std_rotation):
+    if part.kind.oriented and not (part.noise_std and part.noise_std_rotation):
         part = replace(part, lever=noise_lever(selected.best, task.recording))
     noise = noise_of(task.recording, selected.best)
     return _Alone(

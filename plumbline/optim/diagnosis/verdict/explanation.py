@@ -164,8 +164,8 @@ def _correlation(
     pool, problem = selected.pool, alt.problem
     recording = pool.model.recording
     moving = scope_of(recording).moving
-    told = recording.observation == "joint_torque" and stated_noise(recording)
-    if recording.session or (moving and not told) or recording.observation == "fiducials":
+    told = recording.kind.efforts and stated_noise(recording)
+    if recording.session or (moving and not told) or recording.kind.fiducials:
         # Along one motion all that is missing wanders; several recordings are not in one order;
         # what touches of one marker share is the marker's place, a cause.
         return 0.0, 0.0

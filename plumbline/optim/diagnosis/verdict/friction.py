@@ -37,7 +37,7 @@ def friction_curves(
         least: Standard errors (P,) below which none is told.
     """
     recording, best = selected.model.recording, selected.best
-    if recording.observation != "joint_torque":
+    if not recording.kind.efforts:
         return ()
     sigma = noise.sigma * max(noise.ratio, 1.0)
     covariance = sigma**2 * np.linalg.pinv(best.gram.matrix, rcond=1e-13, hermitian=True)

@@ -50,7 +50,7 @@ def is_far(gap: Gap, noise: NoiseLevel) -> bool:
 
 def noisiest_joint(recording: Recording, selected: SelectedModel) -> str:
     """What is said where a joint's second encoder scatters more than the others', if one does."""
-    if recording.observation != "joint_position":
+    if not recording.kind.encoders:
         return ""
     r = selected.best.mapped.residuals(selected.best.x)[selected.best.problem.weights > 0]
     each = np.sqrt(np.mean(r**2, axis=0))

@@ -15,7 +15,7 @@ from plumbline.optim.recording.recording import Recording
 
 def in_own_unit(verdict: Verdict, recording: Recording) -> Verdict:
     """The verdict with its gap, its causes' gaps and its noise in the unit that was measured."""
-    if recording.observation != "joint_torque":
+    if not recording.kind.efforts:
         return verdict
     by, gap, noise = newton_metres(recording), verdict.gap, verdict.noise
     return replace(

@@ -74,15 +74,15 @@ def staircase(
 
 def always_words(recording: Recording) -> str:
     """What is fitted before any cause, as the first bar of the staircase says it."""
-    if recording.observation == "joint_torque":
+    if recording.kind.efforts:
         return "before"
     if recording.element is not None and not set(recording.always) - {"frame", "tool"}:
-        ranges = recording.observation == "plane_range"
+        ranges = recording.kind.ranges
         return "beam and planes alone" if ranges else "rigid transform alone"
     effects = set(recording.always) - {"frame", "tool"}
-    if recording.observation == "joint_position":
+    if recording.kind.encoders:
         return "zeros of the encoders alone" if effects == {"joint_offset"} else "before"
-    sockets = recording.observation == "fixed_point"  # which no frame is needed for
+    sockets = recording.kind.sockets  # which no frame is needed for
     fitted = {"tool"} if sockets else {"frame", "tool"}
     if effects or not fitted <= set(recording.always):
         return "before"

@@ -17,7 +17,8 @@ from plumbline.kinematics.effects.cable_spring import CableSpring
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.torque import BODIES
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.efforts import OBSERVATION, efforts_of
+from plumbline.optim.model.efforts import efforts_of
+from plumbline.optim.recording.kinds import EFFORTS
 
 # An effect of the drives, and the attribute of a joint that is its first parameter.
 MUJOCO = {
@@ -69,7 +70,7 @@ def held_by(arm: Arm, names: Mapping[str, str], *, gravity: bool) -> Arm:
 
 
 def _on_bodies(arm: Arm, k: int, *, gravity: bool) -> bool:
-    if arm.observation != OBSERVATION or arm.effects[k].port not in BODIES:
+    if arm.observation != EFFORTS or arm.effects[k].port not in BODIES:
         return False
     state = efforts_of(arm.of([k])).bodies()
     constant = not cs.symvar(cs.vertcat(cs.vec(state.inertial), state.gravity))
@@ -80,7 +81,7 @@ def _on_bodies(arm: Arm, k: int, *, gravity: bool) -> bool:
 def bodies_of(held: Arm) -> tuple[list[pin.Inertia], Array]:
     """What every body weighs (n), and gravity (3,) in the base frame [m/s^2]."""
     own = [held.chain.model.inertias[k + 1] for k in range(held.chain.n)]
-    if held.observation != OBSERVATION:
+    if held.observation != EFFORTS:
         return own, held.chain.gravity
     fixed = held.of([k for k, e in enumerate(held.effects) if e.port in BODIES])
     state = efforts_of(fixed).bodies()

@@ -6,8 +6,9 @@ from pathlib import Path
 import casadi as cs
 
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.efforts import OBSERVATION, efforts_of
+from plumbline.optim.model.efforts import efforts_of
 from plumbline.optim.model.export.exported import Exported, lacking
+from plumbline.optim.recording.kinds import EFFORTS
 
 NAME = "plumbline_model"
 RESULTS = {
@@ -21,7 +22,7 @@ def function(arm: Arm) -> cs.Function:
 
     Of efforts, ``(q, velocity, acceleration, ...) -> tau (n,)``.
     """
-    if arm.observation == OBSERVATION:
+    if arm.observation == EFFORTS:
         efforts = efforts_of(arm)
         moved = [efforts.symbols[name] for name in efforts.used]
         return cs.Function(NAME, moved, [efforts.torque(efforts.row)], [*efforts.used], ["tau"])

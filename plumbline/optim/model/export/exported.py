@@ -9,8 +9,9 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.efforts import MOTION, OBSERVATION, tau
+from plumbline.optim.model.efforts import MOTION, tau
 from plumbline.optim.model.statement import acts_on_places
+from plumbline.optim.recording.kinds import EFFORTS
 
 AGREES = 1e-9  # of a placement read again [m, or a rotation's entry]: beyond what text loses
 
@@ -80,7 +81,7 @@ def lacking(arm: Arm, held: Arm) -> tuple[tuple[Lack, ...], float, float, str]:
     Over the rows that the model keeps of its recording; of efforts in newton metres.
     """
     arm, held = arm.lasting(), held.lasting()
-    unit = "N m" if arm.observation == OBSERVATION else "m"
+    unit = "N m" if arm.observation == EFFORTS else "m"
     whole, stays = apart(arm, arm.nominal), apart(arm, held)
     words = {e.label: e.sentence for e in arm.effects}
     missing = [label for label in arm.labels if label not in held.labels]
@@ -94,7 +95,7 @@ def lacking(arm: Arm, held: Arm) -> tuple[tuple[Lack, ...], float, float, str]:
 def apart(one: Arm, other: Arm) -> float:
     """RMS between two arms: of their efforts [N m], or their tips once frame and tool fit [m]."""
     q, context = samples_of(one)
-    if one.observation == OBSERVATION:
+    if one.observation == EFFORTS:
         v, a = (context.pop(name, np.zeros_like(q)) for name in MOTION[1:])
         two = [tau(arm, q, v, a, context) for arm in (one, other)]
         return float(np.sqrt(np.mean((two[0] - two[1]) ** 2)))

@@ -14,7 +14,7 @@ from plumbline.kinematics.link_export import (
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.efforts import MOTION, OBSERVATION, tau
+from plumbline.optim.model.efforts import MOTION, tau
 from plumbline.optim.model.export.bodies import URDF, bodies_of, drives_of, held_by
 from plumbline.optim.model.export.exported import Exported, head, lacking, must_agree, samples_of
 from plumbline.optim.model.export.geometry import (
@@ -26,6 +26,7 @@ from plumbline.optim.model.export.geometry import (
 )
 from plumbline.optim.model.export.readers import frames_by_pinocchio, torques_by_pinocchio
 from plumbline.optim.model.fitted import chain_of
+from plumbline.optim.recording.kinds import EFFORTS
 
 TOOL = "calibrated_tool"
 
@@ -62,7 +63,7 @@ def _with_efforts(held: Arm, text: str, tip: str) -> str:
     Raises:
         PlumblineError: Read again, they are others.
     """
-    if held.observation != OBSERVATION:
+    if held.observation != EFFORTS:
         return text
     own, chain = drives_of(held, URDF), _chain(held, text, tip)
     wanted = [one.toDynamicParameters() for one in bodies_of(held)[0]]
