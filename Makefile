@@ -30,7 +30,7 @@ help: ## list the targets
 diagnose: $(VENV)/.installed-core ## the verdict on a recording: FOLDER=..., or a bundled one
 	@mkdir -p results
 	@"$(BIN)/python" -m plumbline diagnose "$(FOLDER)" \
-		--report "results/$$(basename "$(FOLDER)").html"
+		--report "results/$$(basename "$(FOLDER)").html" --overwrite
 
 test: export PYTHONDONTWRITEBYTECODE := # or each process that a test starts compiles all anew
 test: $(VENV)/.installed-test ## all tests and notebooks
