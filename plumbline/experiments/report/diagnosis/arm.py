@@ -96,13 +96,15 @@ def arm(subject: Subject) -> Figure:
     with house_style():
         figure = new_figure(3.3, 3.6)
         axes = figure.add_subplot()
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal")
         axes.axis("off")
         _ground(axes, body, azimuth, share)
         _links(axes, body, azimuth, share)
         _joints(axes, body, azimuth, share)
         _scale_bar(axes, project(body.points, azimuth))
-        axes.margins(0.1)
+        low, high = axes.dataLim.min, axes.dataLim.max
+        pad = 0.1 * float((high - low).max())  # room for discs, about half of which lie outside
+        axes.set(xlim=(low[0] - pad, high[0] + pad), ylim=(low[1] - pad, high[1] + pad))
         return figure
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report.hand_eye.pictures import BOARDS, MM
-from plumbline.experiments.report.page.page import Grid, Page, Part, Picture
+from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
 from plumbline.experiments.report.style import SIZES, house_style, new_figure
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.hand_eye.scan import ScanAnswer
 
@@ -29,12 +30,44 @@ def page(answer: ScanAnswer) -> Page:
         name=answer.recording.name,
         verdict=f"{counted(len(answer.points), 'reading')} rebuilt",
         tone="explained",
-        lead=(),
-        tiles=(),
+        lead=_lead(answer),
+        tiles=_tiles(answer),
         parts=(*angles, *laid, *([Part("Notes", (), None, notes)] if notes else []),
                partial(_picture, answer)),
         sha256=answer.recording.sha256,
     )  # fmt: skip
+
+
+def _lead(answer: ScanAnswer) -> list[str]:
+    """What the scan says, in plain sentences."""
+    said = []
+    if answer.laid is not None:
+        said.append(
+            f"CT lies on the scan: points are {_mean(answer.laid.distances)} from its surface, and "
+            f"it is placed to {quantity(answer.laid.edge, 'm')} at the scan's edge."
+        )
+    if answer.angles:
+        worst = np.rad2deg(max(a.std for a in answer.angles))
+        said.append(f"Faces meet at the angles below, known to {worst:.2f} deg or better.")
+    return said
+
+
+def _tiles(answer: ScanAnswer) -> list[Tile]:
+    if answer.laid is None:
+        return []
+    tiles = [
+        Tile("from the surface", _mean(answer.laid.distances), "mean"),
+        Tile("at the scan's edge", quantity(answer.laid.edge, "m"), "standard error"),
+    ]
+    if len(answer.laid.stds):
+        tiles.append(
+            Tile("targets", quantity(float(answer.laid.stds.max()), "m"), "standard error, at most")
+        )
+    return tiles
+
+
+def _mean(distances: Array) -> str:
+    return quantity(float(distances.mean()), "m")
 
 
 def _angles(answer: ScanAnswer) -> list[Part]:
@@ -50,12 +83,8 @@ def _surface(answer: ScanAnswer) -> list[Part]:
     laid = answer.laid
     if laid is None:
         return []
-    d = laid.distances
-    mean, spread, most = (quantity(float(x), "m") for x in (d.mean(), d.std(), d.max()))
-    words = (
-        f"Points lie {mean} from it, spread {spread}, largest {most}; standard error at the "
-        f"scan's edge {quantity(laid.edge, 'm')}.",
-    )
+    spread, most = (quantity(float(x), "m") for x in (laid.distances.std(), laid.distances.max()))
+    words = (f"Distances spread by {spread}; the largest is {most}.",)
     named = zip(answer.recording.target_labels, laid.targets, laid.stds, strict=True)
     rows = [
         [label, *(f"{x:.2f}" for x in MM * point), quantity(float(std), "m")]
@@ -88,6 +117,9 @@ def scan_picture(answer: ScanAnswer) -> Figure:
                 axes.scatter(*points[face == k].T, s=9, color=colour, label=label)
             axes.legend(loc="upper left")
         axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+        axes.locator_params(nbins=5)
         axes.set_aspect("equal")
-        axes.set_title("Rebuilt points, in the base frame")
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.labelpad = 10.0  # points, past the numbers
+        axes.set_box_aspect(None, zoom=0.85)
     return figure
