@@ -102,7 +102,7 @@ def arm(subject: Subject) -> Figure:
         _links(axes, body, azimuth, share)
         _joints(axes, body, azimuth, share)
         _scale_bar(axes, project(body.points, azimuth))
-        low, high = axes.dataLim.min, axes.dataLim.max
+        low, high = np.asarray(axes.dataLim.get_points())
         pad = 0.1 * float((high - low).max())  # room for discs, about half of which lie outside
         axes.set(xlim=(low[0] - pad, high[0] + pad), ylim=(low[1] - pad, high[1] + pad))
         return figure
