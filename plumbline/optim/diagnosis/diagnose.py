@@ -15,7 +15,7 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
-from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.findings import NoiseLevel, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
@@ -30,6 +30,7 @@ from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while
 from plumbline.optim.diagnosis.prior import (
+    LEAST_TOLD,
     NO_EVIDENCE,
     ROUNDS,
     SAME_CORRELATION,
@@ -37,6 +38,7 @@ from plumbline.optim.diagnosis.prior import (
 )
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
 from plumbline.optim.diagnosis.verdict.judge import judge
+from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
 from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
 from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.loading import load_to_diagnose
@@ -91,7 +93,8 @@ def diagnose(
     selected, evaluation = _foretold(recording, task, selected, bad, by, seed)
     tell("putting the verdict together", 0.9)
     noise = noise_of(training, selected.best)
-    verdict = judge(recording, selected, evaluation, told, noise, options.effects, seed)
+    lacking = _lacking(task, selected, bad, told, noise)
+    verdict = judge(recording, selected, evaluation, told, noise, options.effects, seed, lacking)
     verdict = replace(verdict, next=suggestions(selected, verdict, seed))
     if recording.element is not None:
         untold = left_open(selected.nominal, noise.sigma)
@@ -197,6 +200,26 @@ def _foretold(
     weights = trust(task.recording, bad)
     selected = with_terms(selected, (), task.recording, weights, task.refitting)
     return selected, evaluate(recording, selected, task.folds, ~bad, by, seed)
+
+
+def _lacking(
+    task: Task,
+    selected: SelectedModel,
+    bad: NDArray[np.bool_],
+    told: Explanation,
+    noise: NoiseLevel,
+) -> float:
+    """Lack of fit of the library: of its most probable terms, named or not.
+
+    Causes that share a probability leave more where none of them is in the model. Where rows left
+    out are foretold worse with causes, the library explains nothing.
+    """
+    lacking = lack_of_fit(noise, selected)
+    if lacking < LEAST_TOLD or not told.states or (told.named and not selected.chosen):
+        return lacking
+    given = (task.recording, trust(task.recording, bad), task.refitting)
+    best = with_terms(selected, told.states[0][1], *given)
+    return min(lacking, lack_of_fit(noise_of(task.recording, best.best), best))
 
 
 def usable(recording: Recording | str | Path, force: bool) -> Recording:

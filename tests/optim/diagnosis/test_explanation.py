@@ -31,6 +31,7 @@ from plumbline.optim.diagnosis.verdict.explanation import (
     with_terms,
 )
 from plumbline.optim.diagnosis.verdict.judge import judge
+from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
 from tests.explained import searched
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -48,7 +49,8 @@ PLACES = {("joint", 2): 0.97, ("base", None): 0.04, ("tool", None): 0.004, ("", 
 
 def made(**given):
     """An explanation with invented probabilities."""
-    known = {"probabilities": {}, "sensitive": {}, "unlisted": 0.0}
+    probable = frozenset(key for key, p in given.get("probabilities", {}).items() if p >= 0.5)
+    known = {"probabilities": {}, "sensitive": {}, "unlisted": 0.0, "named": probable}
     return Explanation(**{**known, "mechanisms": MECHANISMS, "places": PLACES, **given})
 
 
@@ -66,17 +68,6 @@ def test_the_tree_adds_up_level_by_level():
             assert sum(m["probability"] for m in d["mechanisms"]) == pytest.approx(d["probability"])
     assert [d["on"] for d in tree[0]["dependences"]] == ["own angle", "load"]
     assert [m["effect"] for m in tree[0]["dependences"][0]["mechanisms"]] == ["joint_scale", None]
-
-
-@pytest.mark.parametrize(("p", "listed"), [(0.006, False), (0.02, True)])
-def test_a_place_is_in_the_tree_from_a_percent(p, listed):
-    tree = made(places={("base", None): p}).tree
-    assert bool(tree) == listed
-
-
-@pytest.mark.parametrize(("p", "named"), [(0.45, False), (0.55, True)])
-def test_a_cause_is_named_that_is_more_probable_than_not(p, named):
-    assert made(probabilities={SCALE: p}).named == ({SCALE} if named else set())
 
 
 # From marginals to names
@@ -107,7 +98,8 @@ def sampled(scale=0.6, offset=0.3, lacked=0.2, beside=0.1, gross=0.7):
     labels = np.array([[0, 1, 2, 3, 4], [0, 0, 0, 1, 2], [0, 0, 1, 2, 0], [0, 0, 1, 1, 0]])
     linear = Linear(np.eye(5), np.zeros(5), 1.0, 9.0)
     is_gross = np.arange(5) == 4
-    problem = JointProblem(linear, terms, np.zeros(5), is_gross, labels, NoisePrior())
+    lacking = np.array([isinstance(term, Unlisted) for term in terms])
+    problem = JointProblem(linear, terms, np.zeros(5), is_gross, labels, NoisePrior(), lacking)
     marginals = (
         np.array([scale, offset, lacked, beside, 0.0]),
         np.array([0.99, beside, 0.0]),
@@ -242,7 +234,8 @@ def kind(parts, **changed):
     recording, selected, seen, told, noise = parts
     told = replace(told, **changed.pop("told", {}))
     noise = replace(noise, **changed.pop("noise", {}))
-    return judge(recording, selected, seen, told, noise, EFFECTS, 0)
+    lacking = lack_of_fit(noise, selected)
+    return judge(recording, selected, seen, told, noise, EFFECTS, 0, lacking)
 
 
 def test_a_gap_down_to_a_known_noise_is_explained(judged):
@@ -321,7 +314,7 @@ def test_chains_that_differ_by_more_than_a_percent_or_two_are_told_of(judged, ap
 
 
 def test_what_is_not_more_probable_than_not_is_no_cause_but_may_stand_in_for_one(judged):
-    verdict = kind(judged, told={"probabilities": {SCALE: 0.4}})
+    verdict = kind(judged, told={"probabilities": {SCALE: 0.4}, "named": frozenset()})
     assert verdict.causes == ()
     assert verdict.candidates[0].probability == 0.4
     assert any("stand-in" in note and "joint_scale" in note for note in verdict.notes)

@@ -429,3 +429,49 @@ def test_a_state_is_asked_anew_without_what_the_library_lacks(monkeypatch):
     ends = coarsened(asked, [SelectedTerm(k, 1.0) for k in range(3)], 1.0).states
     assert begun == [[0, 1, 2], [0, 1], []]
     assert ends[0][0] == max(log for log, _ in ends)
+
+
+# What is named
+
+
+def of_library(seed, lacked=(), **given):
+    """A problem of drawn columns, of which some are of nothing that is listed."""
+    X, t = drawn(seed, **given)
+    return X, t, np.isin(np.arange(X.shape[1]), lacked)
+
+
+def named(X, t, lacked):
+    asked = replace(problem(X, t), unlisted=lacked)
+    found = sample(asked, STARTS, 0)
+    return found.named(asked), found.marginals[0]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_each_cause_is_named_that_is_more_probable_than_not(seed):
+    X, t, lacked = of_library(seed, strength=12.0, mixed=0.1)
+    found, p = named(X, t, lacked)
+    assert set(found) == {0, 1}
+    assert p[found].min() > LEAST_NAMED
+
+
+@pytest.mark.parametrize("copies", [1, 2, 4])
+def test_of_effects_that_do_the_same_one_is_named_with_its_share(copies):
+    """One of them is at work for sure, each with the same probability."""
+    X, t, _ = of_library(1, count=3, strength=12.0, causes=2, mixed=0.1)
+    X = np.hstack([X, *[X[:, :1]] * copies])
+    found, p = named(X, t, np.zeros(X.shape[1], dtype=bool))
+    assert found[0] == 1
+    assert len(found) == 2
+    assert p[found[1]] == pytest.approx(1.0 / (1 + copies), abs=0.05)
+
+
+def test_where_only_what_is_unlisted_does_it_nothing_is_named():
+    X, t, lacked = of_library(2, lacked=(0, 1), strength=12.0, mixed=0.1)
+    assert named(X, t, lacked)[0] == []
+
+
+def test_where_nothing_is_at_work_nothing_is_named():
+    """Though each of many may be at work, that any of them is stays less probable than not."""
+    X, _, lacked = of_library(3, count=20)
+    t = np.random.default_rng(3).normal(0.0, SIGMA, N)
+    assert named(X, t, lacked)[0] == []

@@ -125,11 +125,6 @@ def told(**given):
     )
 
 
-def test_a_cause_is_named_where_it_is_more_probable_than_not():
-    odds = {("backlash", 1): 0.6, ("backlash", 2): 0.4}
-    assert told(probabilities=odds, unlisted=0.0).named == {("backlash", 1)}
-
-
 @pytest.mark.parametrize(("unlisted", "is_open"), [(0.15, False), (0.25, True)])
 def test_a_model_is_open_where_something_unlisted_is_no_less_probable_than_before(
     unlisted, is_open

@@ -16,7 +16,7 @@ does not depend on luck.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -28,10 +28,12 @@ from plumbline.optim.diagnosis.posterior.joint_problem import LOG_GROSS_ODDS, Jo
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     GROSS_TURN,
+    LEAST_NAMED,
     LEAST_TOLD,
     MOST_TERMS,
     MOVES,
     NEARLY_NOTHING,
+    SETTLED,
     TILT,
 )
 
@@ -54,15 +56,47 @@ class Sampled:
     # log posterior of every state that counts; empty where terms were asked one by one
     seen: Mapping[State, float] = field(default_factory=dict)
 
-    def given(self, problem: JointProblem, labels: frozenset[int]) -> tuple[Array, ...] | None:
+    def given(self, problem: JointProblem, labels: Iterable[int]) -> tuple[Array, ...] | None:
         """The marginals of the states that hold all these labels of the first level, if any do."""
-        mine = problem.labels[0].tolist()
-        held = {
-            state: log
-            for state, log in self.seen.items()
-            if labels <= {mine[i] for i in state if not problem.gross[i]}
-        }
+        held = self._holding(problem, labels)
         return _marginals(problem, held)[0] if held else None
+
+    def named(self, problem: JointProblem) -> list[int]:
+        """Listed labels to name: one after the other, each more probable than not given the others.
+
+        Where it is settled that one more is at work, though not which, the most probable is named
+        with the share that it has: several may do the same.
+        """
+        alone = np.where(problem.listed, self.marginals[0], 0.0)
+        if not self.seen:
+            return np.flatnonzero(alone >= LEAST_NAMED).tolist()
+        found: list[int] = []
+        while (marginals := self.given(problem, found)) is not None:
+            p = np.minimum(alone, marginals[0])
+            p[found] = 0.0
+            best = int(np.argmax(p))
+            if p[best] < LEAST_NAMED and (not p[best] or self._one_more(problem, found) < SETTLED):
+                break
+            found.append(best)
+        return found
+
+    def _holding(self, problem: JointProblem, labels: Iterable[int]) -> dict[State, float]:
+        wanted = frozenset(labels)
+        return {s: log for s, log in self.seen.items() if wanted <= self._labels(problem, s)}
+
+    def _one_more(self, problem: JointProblem, found: Sequence[int]) -> float:
+        """Probability that a listed label beside those found is at work with them.
+
+        What may be a part of an unlisted mechanism does not count.
+        """
+        held = self._holding(problem, found)
+        weights = np.exp(np.array(list(held.values())) - max(held.values()))
+        more = [self._labels(problem, s).difference(found, problem.parts(s)) for s in held]
+        return float(weights @ [problem.listed[list(m)].any() for m in more] / weights.sum())
+
+    @staticmethod
+    def _labels(problem: JointProblem, state: State) -> set[int]:
+        return {int(problem.labels[0][i]) for i in state if not problem.gross[i]}
 
 
 class _Chain:

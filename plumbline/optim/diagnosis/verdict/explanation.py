@@ -29,7 +29,6 @@ from plumbline.optim.diagnosis.posterior.selection import restricted
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
     EARNED,
-    LEAST_NAMED,
     MANY_CAUSES,
     MOST_COMPARED_ROWS,
     UNLISTED,
@@ -51,6 +50,7 @@ class Explanation:
     mechanisms: Mapping[Mechanism, float]
     places: Mapping[Place, float]  # of each place, any mechanism there
     unlisted: float  # that something is at work which the library lacks
+    named: frozenset[Key] = frozenset()  # causes in the verdict
     words: str = ""  # on what the most probable of that depends, if it is more probable than not
     at: Place = ("", None)  # its place
     # the most probable terms of the library that hold what is named
@@ -66,11 +66,6 @@ class Explanation:
     correlation: tuple[float, float] = (0.0, 0.0)
     one_by_one: bool = False  # whether causes are so many that they were asked one by one
     compared: int = 0  # how many rows all of this is from, of a recording too long for all of them
-
-    @cached_property
-    def named(self) -> frozenset[Key]:
-        """Causes that are more probable than not."""
-        return frozenset(k for k, p in self.probabilities.items() if p >= LEAST_NAMED)
 
     @property
     def is_open(self) -> bool:
@@ -202,13 +197,14 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         if words and isinstance(term, Unlisted) and term.family.words == words:
             at = (term.family.stage, term.family.element)
     rows = {row: float(found.gross[i]) for row, i in alt.gross_rows.items()}
-    named = [k for k in keys.values() if found.marginals[0][k] >= LEAST_NAMED]
+    named = found.named(alt.problem)
     return Explanation(
         {key: float(found.marginals[0][k]) for key, k in keys.items()},
         {key: (float(low[k]), float(high[k])) for key, k in keys.items()},
         by_label,
         places,
         p,
+        frozenset(key for key, k in keys.items() if k in named),
         words,
         at,
         apart=found.apart,
@@ -222,7 +218,7 @@ def _beside(alt: Alternatives, found: Sampled, named: Sequence[int], otherwise: 
 
     That one may be at work instead of the other is a doubt about a name, not a gap that is left.
     """
-    marginals = found.given(alt.problem, frozenset(named))
+    marginals = found.given(alt.problem, named)
     if marginals is None:
         return otherwise
     none = marginals[3]

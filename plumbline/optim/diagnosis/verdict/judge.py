@@ -55,8 +55,20 @@ def judge(
     noise: NoiseLevel,
     library: Sequence[type[Effect]],
     seed: int,
+    lacking: float,
 ) -> Verdict:
-    """Put the verdict together."""
+    """Put the verdict together.
+
+    Args:
+        recording: N rows.
+        selected: The model.
+        evaluation: Held-out figures.
+        told: What the joint posterior says.
+        noise: Of one axis, and how many times as much the model leaves.
+        library: Effects that were considered.
+        seed: Of orders in which causes go in.
+        lacking: Probability that what the library has leaves more than any noise.
+    """
     keys = by_importance(selected, seed)
     named = [key for key in keys if key in told.named]
     stand_ins = [key for key in keys if key not in told.named]
@@ -64,17 +76,17 @@ def judge(
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
     timed = any(effect.runs_with_time() for effect in selected.effects)
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
-    lacking = max(lack_of_fit(noise, selected), float(coarse > 0.0))
-    beyond = max(told.unlisted, lacking)
+    left = max(lack_of_fit(noise, selected), float(coarse > 0.0))  # by what is named
+    beyond = max(told.unlisted, lacking, float(coarse > 0.0))
     stairs = Stairs.of(recording, selected, evaluation)
     # What is missing makes rows near each other err alike: then blocks of them count, not rows.
     errors = block_errors(selected, evaluation.models) if told.is_open and named else 0.0
     causes = tuple(cause_of(selected, key, told, stairs, noise, errors) for key in named)
     judged = judgement_of(selected, evaluation)
     least = by_chance(recording, selected, evaluation)
-    left = max(told.beside, lacking)
-    earned = left < UNLISTED and noise.source != "fit" and _is_earned(gap, causes, judged, least)
-    kind = _kind(bool(causes), beyond > 0.5, earned)
+    earned = max(told.beside, left) < UNLISTED and noise.source != "fit"
+    earned = earned and _is_earned(gap, causes, judged, least)
+    kind = _kind(bool(causes), max(beyond, left) > 0.5, earned)
     scope = scope_of(selected.model.recording)
     where = shares(selected.selection, selected.chosen, seed)
     words = told.words or noisiest_joint(recording, selected)
