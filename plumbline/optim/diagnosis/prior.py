@@ -109,7 +109,7 @@ TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on t
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
-LEAST_NAMED = 0.5  # probability of a cause at which it is named
+LEAST_NAMED = 0.5  # probability of a cause, given those named before it, at which it is named
 CHAINS_APART = 0.02  # by which the probabilities of two chains that agree may differ
 LEAST_TOLD = CHAINS_APART  # a probability below it states nothing
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
@@ -142,7 +142,9 @@ SHAPLEY_ORDERS = 200  # all, or so many drawn: shares are known to some per cent
 SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less
 
 # The next experiment (design).
-SETTLED = 0.95  # probability of the leading explanation at which nothing is left to separate
+# Probability of the leading explanation at which nothing is left to separate, and that one more
+# cause is at work at which the most probable is named with whatever share it has.
+SETTLED = 0.95
 FORECAST_DRAWS = 200  # of readings: probabilities are known to some per cent (cost only)
 HOPELESS = 0.5  # share of the doubt that any number of rows may leave
 COOLED = 0.05  # share of its warmth that a rest as long as the recording leaves: 3 time constants
