@@ -31,6 +31,7 @@ from plumbline.optim.diagnosis.posterior.shortlists import _best
 from plumbline.optim.diagnosis.posterior.task import find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.verdict.lack_of_fit import noisiest_joint
+from plumbline.optim.recording.kinds import KINDS
 from tests.benches import bench
 from tests.designs import selection
 
@@ -160,7 +161,7 @@ def repeats(postures, gap=0.0):
     q[1::2] += gap
 
     class Repeated:
-        observation, alike = "tip_position", 0.0
+        kind, alike = KINDS["tip_position"], 0.0
         direction = payload = part = None
 
         def __init__(self):
@@ -228,7 +229,7 @@ def test_a_joint_that_is_half_as_noisy_again_is_named(ratio, joint):
         x=None, mapped=SimpleNamespace(residuals=lambda _: rows),
         problem=SimpleNamespace(weights=np.ones(N)),
     )  # fmt: skip
-    recording = SimpleNamespace(observation="joint_position", measured_joints=(0, 1, 2))
+    recording = SimpleNamespace(kind=KINDS["joint_position"], measured_joints=(0, 1, 2))
     said = noisiest_joint(recording, SimpleNamespace(best=best))
     assert said.startswith(f"joint {joint}'s error changes") if joint else said == ""
 

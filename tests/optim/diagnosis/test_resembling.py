@@ -17,6 +17,7 @@ from plumbline.optim.diagnosis.posterior.pool import _candidates
 from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
+from plumbline.optim.recording.kinds import KINDS
 from tests.designs import statistics
 from tests.simulated_cases import faultless, recorded
 
@@ -29,7 +30,7 @@ def place(seed=0):
     q = rng.uniform(-2.0, 2.0, (N, 2))
     chain = SimpleNamespace(placement=lambda q: np.tile(np.eye(4), (N, 1, 1)))
     recording = SimpleNamespace(
-        observation="tip_position",
+        kind=KINDS["tip_position"],
         q=q,
         chain=chain,
         time=np.arange(N) * 5.0,
