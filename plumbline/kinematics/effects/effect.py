@@ -262,6 +262,11 @@ class Effect(ABC):
         return self.acts_at or self.stage
 
     @property
+    def remembers(self) -> bool:
+        """Whether a row of it depends on the rows before."""
+        return type(self).derive is not Effect.derive
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of this variant."""
         return self.declared

@@ -271,7 +271,7 @@ def _columns(recording: Recording) -> dict[str, Array]:
 
 def _derived(recording: Recording, effect: Effect) -> dict[str, Array]:
     """What an effect derives from the whole path, for these rows (N, 1)."""
-    if type(effect).derive is Effect.derive:
+    if not effect.remembers:
         return {}
     whole, place = recording.path
     if effect not in whole.derived:

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import fault
-from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
@@ -234,7 +233,7 @@ def _walk(
     A step that leads away is taken back and tried shorter (Levenberg and Marquardt). Rows that are
     there are left alone, but of what remembers the way: the posture before a row is a part of it.
     """
-    remembers = any(type(e).derive is not Effect.derive for e in arm.effects)
+    remembers = any(effect.remembers for effect in arm.effects)
     rows, q, at = np.arange(len(start)), start.copy(), start.copy()
     least, more = np.full(len(q), np.inf), np.full(len(q), damping)
     miss, J = np.zeros((len(q), 6)), np.zeros((len(q), 6, q.shape[1]))

@@ -49,7 +49,7 @@ class Course:
 
     @property
     def _has_path(self) -> bool:
-        return any(type(e).derive is not Effect.derive for e in self.effects)
+        return any(effect.remembers for effect in self.effects)
 
     @property
     def waited(self) -> float:

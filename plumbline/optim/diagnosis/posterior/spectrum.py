@@ -92,9 +92,9 @@ def as_spectra(
 
 
 def _by_posture(effect: Effect) -> bool:
-    """Whether it is of the arm and acts by the joints alone, whatever else a row says."""
+    """Whether it is of the arm and acts by the joints alone, not by their way or other columns."""
     of_device = effect.stage is Stage.SENSOR or isinstance(effect, TransmissionRipple)
-    return not of_device and not {*effect.needs, *effect.needs_one_of}
+    return not (of_device or effect.remembers or {*effect.needs, *effect.needs_one_of})
 
 
 def _joints_with_spectra(effects: Sequence[Effect]) -> tuple[int, ...]:
