@@ -1,4 +1,4 @@
-"""The numbers of the link fit and of pointing stand where they were set, and say what they say."""
+"""The numbers of the link fit, pointing and commands stand where they were set, and say why."""
 
 import re
 from dataclasses import replace
@@ -9,6 +9,7 @@ import pytest
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.dh_fit import constants as of_links
+from plumbline.optim.model import command as of_commands
 from plumbline.optim.pointing import HalfSpace, PointingOptions, Solid, plan_sweep, sweep
 from plumbline.optim.pointing import constants as of_pointing
 from plumbline.optim.pointing.between import Between
@@ -45,9 +46,15 @@ POINTING = {
     "SAMPLES": 64, "ROUNDING": 1e-9, "STILL": 1e-9, "RESOLUTION": 1e-4, "SLOTS": 16, "NEAR": 30e-3,
     "SPARE": 3e-4, "PENALTY": 1e2, "ROUNDS": 4, "PATIENCE": 2, "NEAREST": 3,
 }  # fmt: skip
+COMMANDS = {
+    "LEVER": 0.1, "DAMPING": 1e-3, "STEPS": 30, "SETTLED": 1e-11, "FAR_STEPS": 60, "LONGEST": 0.4,
+    "PLACE_FIRST": 100.0, "EASED": 10.0, "STARTS": 12, "REACHED": 1e-6, "SLACK": 1e-9,
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(("module", "stand"), [(of_links, LINKS), (of_pointing, POINTING)])
+@pytest.mark.parametrize(
+    ("module", "stand"), [(of_links, LINKS), (of_pointing, POINTING), (of_commands, COMMANDS)]
+)
 def test_every_number_stands_where_it_was_set_and_says_why(module, stand):
     lines = Path(module.__file__).read_text().splitlines()
     found = [(k, line) for k, line in enumerate(lines) if re.match(r"[A-Z_]+ = ", line)]

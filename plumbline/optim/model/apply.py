@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.errors import fault
+from plumbline.errors import fault, listed
 from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect
 from plumbline.optim.core.judged import Judgement, judged
 from plumbline.optim.core.mapped import Gram
@@ -45,6 +45,7 @@ NUISANCES = (
     "beam ",
     "plane ",
 )  # what their unknowns' names begin with
+NAMED = 3  # of many changes; JSON names all
 HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows, other noise
 
 
@@ -101,14 +102,16 @@ class Applied:
         if self.holds:
             return " ".join([*said, "The model holds."])
         if self.changes:
-            named = ", ".join(
+            each = (
                 f"{c.label} ({'new, ' * c.new}{percent(c.saves)} of what is left)"
                 for c in self.changes
             )
             stays = self.after * (1.0 - max(c.saves for c in self.changes))
             then, was = (quantity(v, self.unit) for v in (stays, self.promised))
-            changed = f"Changed since, or not what it seemed: {named}"
-            return " ".join([*said, f"{changed}; then {then} stays, where it left {was} before."])
+            one = "the first of them" if len(self.changes) > 1 else "it"
+            named = f"Changed since, or not what it seemed: {listed(each, NAMED)}"
+            said += [f"{named}; with {one} fitted again"]
+            return " ".join([*said, f"{then} stays, where it left {was} before."])
         more = f"{self.after / self.promised:.1f} times what it left where it was fitted"
         return " ".join([*said, f"It leaves {more}, and no single cause explains that."])
 

@@ -29,8 +29,8 @@ SETTLED = 1e-11  # [rad or m] of a step after which no other is needed
 FAR_STEPS = 60  # steps from another posture
 LONGEST = 0.4  # [rad or m] of one step from another posture, within which an arm is near linear
 PLACE_FIRST = 100.0  # times as dear is the place where the orientation cannot be had with it
-EASED = 10.0  # times as free after a step that brought the tool nearer, as dear after another
-REACH = 0.3  # [m]: by how much a radian of orientation parts two postures of an arm
+# times as free after a step that brought the tool nearer, as dear after another (Marquardt 1963)
+EASED = 10.0
 STARTS = 12  # postures of the recording that are tried for a pose
 REACHED = 1e-6  # [m] from its goal within which a tip has arrived: far below any arm's noise
 SLACK = 1e-9  # [rad or m] beyond a limit that rounding makes
@@ -144,7 +144,7 @@ def _starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
     away = np.linalg.norm(T[None, :, :3, 3] - goal[:, None, :3, 3], axis=2)
     if posed:
         together = np.einsum("kij,nij->nk", T[:, :3, :3], goal[:, :3, :3])
-        away = away + REACH * np.arccos(np.clip((together - 1.0) / 2.0, -1.0, 1.0))
+        away = away + LEVER * np.arccos(np.clip((together - 1.0) / 2.0, -1.0, 1.0))
     order = np.argsort(away, axis=1)[:, :STARTS]
     return [known[order[:, k]] for k in range(order.shape[1])]
 

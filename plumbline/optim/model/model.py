@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import casadi as cs
 from numpy.typing import ArrayLike
 
+from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.command import Command, beyond, command, command_for
@@ -51,6 +53,15 @@ class Model(Arm):
     ) -> Array:
         """Covariance (N, n, n) [(N m)^2] of :meth:`tau`, from that of all that was fitted."""
         return tau_covariance(self, q, v, a, context)
+
+    def rollout(self, time: ArrayLike, command: ArrayLike) -> NoReturn:
+        """What joints do with commands is told by :class:`.Drives` alone, the model of a motion.
+
+        Raises:
+            PlumblineError: Always.
+        """
+        raise fault(f"{self.recording}, rollout", f"a model of {self.observation}",
+                    "one of a motion", "diagnose commands and joints over time")  # fmt: skip
 
     def joint_command(self, q_wanted: ArrayLike, **context: ArrayLike) -> Command:
         """What to command so that the tool comes where a faultless arm at ``q_wanted`` has it.

@@ -121,6 +121,7 @@ def test_what_was_not_picked_is_carried_and_stays_nothing_where_rows_do_not_tell
     assert abs(values[untold][0]) < 1e-5
     restricted = as_spectra(known, PICKED, fitted(known, PICKED), (TransmissionRipple, GearRipple))
     assert zero not in restricted.effects
+    assert not any(effect.remembers for effect in carried.effects)
 
 
 def test_what_was_picked_where_the_arm_hardly_moved_does_not_mislead_where_it_does(spectrum):

@@ -21,7 +21,9 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.model import Model, apply
+from plumbline.optim.model import Applied, Model, apply
+from plumbline.optim.model.apply import Change
+from plumbline.optim.model.export.exported import Lack
 from plumbline.optim.recording.loading import load_recording
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -333,7 +335,7 @@ def test_a_cause_that_has_changed_since_is_named(model, case, tmp_path):
     stays = found.after * (1.0 - found.changes[0].saves)
     then, was = quantity(stays, "m"), quantity(found.promised, "m")
     assert "backlash 3" in found.words
-    assert f"; then {then} stays, where it left {was} before." in found.words
+    assert f"; with it fitted again {then} stays, where it left {was} before." in found.words
 
 
 def test_rows_outside_of_the_fitted_range_are_counted(model, diagnosis):
@@ -382,6 +384,22 @@ def test_the_commands_take_a_model_home_and_try_it(diagnosis, model, stored, tmp
     assert run(["apply", str(stored), bench, "--json", "-"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert {"before", "after", "unit", "outside_range", "holds", "refitted"} <= set(told)
+
+
+def test_tips_know_no_drives(model):
+    with pytest.raises(PlumblineError, match="a model of tip_position, expected one of a motion"):
+        model.rollout(np.arange(5.0), np.zeros((5, 6)))
+
+
+def test_of_many_lacks_and_changes_the_first_three_are_said_and_all_are_told(model):
+    made = model.as_dh()
+    lacks = tuple(Lack(f"backlash {k}", "", 1e-4) for k in range(1, 6))
+    made = replace(made, lacks=lacks, whole=3e-4, stays=2e-4)
+    assert "backlash 3 (0.100 mm) ... and 2 more; 0.200 mm of 0.300 mm stays" in made.words
+    assert len(made.to_dict()["lacks"]) == 5
+    changes = tuple(Change(f"backlash {k}", 9.0, 0.3) for k in range(1, 6))
+    held = Applied("b", 9, "m", 1.0, 1.0, 0.2, (), (), (), {}, changes)
+    assert "backlash 3 (30 % of what is left) ... and 2 more; with the first" in held.words
 
 
 def test_an_effect_that_was_found_to_be_nought_is_not_taken_for_a_matter_of_links(model):

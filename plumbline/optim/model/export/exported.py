@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, listed
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
@@ -13,6 +13,7 @@ from plumbline.optim.model.efforts import MOTION, tau
 from plumbline.optim.model.statement import acts_on_places
 from plumbline.optim.recording.kinds import EFFORTS
 
+NAMED = 3  # of many lacks; the head of the file and JSON name all
 AGREES = 1e-9  # of a placement read again [m, or a rotation's entry]: beyond what text loses
 
 
@@ -50,10 +51,10 @@ class Exported:
 
     @property
     def words(self) -> str:
-        """What it lacks, in a sentence."""
+        """What it lacks, in a sentence, the most of it by name."""
         if not self.lacks:
             return "holds all that was found"
-        named = ", ".join(map(str, self.lacks))
+        named = listed(self.lacks, NAMED)
         if not self.whole > 0.0:
             return f"cannot hold {named}"
         of = f"{quantity(self.stays, self.unit)} of {quantity(self.whole, self.unit)}"
