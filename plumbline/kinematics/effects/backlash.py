@@ -4,11 +4,13 @@ r"""Play between motor and link: :math:`q_i \leftarrow q_i - \tfrac12 b_i\, s_i`
 the motor by half the play. Without a recorded side the sign of the velocity serves. A link that
 weighs more than its friction holds rests on the flank that its load chooses, from whichever side it
 came: then :math:`s_i = \mathrm{sign}\, \tau_i`, with the torque :math:`\tau_i` that the drive holds
-against gravity, or the measured effort.
+against gravity, or the measured effort. Where friction bears some of it, about a seat :math:`w_i`,
+the link comes to rest in between: :math:`s_i = \tanh(\tau_i / w_i)`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import casadi as cs
 
@@ -21,6 +23,7 @@ BY = {
     "effort": "on the side that the measured effort chooses",
     "load": "on the side that its load chooses",
 }
+SEAT = 0.03  # of a joint's largest load: friction of a gear, some per cent of its rated torque
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,7 @@ class Backlash(JointEffect):
     """Play that depends on a side alone: of the approach, or of the load."""
 
     by: str = "direction"
+    seat: float = field(default=0.0, metadata={"unit": "N m"})
 
     depends_on = "direction"
     name = "backlash"
@@ -43,7 +47,7 @@ class Backlash(JointEffect):
     @property
     def variant(self) -> str:
         """What chooses the side, where it is not the approach."""
-        return BY[self.by]
+        return f"{BY[self.by]}, over {self.seat:.2g} N m" if self.seat else BY[self.by]
 
     @property
     def sentence(self) -> str:
@@ -56,7 +60,16 @@ class Backlash(JointEffect):
         """By the recorded side, else by the velocity's sign; and by a load that changes sign."""
         found = [cls(j, by) for by in side_of_approach(scope) for j in scope.joints]
         loads = [(j, by) for by in ("effort", "load") for j in scope.joints]
-        return [*found, *(cls(j, by) for j, by in loads if scope.changes_sign(by, j))]
+        by_load = [cls(j, by) for j, by in loads if scope.changes_sign(by, j)]
+        soft = [e._over(SEAT * max(map(abs, scope.span[f"load{e.joint}"]))) for e in by_load]
+        return [*found, *by_load, *(e for e in soft if e.seat)]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Over less and over more of a load."""
+        return [self._over(self.seat * f) for f in (0.3, 0.55, 1.8, 3.0)] if self.seat else []
+
+    def _over(self, seat: float) -> Self:
+        return replace(self, seat=seat if self.by == "load" else 0.0)
 
     @classmethod
     def lacks(cls, scope: Scope) -> str:
@@ -66,7 +79,9 @@ class Backlash(JointEffect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         column = state.nominal.load if self.by == "load" else state.row[self.by]
-        return state.move_joint(self.joint, -values[0] / 2 * cs.sign(column[self.joint - 1]))
+        load = column[self.joint - 1]
+        side = cs.tanh(load / self.seat) if self.seat else cs.sign(load)
+        return state.move_joint(self.joint, -values[0] / 2 * side)
 
 
 def side_of_approach(scope: Scope) -> tuple[str, ...]:

@@ -97,6 +97,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         starts = [path | gross, gross, *([frozenset[int]()] if gross else [])]
         found = sample(alt.problem, starts, seed)
     told = _told(alt, found)
+    long = len(selected.pool.model.recording) > MOST_COMPARED_ROWS
     if many:
         state = found.states[0][1]
         terms = _of_many(selected, alt, state, told.named)
@@ -105,7 +106,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         lacked = _unlisted(alt, agreed.states[0][1])
         more = tuple(_more(selected, alt, terms, agreed.states[0][1], told.named))
         held = {_dependence(alt, t.index) for t in more}
-        terms = (*(t for t in terms if _dependence(alt, t.index) not in held), *more)
+        terms = (*(t for t in terms if long or _dependence(alt, t.index) not in held), *more)
     else:
         terms = _terms(selected, alt, found, told.named)
         lacked = _unlisted(alt, found.states[0][1])
