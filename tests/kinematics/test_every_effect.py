@@ -292,7 +292,7 @@ def test_derived_columns_of_two_variants_never_share_a_name():
     assert len(names) > 18
     found = set(REGISTRY["hysteresis"].candidates(scope))
     found |= {near for effect in found for near in effect.neighbours(scope)}
-    assert len(set(names)) == len({(e.joint, round(e.width, 9)) for e in found})
+    assert len(set(names)) == len({(e.joint, round(e.width, 9), e.start) for e in found})
 
 
 @BOTH
