@@ -23,7 +23,7 @@ NEAR = 0.1  # share of the light at which an edge is seen
 GRID = np.linspace(-2.5, 2.5, 61)  # rays across a spot [its standard deviations]
 OF_ARM = ("joint_offset", "transmission_ripple", "joint_compliance")
 OF_ROOM = ("range_scale", "incidence_bias", "plane_unflatness", "base_bump")
-BEYOND = ("cyclic", "warm_up", "leaning_board", "stripes", "cubed_tilt")
+BEYOND = ("cyclic", "leaning_board", "stripes", "cubed_tilt")
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,6 @@ ERRORS: Mapping[str, Error] = {
     "range_scale": lambda s, *_: s,
     "incidence_bias": _spot,
     "cyclic": lambda s, _1, _2, _3, _4, _5, f: np.sin(2 * np.pi * s / f.form["period"]),
-    "warm_up": lambda s, _1, _2, t, *_: 1.0 - np.exp(-4.0 * t / t.max()),
     "leaning_board": lambda s, _1, p, t, mine, _5, f: np.where(
         mine & (t > f.form["moment"]), 2.0 * p[:, 0], 0.0
     ),
