@@ -1,9 +1,9 @@
 r"""Errors that move nothing: :math:`e = \operatorname{zone}_w(c - y)`.
 
 Nothing acts within the band, the whole error from twice its width on, a straight line between: a
-joint comes to rest at the band's edge, and one that follows without a lag is always there. Of
-commands of velocity or torque, small ones: :math:`c \leftarrow \operatorname{zone}_w(c)`, or, in
-the form ``less``, what friction leaves: :math:`c \leftarrow c - \operatorname{clip}(c, \pm w)`.
+joint comes to rest at the band's edge, and one that follows without a lag is always there. In the
+form ``less`` what exceeds the band acts alone, :math:`e - \operatorname{clip}(e, \pm w)`. Of
+commands of velocity or torque small ones are ignored, with c in place of e.
 """
 
 from collections.abc import Sequence
@@ -41,8 +41,8 @@ class ActuationDeadband(MotionEffect):
 
     @classmethod
     def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
-        """Both forms; of a servo on position the second is a play inside of its loop."""
-        return [cls()] if law in (Law.POSITION, Law.SERVO) else [cls(), cls(less=True)]
+        """Both forms; of a servo on position the second is a play inside of its loop as well."""
+        return [cls(), cls(less=True)]
 
     def starts(self, seen: Seen) -> Sequence[float]:
         """A narrow one and a wide one."""

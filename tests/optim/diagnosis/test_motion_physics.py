@@ -84,6 +84,21 @@ def test_what_is_wrong_with_a_servo_of_mujoco_is_named(wrong, name, value):
     assert estimate.value == pytest.approx(value, rel=0.1)
 
 
+def test_a_dead_band_beyond_which_the_rest_acts_alone_is_a_play_inside_of_the_loop():
+    """So a servo on position has both, and neither is ever sure without the other."""
+    names = ("actuation_deadband", "actuation_play")
+    forms = [e for n in names for e in NAMES[n].candidates(Law.POSITION, masses=True) if e.variant]
+    u, zeros, ones = 0.2 * np.sin(0.03 * np.arange(400)), np.zeros(400), np.ones(400)
+    start, first = np.array([10]), np.zeros(400, np.int64)
+    windows = Windows(
+        Law.POSITION, 0.01, 0.0, 0.0, u, first, *[zeros] * 4, ones, start, 300, 1
+    )  # fmt: skip
+    lag = NAMES["actuation_lag"]()
+    band, play = (roll_out(windows, (e, lag), np.array([0.02, 0.05]))[0] for e in forms)
+    np.testing.assert_allclose(band, play, atol=1e-14)
+    assert np.abs(band - roll_out(windows, (lag,), np.array([0.05]))[0]).max() > 0.01
+
+
 def step_response(law, name, value, u, dt=0.01, length=100):
     """What one effect makes of commands (N,), from rest at zero."""
     n = len(u)

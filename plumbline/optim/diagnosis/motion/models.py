@@ -140,7 +140,8 @@ class Models:
     def likeliest(self, here: Key) -> Key:
         """Of models that do alike, one by whose names most of the probability goes.
 
-        Of names that tie, the one of more forms: what the rows tell is true of each of them.
+        Of names that tie, the one of more forms: what the rows tell is true of each of them; then
+        what acts nearest to the joint.
         """
         time = self.time
         known = [k for k in self.found if not self.negligible(k, here)]
@@ -148,8 +149,11 @@ class Models:
         for k in known:
             forms.setdefault(names_of(k), []).append(self.score(k, time))
 
-        def rank(names: frozenset[str]) -> tuple[float, int]:
-            return round(float(np.logaddexp.reduce(forms[names])), 3), len(forms[names])
+        acts = [e.name for e in self.library]
+
+        def rank(names: frozenset[str]) -> tuple[float, int, int]:
+            score = round(float(np.logaddexp.reduce(forms[names])), 3)
+            return score, len(forms[names]), sum(acts.index(name) for name in names)
 
         first = max(forms, key=rank)
         return max((k for k in known if names_of(k) == first), key=lambda k: self.score(k, time))
