@@ -159,7 +159,11 @@ class Robot:
         Raises:
             PlumblineError: The package is not installed, or has no robot of that name.
         """
-        files = descriptions()
+        try:
+            files = descriptions()
+        except PlumblineError as error:
+            there = ", ".join(bundled_names())
+            raise PlumblineError(f"{error}; without it there are {there}") from None
         if name not in files:
             raise PlumblineError(_not_recognised("Robot", name, sorted(files)))
         return cls.from_urdf(files[name], name=name)

@@ -75,7 +75,7 @@ def check_output(
         check_writable(target)
     except OSError as error:
         raise PlumblineError(f"{option} {path}: cannot be written ({reason(error)})") from None
-    check_new(target, option, overwrite=overwrite)
+    check_new(Path(path), option, overwrite=overwrite)
 
 
 def check_new(path: Path, option: str, *, overwrite: bool) -> None:
