@@ -57,7 +57,7 @@ bench: $(VENV)/.installed-core ## time and memory of the central computations
 	@"$(BIN)/python" -m plumbline.experiments.benches.mpc
 
 # The wheel is built from the sdist, and tried away from the sources by what a first user does.
-compare: $(VENV)/.installed-core ## beside the peers, each in an environment of its own
+compare: $(VENV)/.installed-robots ## beside the peers, each in an environment of its own
 	@mkdir -p results
 	@"$(BIN)/python" -m plumbline.experiments.compare --json results/compare.json \
 		--csv docs/compare.csv --out docs/compare.md

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, did_you_mean, fault, shown
+from plumbline.kinematics.files import is_file
 from plumbline.optim.budget.answer import Budget
 from plumbline.optim.budget.shares import add_up
 from plumbline.optim.budget.sources import Source
@@ -73,7 +74,8 @@ def _source(link: Section, file: Path) -> Source:
     source = _stored(name, link, file) if told[0] == "answer" else _plain(name, link)
     if "cured" not in link.values:
         return source
-    return source.mended(_named(link, "cured", lambda: Source.of_rms(name, _number(link, "cured"))))
+    cured = _number(link, "cured")
+    return source.mended(_named(link, "cured", lambda: Source.of_rms(name, cured)))
 
 
 def _plain(name: str, link: Section) -> Source:
@@ -88,7 +90,8 @@ def _plain(name: str, link: Section) -> Source:
     known["origin"] = link.word("origin") or ""
     if kind in ("rms", "mean_length"):
         make = Source.of_rms if kind == "rms" else Source.of_mean_length
-        return _named(link, kind, lambda: make(name, _number(link, kind), **known))
+        length = _number(link, kind)
+        return _named(link, kind, lambda: make(name, length, **known))
     mean = link.vector("mean")
     std = link.number("std") or 0.0
     if std < 0.0:
@@ -100,6 +103,9 @@ def _plain(name: str, link: Section) -> Source:
 def _stored(name: str, link: Section, file: Path) -> Source:
     """A link by an answer that was saved, or by a model."""
     named = link.word("answer") or ""
+    if not is_file(file.parent / named):
+        expected = "the file of an answer that was saved, or of a model"
+        raise fault(link.where("answer"), shown(named), expected, "check the path")
     found = load(file.parent / named)
     kind = type(found).__name__
     if kind not in STORED:
