@@ -82,7 +82,7 @@ def _download(source: Source, file: SourceFile, local: Path, progress: bool) -> 
             )
     except (OSError, ValueError) as error:
         # Network errors of requests are OSErrors; a ValueError is pooch's hash mismatch.
-        reason = " ".join(str(error).split())[:200]
+        reason = " ".join(str(error).partition(" with url")[0].split())[:200]
         raise PlumblineError(
             f"{url} could not be fetched ({reason}): try again, or put the file at {local}"
         ) from error

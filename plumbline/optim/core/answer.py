@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 LARGEST_ANSWER = 500_000_000  # [byte]: a fit of 100,000 rows with all its arrays takes a tenth
 FORMAT = "plumbline answer"
-SAVE_IT = "save the answer again"
+SAVE_IT = "save the answer again: answer.save(FILE) in Python, not --json"
 
 
 class Answer:

@@ -11,7 +11,8 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
-from plumbline.experiments.compare.__main__ import compare
+from plumbline.errors import PlumblineError
+from plumbline.experiments.compare.__main__ import _cells, compare
 from plumbline.experiments.compare.contests import CONTESTS, OURS, Contest, Way, phantoms, poses
 from plumbline.experiments.compare.page import page, table, verdict
 from plumbline.experiments.compare.running import (
@@ -136,6 +137,15 @@ def test_the_command_writes_what_is_asked_for(given, tmp_path, monkeypatch):
     refused = CliRunner().invoke(app, ["--only", "nothing"])
     assert refused.exit_code == 2
     assert "--only 'nothing' not recognised; known: registration" in refused.output
+
+
+def test_data_that_are_not_to_be_had_leave_the_cells_empty_with_the_reason(tmp_path):
+    def none(build):
+        raise PlumblineError("no such data here")
+
+    asked = replace(CONTESTS[0], given=none)
+    found = _cells(asked, tmp_path, quiet=True)
+    assert [one.why for one in found] == ["no such data here"] * len(asked.ways)
 
 
 def test_data_are_the_same_every_time():

@@ -154,14 +154,14 @@ def test_the_command_tells_what_to_mend_and_replaces_nothing_but_its_own(spec, t
         ("link = 3", "expected tables [[link]]"),
         ("[[link]]\nrms = 1e-3", "a link without one"),
         ('[[link]]\nname = "a"', "no figure"),
-        ('[[link]]\nname = "a"\nrms = "x"', "row 3, [link] rms: found 'x'"),
+        ('[[link]]\nname = "a"\nrms = "x"', "plumbline: chain.toml, row 3, [link] rms: found 'x'"),
         ('[[link]]\nname = "a"\nrms = 1\n[[link]]\nname = "b"\nrms = -1.0', "row 6, [link] rms"),
         ('[[link]]\nname = "a"\nrms = 1e-3\nsdt = 1.0', "row 4, [link] sdt"),
         ('[[link]]\nname = "a"\nrms = 1e-3\ndof = 0', "a number above 0"),
         ('[[link]]\nname = "a"\nrms = 1e-3\nmean = [0, 0, 0]', "not beside rms"),
         ('[[link]]\nname = "a"\nstd = -1e-3', "at least 0"),
         ('[[link]]\nname = "a"\nrms = 1e-3\ncured = -1', "[link] cured"),
-        ('[[link]]\nname = "a"\nanswer = "none.json"', "none.json"),
+        ('[[link]]\nname = "a"\nanswer = "none.json"', "row 3, [link] answer: found 'none.json'"),
         ('[[link]]\nname = "a"\nanswer = "broken.json"', "no JSON"),
         ('[[link]]\nname = "a"\nanswer = "broken.toml"', "broken.toml"),
         ('[[link]]\nname = "a"\nanswer = "budget.json"', "a Budget, expected"),
@@ -181,7 +181,7 @@ def test_a_damaged_chain_is_refused_in_one_line(text, words, tmp_path, capsys):
     assert run(["budget", str(tmp_path / "chain.toml")]) == 2
     said = capsys.readouterr().err
     assert words in said
-    assert said.count("\n") == 1
+    assert (said.count("\n"), said.count("chain.toml") < 2) == (1, True)
 
 
 @pytest.mark.parametrize(
