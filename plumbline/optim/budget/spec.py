@@ -74,8 +74,7 @@ def _source(link: Section, file: Path) -> Source:
     source = _stored(name, link, file) if told[0] == "answer" else _plain(name, link)
     if "cured" not in link.values:
         return source
-    cured = _number(link, "cured")
-    return source.mended(_named(link, "cured", lambda: Source.of_rms(name, cured)))
+    return source.mended(_named(link, "cured", lambda: Source.of_rms(name, _number(link, "cured"))))
 
 
 def _plain(name: str, link: Section) -> Source:
@@ -90,8 +89,7 @@ def _plain(name: str, link: Section) -> Source:
     known["origin"] = link.word("origin") or ""
     if kind in ("rms", "mean_length"):
         make = Source.of_rms if kind == "rms" else Source.of_mean_length
-        length = _number(link, kind)
-        return _named(link, kind, lambda: make(name, length, **known))
+        return _named(link, kind, lambda: make(name, _number(link, kind), **known))
     mean = link.vector("mean")
     std = link.number("std") or 0.0
     if std < 0.0:
@@ -158,10 +156,12 @@ def _number(link: Section, key: str) -> float:
 
 
 def _named(link: Section, key: str, make: Callable[[], Source]) -> Source:
-    """The source, its error told with the file and the row."""
+    """The source, its error told with the file and the row, if it has none of its own."""
     try:
         return make()
     except PlumblineError as error:
+        if str(error).startswith(link.file):
+            raise
         raise PlumblineError(f"{link.where(key)}: {error}") from None
 
 
