@@ -55,6 +55,7 @@ MOST_REFINED = 12  # chosen ones of which finer variants are tried (cost only)
 # Gross errors (posterior/robust). Belsley, Kuh, Welsch (1980), sec. 2.1.
 ANISOTROPY = 1.7  # ratio of squares up to which one axis, or joint, may be noisier than all
 MOST_GROSS_SHARE = 0.2  # of all rows: were there more, it would be an effect
+RANGES = 40  # of each thing that was recorded, in which gross rows may lie together (cost only)
 MANY_ROWS = 10  # readings a column from which no single row has leverage (cost only)
 FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows by another name
 LEVER_CHANGE = (0.1, 10.0)  # of the usual lever between noises of position and rotation

@@ -25,6 +25,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.robust import (
     distrusted_by_fit,
     far_off,
+    follows_something,
 )
 from plumbline.optim.diagnosis.posterior.selection import select
 from plumbline.optim.diagnosis.posterior.shortlists import _best
@@ -139,6 +140,26 @@ def test_no_more_than_a_fifth_of_the_rows_are_gross(share, some):
     rows = spread(200)
     rows[: int(200 * share)] = [50.0, 0.0, 0.0]
     assert distrusted_by_fit(rows).any() == some
+
+
+@pytest.mark.parametrize(("count", "some"), [(7, False), (8, True)])
+def test_rows_that_a_payload_picks_out_are_no_gross_errors(count, some):
+    """All of eight in one third of the rows: by chance once in 20,000, in any range in 100."""
+    recording = bench("ur5", "tip_position", columns=[])
+    recording = replace(recording, payload=np.arange(60.0) % 3)
+    found = np.zeros(60, dtype=bool)
+    found[1 : 3 * count : 3] = True
+    follows = follows_something(found, recording)
+    np.testing.assert_array_equal(follows, found & some)
+
+
+@pytest.mark.parametrize("count", [4, 8])
+def test_rows_that_are_gross_anywhere_follow_nothing(count):
+    recording, rng = bench("ur5", "tip_position"), np.random.default_rng(6)
+    for _ in range(20):
+        found = np.zeros(60, dtype=bool)
+        found[rng.choice(60, count, replace=False)] = True
+        assert not follows_something(found, recording).any()
 
 
 @pytest.mark.parametrize(("first", "count", "gross"), [(0, 3, True), (30, 3, True), (0, 4, False)])

@@ -13,10 +13,12 @@ and is kept.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.special import chdtri, gammaincinv
+from scipy.special import betaln, chdtri, gammaincinv, logit, logsumexp
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
@@ -26,10 +28,12 @@ from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (
     ALARM,
     ANISOTROPY,
+    FEWEST_BETWEEN,
     GROSS_KEPT_BACK,
     LEVER_CHANGE,
     MANY_ROWS,
     MOST_GROSS_SHARE,
+    RANGES,
     ROUNDS,
 )
 from plumbline.optim.measurement.observation import rotation_lever
@@ -52,7 +56,63 @@ def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
             break
         bad |= found
         sigma2 = sigma2 * float(np.clip(scale, 0.1, 1.0))
-    return bad
+    return bad & ~follows_something(bad, pool.model.recording)
+
+
+def follows_something(found: NDArray[np.bool_], recording: Recording) -> NDArray[np.bool_]:
+    r"""Rows (N,) of those found that lie where something recorded says: these are no accidents.
+
+    Of k of N rows found, m are in a range of n rows of what was recorded. If that range attracts
+    them, all k are in it as probably as not, and any fewer alike; against k rows anywhere
+
+    .. math:: B = \binom Nk \Big/ \binom nm \binom{N - n}{k - m} \times
+              \begin{cases} 1/2 & m = k \\ 1/2k & m < k \end{cases}
+
+    whose mean over all ranges of all that was recorded exceeds 1/q by chance in no more than q
+    (Markov).
+    """
+    follows = np.zeros(len(found), dtype=bool)
+    columns = _recorded(recording)
+    while (found & ~follows).sum() >= FEWEST_BETWEEN:
+        more = _in_a_range(found[~follows], [values[~follows] for values in columns])
+        if not more.any():
+            break
+        follows[~follows] = more
+    return follows
+
+
+def _in_a_range(found: NDArray[np.bool_], columns: Sequence[Array]) -> NDArray[np.bool_]:
+    """Those of the rows found (N,) in the range that explains them best; none if by accident."""
+    k, N = float(found.sum()), float(len(found))
+    logs, within = [], []
+    for values in columns:
+        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, RANGES + 1), method="nearest"))
+        above = values >= edges[:, None]
+        low, high = np.triu_indices(len(edges) + 1, 1)
+        n = -np.diff(np.append(above.sum(axis=1), 0)[[low, high]], axis=0)[0]
+        m = -np.diff(np.append((above & found).sum(axis=1), 0)[[low, high]], axis=0)[0]
+        log = _log_ways(k, N) - _log_ways(m, n) - _log_ways(k - m, N - n)
+        log = log - np.log(np.where(m == k, 2.0, 2.0 * k))
+        best = int(np.argmax(log))
+        logs.append(float(logsumexp(log) - np.log(len(log))))
+        upper = np.append(edges, np.inf)[high[best]]
+        within.append((values >= edges[low[best]]) & (values < upper))
+    odds = float(logsumexp(logs)) - np.log(len(logs)) + logit(ALARM)
+    return found & within[int(np.argmax(logs))] & (odds > 0.0)
+
+
+def _log_ways(some: Array | float, of: Array | float) -> Array:
+    """Log number of ways to choose some of so many."""
+    return np.asarray(-np.log1p(of) - betaln(np.asarray(of) - some + 1.0, np.asarray(some) + 1.0))
+
+
+def _recorded(recording: Recording) -> list[Array]:
+    """All (N,) that a row's error may follow: its number, postures, places, and what goes along."""
+    along = (recording.payload, recording.temperature, recording.group)
+    found = [np.arange(float(len(recording))), *(x for x in along if x is not None)]
+    if not recording.stand_in and recording.element is None:
+        found += [*recording.q.T, *recording.chain.placement(recording.q)[:, :3, 3].T]
+    return [np.asarray(values, dtype=float) for values in found if np.ptp(values) > 0]
 
 
 def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
@@ -76,12 +136,13 @@ def far_off(residuals: Array) -> NDArray[np.bool_]:
     return distrusted_by_fit(residuals) & (missed > GROSS_KEPT_BACK * float(np.median(missed)))
 
 
-def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
+def distrusted_given(solution: Solution, sigma: float, recording: Recording) -> NDArray[np.bool_]:
     """Rows (N,) that a fitted model misses by far, those it was fitted without among them.
 
     Args:
         solution: The fit; rows of weight 0 are judged as predictions.
         sigma: The noise if it is known, else 0; a model that misses every row accuses none.
+        recording: The rows.
     """
     weights = solution.problem.weights
     m, rows, freedom = solution.problem.equations, len(weights), solution.problem.freedom
@@ -95,7 +156,9 @@ def distrusted_given(solution: Solution, sigma: float) -> NDArray[np.bool_]:
         found[part] = (turned**2 / np.maximum(values, 1e-3)).sum(axis=1)
     scale = max(_size(found, freedom, weights > 0), sigma**2)
     bad = found > ANISOTROPY * chdtri(freedom, ALARM / rows) * scale
-    return bad if bad.sum() <= MOST_GROSS_SHARE * rows else weights == 0
+    if bad.sum() > MOST_GROSS_SHARE * rows:
+        return weights == 0
+    return bad & ~follows_something(bad, recording)
 
 
 def _size(squares: Array, freedom: int | Array, of: NDArray[np.bool_]) -> float:

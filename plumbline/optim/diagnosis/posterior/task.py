@@ -97,7 +97,7 @@ def _from_nothing(
     tell("searching for causes", 0.15)
     selected = _search(task, bad, rounds, pool)
     for _ in range(looks):
-        again = distrusted_given(selected.best, task.noise.sigma)
+        again = distrusted_given(selected.best, task.noise.sigma, task.recording)
         again |= _rows_by_steps(task, selected, bad)
         again &= ~lone_rows(task.recording)
         if (again == bad).all():
@@ -126,7 +126,7 @@ def _rows_by_steps(
             task.recording, [*task.fixed, *kept], selected.model.nuisance,
             trust(task.recording, bad), task.refitting, given, ridge,
         )  # fmt: skip
-        missed = distrusted_given(rest, task.noise.sigma)
+        missed = distrusted_given(rest, task.noise.sigma, task.recording)
         if missed.sum() < FEWEST_BETWEEN:
             found |= missed
     return found
