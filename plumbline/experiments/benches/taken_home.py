@@ -58,7 +58,8 @@ CAUSES = (
 )  # fmt: skip
 GAP = 5.0  # of each cause in the tips, unabsorbed, over their noise
 POSTURES = 1000
-POINTS, CHAINS = 60, 3  # postures of a chain, and chains of an arm
+POINTS, CHAINS = 60, 10  # postures of a chain, and chains of an arm
+REPEATS = (40, 100)  # how often an error is read to know its size
 MANY, LOOP = 1000, 300  # registrations that a truth is of, rows of a closed loop
 TOUCH = 0.15e-3  # [m] standard deviation of a touch
 SERIES = ("ur10-grid", "ur10-joints", "ur10-iso")
@@ -184,11 +185,18 @@ def shares(case: Case, model: Model, rng: np.random.Generator) -> dict[str, floa
 
 
 def _markers(rng: np.random.Generator) -> Told:
-    """Six markers and a lesion, read in CT; the truth is that of many such registrations."""
+    """Six markers and a lesion, read in CT; the truth is that of many such registrations.
+
+    Their noise is stated from readings that were repeated, and each draw has its opposite: the
+    truth's own chance is in their spread alone.
+    """
     ct, std = rng.uniform(-0.07, 0.07, (7, 3)), rng.uniform(0.1e-3, 0.5e-3, 3)
-    noise = MarkerNoise.from_std(std, TOUCH)
-    read = ct + rng.normal(0.0, 1.0, (MANY, 7, 3)) * std
-    touched = ct[:-1] + rng.normal(0.0, TOUCH, (MANY, 6, 3))
+    freedoms = int(rng.integers(*REPEATS)) - 1
+    size, touch = np.sqrt(rng.chisquare(freedoms, 3) / freedoms), rng.chisquare(3 * freedoms)
+    touch = TOUCH * np.sqrt(touch / (3 * freedoms))
+    noise = MarkerNoise.from_std(size * std, touch, freedoms=3.0 * freedoms)
+    e, g = rng.normal(0.0, 1.0, (MANY, 7, 3)) * std, rng.normal(0.0, TOUCH, (MANY, 6, 3))
+    read, touched = ct + np.concatenate([e, -e]), ct[:-1] + np.concatenate([g, -g])
     T = Anisotropic().batch(read[:, :-1], touched, noise)
     off = np.einsum("kij,kj->ki", T[:, :3, :3], read[:, -1]) + T[:, :3, 3] - ct[-1]
     found = register(build_fiducials(read[0, :-1], touched[0], noise=noise))
@@ -205,7 +213,7 @@ def _arm(case: Case, model: Model, q: Array) -> Told:
 
 def _needle(rng: np.random.Generator) -> Told:
     """Insertions into a phantom, that many errors in space."""
-    count, mean = int(rng.integers(40, 100)), rng.normal(0.0, 0.3e-3, 3)
+    count, mean = int(rng.integers(*REPEATS)), rng.normal(0.0, 0.3e-3, 3)
     size = np.diag(rng.uniform(0.1e-3, 0.6e-3, 3))
     e = mean + rng.normal(0.0, 1.0, (count, 3)) @ size
     C = np.cov(e, rowvar=False)
@@ -270,7 +278,7 @@ def so101(folder: Path) -> pd.DataFrame:
 
 
 def bench(
-    arms: Annotated[int, typer.Option(min=0, help="Simulated arms; three chains of each.")] = 20,
+    arms: Annotated[int, typer.Option(min=0, help="Simulated arms; ten chains of each.")] = 20,
     rows: Annotated[int, typer.Option(min=60, help="Rows of each of their recordings.")] = 200,
     real: Annotated[bool, typer.Option(help="The UR10 and the SO-101 too.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the first arm.")] = 0,

@@ -2,7 +2,8 @@
 
 Rows of kind ``parameter`` are every number that was found, with unit, error and meaning; rows of
 kind ``curve`` say, joint by joint and angle by angle, what to add to a reading for all that depends
-on this reading alone (zeros, scales, ripples).
+on this reading alone (zeros, scales, ripples). They go with the links as delivered: files of links
+hold the zeros themselves.
 """
 
 import csv
@@ -80,7 +81,7 @@ def _curves(arm: Arm) -> Iterator[tuple[object, ...]]:
         q = np.zeros((len(at), arm.chain.n))
         q[:, joint - 1] = at
         unit = "rad" if turning else "m"
-        said = f"add to the reading of {arm.chain.joint_names[joint - 1]}"
+        said = f"add to the reading of {arm.chain.joint_names[joint - 1]} of the nominal links"
         added = arm.joint_corrections(q)[:, joint - 1]
         for angle, value in zip(at.tolist(), added.tolist(), strict=True):
             yield "curve", joint, "", "", f"{angle:.6f}", f"{value:.9e}", "", unit, said
