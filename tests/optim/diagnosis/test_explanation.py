@@ -25,6 +25,7 @@ from plumbline.optim.diagnosis.predict.held_out import evaluate
 from plumbline.optim.diagnosis.verdict import judge as judge_module
 from plumbline.optim.diagnosis.verdict.explanation import (
     Explanation,
+    _joined,
     _terms,
     _told,
     explain,
@@ -52,6 +53,16 @@ def made(**given):
     probable = frozenset(key for key, p in given.get("probabilities", {}).items() if p >= 0.5)
     known = {"probabilities": {}, "sensitive": {}, "unlisted": 0.0, "named": probable}
     return Explanation(**{**known, "mechanisms": MECHANISMS, "places": PLACES, **given})
+
+
+def test_what_blocks_agree_on_takes_the_place_of_what_all_rows_have_not_told():
+    """Two ripples of one joint stay beside each other where all rows of many have told the one."""
+    ripples = [("joint", 1, "own angle", f"{kind}_ripple") for kind in ("gear", "transmission")]
+    mechanisms = [*ripples, ("joint", 2, "own angle", "joint_scale")]
+    alt = SimpleNamespace(mechanisms=mechanisms, problem=SimpleNamespace(labels=[np.arange(3)]))
+    first, second, other = (SelectedTerm(k, 1.0) for k in range(3))
+    assert _joined(alt, [first, other], [second], long=False) == (other, second)
+    assert _joined(alt, [first, other], [second], long=True) == (first, other, second)
 
 
 # The tree

@@ -105,8 +105,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         told = _told(alt, agreed)
         lacked = _unlisted(alt, agreed.states[0][1])
         more = tuple(_more(selected, alt, terms, agreed.states[0][1], told.named))
-        held = {_dependence(alt, t.index) for t in more}
-        terms = (*(t for t in terms if long or _dependence(alt, t.index) not in held), *more)
+        terms = _joined(alt, terms, more, long=long)
     else:
         terms = _terms(selected, alt, found, told.named)
         lacked = _unlisted(alt, found.states[0][1])
@@ -260,6 +259,17 @@ def _more(
     for term in state:
         if term.index < alt.library and key[term.index] in named - known:
             yield term
+
+
+def _joined(
+    alt: Alternatives, terms: Sequence[SelectedTerm], more: Sequence[SelectedTerm], *, long: bool
+) -> tuple[SelectedTerm, ...]:
+    """Terms, and more that blocks of rows agree on, in place of what the search took for these.
+
+    Of a long recording beside it: all rows have told the terms, and what is more but some of them.
+    """
+    held = {_dependence(alt, t.index) for t in more}
+    return (*(t for t in terms if long or _dependence(alt, t.index) not in held), *more)
 
 
 def _place(alt: Alternatives, index: int) -> Place:
