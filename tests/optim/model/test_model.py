@@ -9,6 +9,7 @@ import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
 import plumbline
 from plumbline.errors import PlumblineError
@@ -384,6 +385,13 @@ def test_the_commands_take_a_model_home_and_try_it(diagnosis, model, stored, tmp
     assert run(["apply", str(stored), bench, "--json", "-"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert {"before", "after", "unit", "outside_range", "holds", "refitted"} <= set(told)
+
+
+@pytest.mark.parametrize("turn", [1.9e-6, 1e-5])
+def test_a_tool_that_hardly_turns_is_no_reason_to_refuse_a_file(model, turn):
+    """MuJoCo reads a site that turns by less than 2e-6 as one that does not."""
+    made = replace(model, R_tip_tool=Rotation.from_rotvec([turn, 0.0, 0.0]).as_matrix()).as_mjcf()
+    assert made.error < 1e-9
 
 
 def test_tips_know_no_drives(model):
