@@ -23,8 +23,8 @@ from plumbline.optim.model.export.readers import frames_by_mujoco, has_mujoco
 
 TOOL = "calibrated_tool"
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6  # [kg], [kg m^2] of a body without: MuJoCo needs some
-# Of a rotation's entries: a site whose quaternion is within 1e-6 of its body's is read as not turned
-# (MuJoCo, user_model.cc, IsSamePose).
+# Of a rotation's entries: MuJoCo reads a site whose quaternion is within 1e-6 of its body's as not
+# turned (user_model.cc, IsSamePose).
 UNTURNED = 4e-6
 # Dry friction as hard as MuJoCo has it: held off its command by play, a joint creeps 1 % a second.
 FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
