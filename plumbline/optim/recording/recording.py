@@ -72,7 +72,7 @@ class Recording:
     lever: float | None = None
     #: correlation of the noise of a row with that of the row before it, where a fit has told it
     wander: float = 0.0
-    #: correlation of the noises of readings of one posture, where a fit has told it
+    #: correlation of the noises of readings of one posture, where a fit or a statement has told it
     alike: float = 0.0
     always: tuple[str, ...] = ("frame", "tool")  #: what every model fits
     socket_distance: float | None = None  #: known distance between the sockets of a pair [m]

@@ -168,6 +168,13 @@ class Stated:
         ct = np.zeros(3) if self.ct is None else self.ct
         return np.asarray(np.sqrt(R**2 @ ct**2 + self.robot**2))
 
+    @property
+    def shared(self) -> float:
+        """Correlation of two touches of one marker: it is read in CT once."""
+        if self.both is not None or self.robot is None or self.ct is None:
+            return 0.0
+        return float(self.ct @ self.ct / (self.ct @ self.ct + self.robot @ self.robot))
+
 
 def stated_of(settings: Section) -> tuple[Stated, tuple[str, ...]]:
     """What is stated of the readings, in ``[noise]`` or at the top, and notes on unused keys."""

@@ -6,7 +6,11 @@ touch is the robot's and the CT's together, along the robot's axes,
 
 .. math:: \Sigma = R\, \Sigma_{CT} R^T + \Sigma_{robot}
 
-but the CT's pitch is no noise: it errs by the same whenever a marker is touched.
+and a marker is read in CT once: its touches share the CT's part, so that they correlate by
+
+.. math:: c = \operatorname{tr} \Sigma_{CT} / \operatorname{tr} \Sigma
+
+The CT's pitch is no noise but a cause of its own.
 """
 
 from __future__ import annotations
@@ -124,6 +128,7 @@ def _recording(
         elements=labels,
         pitch=_pitch(ct, stated),
         stand_in=True,
+        alike=stated.shared if len(labels) < len(part) else 0.0,
         always=("frame",),
         sha256=digest,
         notes=notes,

@@ -68,6 +68,39 @@ def test_nothing_is_blamed_where_nothing_is_wrong(made):
     assert not verdict.causes
 
 
+def read_once(folder, seed, repeats=4, moved=(0.0, 0.0, 0.0)):
+    """Markers read once in a CT that is coarse along z, each touched so often by a finer robot."""
+    rng = np.random.default_rng(seed)
+    ct = rng.uniform(-0.08, 0.08, (8, 3))
+    robot = ct + np.array([0.3, 0.1, 0.2])
+    robot[0] += moved
+    seen = ct + rng.normal(0.0, [2e-4, 2e-4, 6e-4], ct.shape)
+    touched = robot + rng.normal(0.0, 2e-4, (repeats, *robot.shape))
+    rows = [
+        f"M{k},marker,{','.join(map(repr, [*seen[k].tolist(), *touched[i, k].tolist()]))}"
+        for i in range(repeats)
+        for k in range(8)
+    ]
+    folder.mkdir()
+    head = 'name = "read once"\nobservation = "fiducials"\n[noise]\n'
+    (folder / "dataset.toml").write_text(head + "robot_std = 2e-4\nct_std = [2e-4, 2e-4, 6e-4]\n")
+    columns = "label,role,ct_x,ct_y,ct_z,robot_x,robot_y,robot_z"
+    (folder / "samples.csv").write_text("\n".join([columns, *rows, ""]))
+    return folder
+
+
+def test_touches_of_one_marker_share_the_error_of_its_reading_in_ct(tmp_path):
+    often = fiducials_to_diagnose(read_once(tmp_path / "often", 1))
+    assert often.alike == pytest.approx(0.44 / 0.56)
+    assert fiducials_to_diagnose(read_once(tmp_path / "once", 1, 1)).alike == 0.0
+    verdict = diagnose(read_once(tmp_path / "clean", 2)).verdict
+    assert verdict.verdict == "no-gap"
+    assert verdict.outside_probability < 0.2
+    verdict = diagnose(read_once(tmp_path / "moved", 3, moved=(2e-3, 2e-3, 1e-3))).verdict
+    assert first(verdict) == ("marker_shift", 1)
+    assert verdict.outside_probability < 0.2
+
+
 @pytest.mark.parametrize(("made", "name"), [(ranges, "stripes"), (fiducials, "sheared_gantry")])
 def test_what_the_library_lacks_is_outside_of_it(made, name):
     verdict = diagnosed(made(name)[0]).verdict

@@ -162,8 +162,8 @@ def _correlation(
     told = recording.kind.efforts and stated_noise(recording)
     if recording.session or (moving and not told) or recording.kind.fiducials:
         # Along one motion all that is missing wanders; several recordings are not in one order;
-        # what touches of one marker share is the marker's place, a cause.
-        return 0.0, 0.0
+        # what touches of one marker share is as stated of its CT, or its place, a cause.
+        return 0.0, recording.alike
     trusted = pool.model.problem.weights[alt.rows] > 0.0
     recording = recording.select(alt.rows[trusted])
     listed = [t for t in state if not isinstance(alt.term(t.index), Unlisted)]

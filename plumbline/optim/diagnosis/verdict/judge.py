@@ -261,6 +261,6 @@ def _correlated(recording: Recording) -> Iterator[str]:
         )
     if recording.alike:
         yield (
-            f"readings of one posture correlate by {recording.alike:g}: together they count for "
+            f"readings of one posture correlate by {recording.alike:.2g}: together they count for "
             "little more than one"
         )
