@@ -147,7 +147,17 @@ def test_what_an_unlisted_mechanism_depends_on_is_told_if_one_is_more_probable_t
 ):
     found = _told(*sampled(lacked=lacked))
     assert found.words == ("joint 2's error depends on it" if told else "")
-    assert found.at == (("joint", 2) if told else ("", None))
+
+
+def test_unlisted_mechanisms_share_the_gap_by_what_they_move():
+    alt, found = sampled()
+    sides = np.array([0.0, 0.0, 3.0, 4.0, 0.0])
+    linear = Linear(np.eye(5), sides, float(sides @ sides), 9.0)
+    alt = replace(alt, problem=replace(alt.problem, linear=linear))
+    both = ((1.0, tuple(SelectedTerm(k, 1.0) for k in (0, 2, 3, 4))),)
+    told = _told(alt, replace(found, states=(*found.states, *both)))
+    assert told.lacked_at == pytest.approx({("joint", 2): 9 / 25, ("joint", 3): 16 / 25})
+    assert _told(alt, found).lacked_at == {}
 
 
 def test_what_is_named_is_fitted_as_the_best_state_has_it():

@@ -123,13 +123,13 @@ class JointProblem:
         mine = {int(label[i]): int(place[i]) for i in indices if not lacking[i]}
         if places.issuperset(mine.values()):
             return frozenset(mine)
-        moved = self._moved(indices)
+        moved = self.moved(indices)
         whole = moved(lacked)
         each = {k: moved([i for i in indices if label[i] == k]) for k in mine}
         small = {k for k in mine if DEVIATIONS[0] ** 2 * each[k] <= whole}
         return frozenset(k for k in mine if mine[k] in places or k in small)
 
-    def _moved(self, indices: Sequence[int]) -> Callable[[Sequence[int]], float]:
+    def moved(self, indices: Sequence[int]) -> Callable[[Sequence[int]], float]:
         """The square that some of these terms move, at their fit together and usual widths."""
         columns = np.concatenate([self.terms[i].columns for i in indices])
         ends = np.cumsum([0, *(len(self.terms[i].columns) for i in indices)])

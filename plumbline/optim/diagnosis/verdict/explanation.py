@@ -52,7 +52,8 @@ class Explanation:
     unlisted: float  # that something is at work which the library lacks
     named: frozenset[Key] = frozenset()  # causes in the verdict
     words: str = ""  # on what the most probable of that depends, if it is more probable than not
-    at: Place = ("", None)  # its place
+    # shares by place of what unlisted mechanisms move together, in the best state that has one
+    lacked_at: Mapping[Place, float] = field(default_factory=dict)
     # the most probable terms of the library that hold what is named
     terms: tuple[SelectedTerm, ...] = ()
     # sets of terms of the library, with the log of their weight, best first
@@ -192,10 +193,6 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
     said[alt.words.index("")] = 0.0
     best = int(np.argmax(said))
     words = alt.words[best] if p > 0.5 else ""
-    at: Place = ("", None)
-    for term in alt.problem.terms:
-        if words and isinstance(term, Unlisted) and term.family.words == words:
-            at = (term.family.stage, term.family.element)
     rows = {row: float(found.gross[i]) for row, i in alt.gross_rows.items()}
     named = found.named(alt.problem)
     return Explanation(
@@ -206,11 +203,25 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         p,
         frozenset(key for key, k in keys.items() if k in named),
         words,
-        at,
+        _lacked_at(alt, found),
         apart=found.apart,
         beside=_beside(alt, found, named, p),
         gross=rows,
     )
+
+
+def _lacked_at(alt: Alternatives, found: Sampled) -> dict[Place, float]:
+    """Shares by place of the square that unlisted mechanisms move, in the best state with one."""
+    for _, state in found.states:
+        own: dict[Place, list[int]] = {}
+        for term in _unlisted(alt, state):
+            own.setdefault(_place(alt, term.index), []).append(term.index)
+        if own:
+            moved = alt.problem.moved([t.index for t in state if not alt.problem.gross[t.index]])
+            squares = {place: moved(indices) for place, indices in own.items()}
+            total = sum(squares.values())
+            return {place: square / total for place, square in squares.items() if square > 0.0}
+    return {}
 
 
 def _beside(alt: Alternatives, found: Sampled, named: Sequence[int], otherwise: float) -> float:

@@ -90,9 +90,10 @@ def judge(
     scope = scope_of(selected.model.recording)
     where = shares(selected.selection, selected.chosen, seed)
     words = told.words or noisiest_joint(recording, selected)
-    if kind == Kind.OUTSIDE:
+    if kind == Kind.OUTSIDE and not selected.chosen and told.unlisted > 0.5:
         # More noise than stated, with nothing seen that it depends on, is nowhere.
-        where = (Place(*told.at, 1.0),) if told.unlisted > 0.5 else ()
+        lacked = sorted(told.lacked_at.items(), key=lambda item: -item[1])
+        where = tuple(Place(*place, share) for place, share in lacked)
     return Verdict(
         verdict=kind,
         gap=gap,
