@@ -95,7 +95,7 @@ def _cells(message: Any, prefix: str) -> Iterator[tuple[str, Any]]:
     """Numbers and words of a message by the path of their field; the header is left out."""
     for field in fields(message):
         value, name = getattr(message, field.name), f"{prefix}{field.name}"
-        if field.name in ("header", "layout") or name.startswith("__"):
+        if field.name in ("header", "layout") or field.name.startswith("__"):
             continue
         if is_dataclass(value):
             yield from _cells(value, f"{name}.")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from plumbline.errors import PlumblineError, shown
+from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.experiments.importing import units
 from plumbline.experiments.importing.tables import Raw, find
 from plumbline.experiments.importing.targets import check_target, is_target
@@ -84,12 +84,15 @@ def _family(raws: list[Raw], want: Wanted) -> list[str]:
     """The columns that ``J#`` stands for, in order."""
     table, at, pattern = want.source.rpartition("@")
     before, mark, after = pattern.partition("#")
-    if not mark:
-        raise PlumblineError(f"--map {want.target}={want.source}: expected # in {shown(pattern)}")
     names = [
         name for raw in raws if not at or raw.name == table or raw.name.startswith(f"{table}.")
         for name in raw.columns
     ]  # fmt: skip
+    if not mark:
+        raise PlumblineError(
+            f"--map {want.target}={want.source}: expected # in {shown(pattern)}, for the number "
+            f"of a column; best matches: {best_matches(pattern, names)}"
+        )
     for first in (1, 0):
         numbers = [f"{before}{k}{after}" for k in range(first, MOST_JOINTS)]
         there = [n for k, n in enumerate(numbers) if n in names and set(numbers[:k]) <= set(names)]

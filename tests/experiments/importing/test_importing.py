@@ -174,9 +174,10 @@ def test_a_bag_is_joined_by_the_clock_and_by_names_of_joints(tmp_path, bench, ca
     with pytest.raises(PlumblineError, match=r"say --gap 0\.01"):
         understand(reading.read(tmp_path / "run"), Request(joints=asked.joints))
     words = ["import", str(tmp_path / "run"), "--to", str(tmp_path / "made"), "--gap", "0.005",
-             "--robot", "ur5", "--yes", "-q"]  # fmt: skip
+             "--robot", "ur5", "--yes"]  # fmt: skip
     assert run(words) == 0
     same(load(tmp_path / "made"), bench)
+    assert "not used" not in capsys.readouterr().out  # of a message, its fields alone
 
 
 def test_two_files_meet_at_the_nearest_moment_and_others_are_counted(tmp_path, bench, capsys):
@@ -253,6 +254,7 @@ def test_json_says_where_each_column_is_from(tmp_path, bench, capsys):
     ("words", "said"),
     [
         (["--map", "q#=K#:deg"], "no column like 'K#'"),
+        (["--map", "q#=J:deg"], "expected # in 'J', for the number of a column; best matches: J"),
         (["--map", "qq=J1"], "column 'qq' not recognised. Best matches are q"),
         (["--map", "x=tip q:mm"], "no such column among 9; nearest: tip "),
         (["--map", "x=tip x:kg"], "x: unit kg is of mass, expected one of m, mm"),
