@@ -50,6 +50,10 @@ NOT_FORETOLD = (
     "The causes named below bring all rows together to the noise floor; rows left out, in other "
     "stretches of time, they do not foretell."
 )
+STAND_INS = (
+    "There is a gap. Effects of the library foretell part of it, each as a stand-in for something "
+    "nearly like it: none is sure to be the cause."
+)
 # Where the noise is known from the fit alone, what is left can be told from noise by its form only.
 MEANING_BY_FORM = MEANING | {
     Kind.NO_GAP: "There is nothing that does not look like noise.",
@@ -354,6 +358,8 @@ class Verdict(AlwaysFitted, Answer):
                 return NOT_FORETOLD
             if not self.knows_noise:
                 return NOTHING_FURTHER
+        if self.verdict == Kind.OUTSIDE and self.gap.shrink_ci95[0] > 0.0:
+            return STAND_INS
         return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
 
     @property

@@ -13,7 +13,15 @@ from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, GrossRow, Unlisted
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
-from plumbline.optim.diagnosis.findings import NOTHING_FURTHER, Cause, Estimate, Kind, Verdict
+from plumbline.optim.diagnosis.findings import (
+    MEANING,
+    NOTHING_FURTHER,
+    STAND_INS,
+    Cause,
+    Estimate,
+    Kind,
+    Verdict,
+)
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
@@ -340,6 +348,15 @@ def test_what_is_not_more_probable_than_not_is_no_cause_but_may_stand_in_for_one
     assert verdict.candidates[0].probability == 0.4
     assert any("stand-in" in note and "joint_scale" in note for note in verdict.notes)
     assert not any("stand-in" in note for note in kind(judged).notes)
+
+
+def test_stand_ins_that_foretell_rows_are_not_called_no_explanation(judged):
+    outside = kind(judged, told={"named": frozenset(), "unlisted": 0.9})
+    assert outside.verdict == Kind.OUTSIDE
+    assert outside.meaning == STAND_INS
+    assert [(p.stage, p.element) for p in outside.where] == [("joint", 2)]
+    nothing = replace(outside, gap=replace(outside.gap, shrink_ci95=(0.0, 0.0)))
+    assert nothing.meaning == MEANING[Kind.OUTSIDE]
 
 
 def test_where_a_model_is_open_errors_are_those_of_blocks(judged, monkeypatch):
