@@ -47,6 +47,9 @@ def test_a_pair_that_only_works_together_is_found(seed):
     asked = selection(X, X[:, 0] - X[:, 1] + noise(rng), SIGMA)
     assert not select(asked, thorough=False)  # neither is worth anything alone
     assert indices(select(asked)) == [0, 1]
+    before = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]  # about an earlier fit
+    assert indices(select(asked, thorough=False, before=before)) == [0, 1]
+    assert not select(asked, thorough=False, before=[SelectedTerm(5, 1.0)])
 
 
 def test_of_two_columns_alike_one_is_kept():

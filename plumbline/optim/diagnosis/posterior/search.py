@@ -98,6 +98,7 @@ def search(
     if resumed:
         model, best = resumed
     known: list[set[Effect]] = []
+    scales: dict[Effect, float] = {}
     for turn in range(1, rounds + 1):
         pool = (
             first
@@ -105,11 +106,14 @@ def search(
             else make_pool(model, best.x, folds, noise, fixed=fixed, library=library)
         )
         selection = pool.selection
-        chosen = select(selection, thorough=turn == 1)
+        place = {c.effect: k for k, c in enumerate(pool.candidates)}
+        before = [SelectedTerm(place[e], scale) for e, scale in scales.items()]
+        chosen = select(selection, thorough=turn == 1, before=before)
         effects = [selection.candidates[c.index].effect for c in chosen]
         if known and set(effects) == known[-1]:
             chosen = _in_order_of(model, selection, chosen)
             break
+        scales = {e: c.scale for e, c in zip(effects, chosen, strict=True)}
         going_round = set(effects) in known
         known.append(set(effects))
         start = best.by_name

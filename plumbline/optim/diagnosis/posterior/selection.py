@@ -127,16 +127,21 @@ class SelectionProblem:
         return log_odds, scores
 
 
-def select(selection: SelectionProblem, *, thorough: bool = True) -> list[SelectedTerm]:
+def select(
+    selection: SelectionProblem, *, thorough: bool = True, before: Sequence[SelectedTerm] = ()
+) -> list[SelectedTerm]:
     """The model that evidence leads to.
 
     Args:
         selection: The selection problem.
         thorough: Whether every pair is tried as a start, and long models are asked again.
+        before: What was chosen about an earlier fit: the path from nothing may miss it.
     """
     chosen = _extend(selection, [])
     if thorough and len(chosen) <= MANY_SLOTS:
         chosen = _better_start(selection, chosen)
+    elif before and len(chosen) <= MANY_SLOTS:
+        chosen = _better_of(selection, chosen, _extend(selection, before))
     if not thorough and len(chosen) > MANY_SLOTS:
         return chosen
     return reconsider(selection, chosen)
@@ -189,7 +194,12 @@ def _better_start(selection: SelectionProblem, chosen: list[SelectedTerm]) -> li
             pair = [first, SelectedTerm(j, float(found.scale[j]))]
     if pair is None:
         return chosen
-    other = _extend(selection, pair)
+    return _better_of(selection, chosen, _extend(selection, pair))
+
+
+def _better_of(
+    selection: SelectionProblem, chosen: list[SelectedTerm], other: list[SelectedTerm]
+) -> list[SelectedTerm]:
     better = path_evidence(selection, other) > path_evidence(selection, chosen) + BETTER
     return other if better else chosen
 
