@@ -82,6 +82,8 @@ TURNED = 1.0  # [mm] by which a way is longer than its extent where it has turne
 CHANGED = 0.1  # of its squared speed, of which a spring is to be seen
 UNEVEN = 0.2  # of the changes of its squared speed, that a spring may leave over
 FEWEST_LOOKS, RECENT_LOOKS = 5, 25  # from which on that is to be seen; that show it
+# [mm/s] beyond which a place is that of another obstacle: twice what was tried (docs: up to 1 m/s)
+FASTEST = 2000.0
 MEMORY = 10.0  # [s] that places are remembered: a period of 60 mm at 38 mm/s
 
 # Ways out and detours

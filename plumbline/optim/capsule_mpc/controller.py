@@ -59,6 +59,7 @@ from plumbline.optim.capsule_mpc.events import (
     inside,
     left_out,
     margins_function,
+    moves_otherwise,
     shortfalls,
 )
 from plumbline.optim.capsule_mpc.linearised import norms
@@ -69,7 +70,7 @@ from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated, Seating
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.capsule_mpc.stopping import Stop, held_exactly, how_far_off, limited_function
-from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
+from plumbline.optim.capsule_mpc.sweeps import Looks, Sweeps, tip_speed
 from plumbline.optim.core.problem import Array
 
 
@@ -107,6 +108,7 @@ class Controller:
         self._net = Net(statement, 1 + self._stop.steps, compiled)
         self._evasion = Evasion(statement)
         self._sweeps = Sweeps(statement.settings.dt, tip_speed(statement))
+        self._looks = Looks(statement.settings.dt)
         self._seating = Seating(statement, 1 + self._stop.steps)
         self._holds = statement.held.numel() > 0
         self._margins = Compiled(margins_function(statement.shape), False)
@@ -139,6 +141,7 @@ class Controller:
         self._blind = 0
         self._evasion.reset()
         self._sweeps.reset()
+        self._looks.reset()
 
     def step(
         self, measured: ArrayLike, goal: ArrayLike, obstacles: Sequence[Obstacle] = ()
@@ -174,7 +177,9 @@ class Controller:
             return self._stopped(begun, events)
         dt = self.statement.settings.dt
         x0 = present + self._underway.way()
-        seated = self._seen(self._underway.moved(obstacles), x0, events)
+        believed, otherwise = self._looks.believed(obstacles)
+        events += [moves_otherwise(k, believed[k], obstacles[k]) for k in otherwise]
+        seated = self._seen(self._underway.moved(believed), x0, events)
         wanted = self._wanted(goal, events)
         if obstacles:
             straight, speed = self._sweeps.straight, self.statement.speed
@@ -229,7 +234,7 @@ class Controller:
         if fits and np.isfinite(values).all():
             self._goal = values
         elif self._goal is None:
-            raise ValueError(f"goal not usable: {values.shape}, expected ({g},), all finite")
+            raise ValueError(f"no goal yet that is usable: ({g},) finite numbers expected")
         else:
             events.append(Event(Trouble.BAD_GOAL, "goal not usable; the last one is kept"))
         return self._underway.then(self._goal, self.statement.settings.p)

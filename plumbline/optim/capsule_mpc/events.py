@@ -16,6 +16,7 @@ import numpy as np
 
 from plumbline.optim.capsule_mpc.constants import KEPT, SLACK
 from plumbline.optim.capsule_mpc.planning import Plan
+from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array
@@ -126,6 +127,13 @@ def left_out(seen: int, room: int, seated: Seated) -> list[Event]:
         f"{seated.gap:.1f} mm from its margin{', within reach: stopped' if seated.danger else ''}"
     )
     return [Event(Trouble.TOO_MANY_OBSTACLES, words, float(seen))]
+
+
+def moves_otherwise(k: int, seen: Obstacle, stated: Obstacle) -> Event:
+    """An obstacle, from 0, whose places do not go by its velocity."""
+    speed, said = (float(np.linalg.norm(o.velocity)) for o in (seen, stated))
+    words = f"obstacle {k + 1}: its places move by {speed:.0f} mm/s, {said:.0f} stated; as seen"
+    return Event(Trouble.BAD_OBSTACLE, words, speed)
 
 
 def impossible(statement: Statement) -> list[Event]:

@@ -35,6 +35,7 @@ from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Point, TipInstrum
 from plumbline.optim.capsule_mpc.constants import (
     AHEAD,
     CHANGED,
+    FASTEST,
     FEWEST_LOOKS,
     MEMORY,
     RECENT_LOOKS,
@@ -167,6 +168,53 @@ class Sweeps:
         if whole:
             self._whole[k] = (0, p, q, wide)
         return p, q, wide
+
+
+class Looks:
+    r"""What obstacles' places say of how they move, where that is stated otherwise.
+
+    Over n looks the middle c of an obstacle goes by what its velocities v say, or beside it by
+
+    .. math:: e = \sum_k (c_k - c_{k-1}) - dt\, (v_{k-1} + v_k) / 2
+
+    If that is more than is seen of a straight way, and no small part of the way, its velocity is
+    taken for :math:`v + e / (n\, dt)`. What is farther off than anything moves in a step is new.
+    """
+
+    def __init__(self, dt: float) -> None:
+        """For looks every dt [s]."""
+        self._dt = dt
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self._last = np.zeros((0, 2, 3))  # middles and velocities
+        self._off, self._way = np.zeros((0, 0, 3)), np.zeros((0, 0))  # of each step
+
+    def believed(self, obstacles: Sequence[Obstacle]) -> tuple[list[Obstacle], list[int]]:
+        """The obstacles as seen a step later, and whose velocities are not as stated."""
+        found = list(obstacles)
+        usable = np.array([o.usable for o in found], dtype=bool)
+        table = np.array([(np.add(o.a, o.b) / 2, o.velocity) for o in found]).reshape(-1, 2, 3)
+        if len(self._last) != len(found):
+            self._last, self._off = table, np.zeros((0, len(found), 3))
+            self._way = np.zeros((0, len(found)))
+            return found, []
+        step = table[:, 0] - self._last[:, 0]
+        off = step - self._dt * (self._last[:, 1] + table[:, 1]) / 2
+        known = usable & (np.vecdot(off, off) < (FASTEST * self._dt) ** 2)  # NaN is not below
+        off, way = (np.where(known[:, None], v, 0.0) for v in (off, step))
+        self._off = np.concatenate([self._off, off[None]])[-FEWEST_LOOKS:]
+        self._way = np.concatenate([self._way, np.sqrt(np.vecdot(way, way))[None]])[-FEWEST_LOOKS:]
+        self._off[:, ~known], self._way[:, ~known] = 0.0, 0.0
+        self._last = table
+        beside = self._off.sum(axis=0)
+        most = np.maximum(STRAIGHT, CHANGED * self._way.sum(axis=0))
+        wrong = np.flatnonzero(np.vecdot(beside, beside) > most**2).tolist()
+        for k in wrong:
+            rate = table[k, 1] + beside[k] / (len(self._off) * self._dt)
+            found[k] = replace(found[k], velocity=point(rate))
+        return found, wrong
 
 
 def _beside(places: Array, p: Array, q: Array) -> float:

@@ -15,7 +15,8 @@ from plumbline.optim.capsule_mpc import (
     Statement,
     TipInstrument,
 )
-from plumbline.optim.capsule_mpc.sweeps import Sweeps, _spring, about
+from plumbline.optim.capsule_mpc.constants import FASTEST
+from plumbline.optim.capsule_mpc.sweeps import Looks, Sweeps, _spring, about
 
 BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
@@ -247,3 +248,31 @@ def test_a_spring_leaves_less_than_a_fifth_of_the_changes_over(looks, off, seen)
     steps = np.sqrt(16.0 - 0.05 * (s - 1.0) ** 2 + errors)
     axis = np.array([[1.0, 0.0, 0.0]])
     assert bool(len(_spring(s[:, None] * axis, steps[:, None] * axis, 500))) == seen
+
+
+def test_places_tell_how_an_obstacle_moves_where_its_velocity_is_not_stated():
+    def look(k, stated=(0.0, 0.0, 0.0), jump=0.0):
+        return [Obstacle.sphere((0.8 * k + jump, 0.0, -70.0), 5.0, stated)]
+
+    looks = Looks(0.02)
+    found = [looks.believed(look(k)) for k in range(12)]
+    assert not found[0][1]
+    assert found[-1][1] == [0]
+    assert found[-1][0][0].velocity == pytest.approx((40.0, 0.0, 0.0))
+    # Who is somewhere else is another one, of whom nothing is known but what is stated.
+    assert looks.believed(look(12, jump=500.0))[0][0].velocity == (0.0, 0.0, 0.0)
+    fast = 1.01 * FASTEST * 0.02
+    assert looks.believed(look(13, jump=500.0 + fast))[1] == []
+    told = Looks(0.02)
+    assert not any(told.believed(look(k, (40.0, 0.0, 0.0)))[1] for k in range(12))
+    # Velocities of what swings are as stated, however fast it is, between looks too.
+    swings = Looks(0.02)
+    assert not any(swings.believed([swinging(0.02 * k, 30.0)])[1] for k in range(50))
+
+
+def test_an_instrument_leaves_the_way_of_what_comes_though_its_velocity_is_not_stated():
+    def coming(time):
+        return Obstacle.sphere((0.0, 100.0 - 40.0 * time, -110.0), 8.0)
+
+    clearance, _ = least(coming, START, steps=150)
+    assert clearance > 1.0
