@@ -57,18 +57,7 @@ def judge(
     seed: int,
     lacking: float,
 ) -> Verdict:
-    """Put the verdict together.
-
-    Args:
-        recording: N rows.
-        selected: The model.
-        evaluation: Held-out figures.
-        told: What the joint posterior says.
-        noise: Of one axis, and how many times as much the model leaves.
-        library: Effects that were considered.
-        seed: Of orders in which causes go in.
-        lacking: Probability that what the library has leaves more than any noise.
-    """
+    """Put the verdict together; what the library has is ``lacking`` by more than any noise."""
     keys = by_importance(selected, seed)
     named = [key for key in keys if key in told.named]
     stand_ins = [key for key in keys if key not in told.named]
@@ -88,16 +77,11 @@ def judge(
     earned = earned and _is_earned(gap, causes, judged, least)
     kind = _kind(bool(causes), max(beyond, left) > 0.5, earned)
     scope = scope_of(selected.model.recording)
-    where = shares(selected.selection, selected.chosen, seed)
     words = told.words or noisiest_joint(recording, selected)
-    if kind == Kind.OUTSIDE and not selected.chosen and told.unlisted > 0.5:
-        # More noise than stated, with nothing seen that it depends on, is nowhere.
-        lacked = sorted(told.lacked_at.items(), key=lambda item: -item[1])
-        where = tuple(Place(*place, share) for place, share in lacked)
     return Verdict(
         verdict=kind,
         gap=gap,
-        where=where,
+        where=_where(selected, told, seed),
         causes=causes,
         candidates=_candidates(selected, causes, told.probabilities, evaluation),
         outside_probability=float(beyond),
@@ -117,6 +101,17 @@ def judge(
         sha256=recording.sha256,
         friction=friction_curves(selected, noise, errors),
     )
+
+
+def _where(selected: SelectedModel, told: Explanation, seed: int) -> tuple[Place, ...]:
+    """Shares of the gap by place: by what causes and stand-ins explain, else by what is unlisted.
+
+    More noise than stated, with nothing seen that it depends on, is nowhere.
+    """
+    if selected.chosen or told.unlisted <= 0.5:
+        return shares(selected.selection, selected.chosen, seed)
+    lacked = sorted(told.lacked_at.items(), key=lambda item: -item[1])
+    return tuple(Place(*place, share) for place, share in lacked)
 
 
 def _kind(any_cause: bool, beyond: bool, earned: bool) -> Kind:
