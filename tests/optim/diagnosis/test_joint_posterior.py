@@ -167,7 +167,7 @@ def test_beside_one_only_what_is_far_larger_elsewhere_is_sure(asked_how, places,
     plain = problem(X, t, labels=labels)
     asked = replace(plain, unlisted=np.arange(7) == 1, part=PART_OF_UNLISTED)
     first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
-    least, most = (0.95, 1.01) if sure else (LEAST_NAMED, 0.9)
+    least, most = (0.95, 1.01) if sure else (0.55, 0.65)
     assert least < first.marginals[0][0] < most
     assert first.marginals[1][0] > 0.95  # its place is as sure as ever
 
@@ -205,7 +205,7 @@ def test_chains_go_on_until_seeds_agree_on_many_that_resemble_one_another():
         for moves in (10, MOVES)
     )
     assert few > 0.05
-    assert enough < 0.02
+    assert enough < 0.01
 
 
 def test_chains_that_find_different_things_say_so():

@@ -9,13 +9,18 @@ import pytest
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.calibrate import check
 from plumbline.optim.diagnosis.calibrate.simulation import Fault
+from plumbline.optim.diagnosis.design import next_experiment
 from plumbline.optim.diagnosis.design.course import _cooled
+from plumbline.optim.diagnosis.design.future_rows import _within_reach
+from plumbline.optim.diagnosis.design.rows import DesignOptions
 from plumbline.optim.diagnosis.discrepancy import dependences
 from plumbline.optim.diagnosis.discrepancy.alternatives import _shared_shift, spread_of_noise
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior import correlation, robust
+from plumbline.optim.diagnosis.posterior import selection as selecting
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import ridge_of
 from plumbline.optim.diagnosis.posterior.spectrum import _filled, _joints_with_spectra
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
@@ -220,3 +225,67 @@ def test_a_probability_of_a_few_per_cent_is_a_statement_and_one_per_cent_is_none
     monkeypatch.setattr(check, "diagnose", lambda *_: SimpleNamespace(verdict=verdict))
     stated = check._tried(None, Fault(), DiagnosisOptions()).stated
     assert list(stated) == [("backlash", 1)]
+
+
+# The next experiment
+
+
+@pytest.mark.parametrize(("left", "said"), [(0.4, "record more of them"), (0.6, "not even")])
+def test_rows_are_hopeless_if_many_of_them_leave_half_of_the_doubt(left, said, monkeypatch):
+    monkeypatch.setattr(next_experiment, "_if_lead", lambda *_: np.array([0.0, left * 0.3]))
+    rivals = SimpleNamespace(leading=0, probabilities=np.array([0.7, 0.3]), labels=("one", "two"))
+    design = SimpleNamespace(
+        contest=SimpleNamespace(rivals=rivals),
+        options=DesignOptions(),
+        random_grams=lambda *_: np.zeros((1, 1, 1, 1)),
+    )
+    [note] = next_experiment._untold(design, SimpleNamespace(information=np.zeros((2, 2))))
+    assert said in note
+
+
+@pytest.mark.parametrize(("share", "settled"), [(0.93, False), (0.97, True)])
+def test_from_one_in_twenty_on_there_is_something_to_separate(share, settled, monkeypatch):
+    two = [SimpleNamespace(probability=p, label=str(p)) for p in (share, 1.0 - share)]
+    for name, found in (("explanations", two), ("_beyond", ()), ("_missing_columns", ())):
+        monkeypatch.setattr(next_experiment, name, lambda *_, found=found: found)
+    pool = SimpleNamespace(of=lambda *_: SimpleNamespace(pool=()))
+    monkeypatch.setattr(next_experiment, "Design", pool)
+    monkeypatch.setattr(next_experiment, "contest", lambda *_: None)
+    monkeypatch.setattr(next_experiment, "_written", lambda *_: None)
+    selection = SimpleNamespace(keys=lambda _: ())
+    model = SimpleNamespace(recording=SimpleNamespace(chain=None))
+    selected = SimpleNamespace(model=model, selection=selection, chosen=())
+    [note] = next_experiment.next_experiment(selected, None).notes
+    assert note.startswith("nothing to separate") == settled
+
+
+@pytest.mark.parametrize(("beyond", "near"), [(0.08, True), (0.12, False)])
+def test_tips_may_leave_the_box_of_those_seen_by_a_tenth_of_it(beyond, near):
+    seen = SimpleNamespace(
+        kind=SimpleNamespace(device=True), q=np.array([[0.0], [1.0]]), tips=lambda q, _: q
+    )
+    recording = SimpleNamespace(kind=seen.kind, q=seen.q, chain=seen, tool_offset=None)
+    wide = np.array([-9.0]), np.array([9.0])
+    assert _within_reach(recording, np.array([[1.0 + beyond]]), *wide, seen=True)[0] == near
+
+
+# Rounds of what hangs on its own answer, and ties
+
+
+@pytest.mark.parametrize(("more", "best"), [(0.7e-6, 0), (1.5e-6, 1)])
+def test_what_is_chosen_stays_unless_another_is_better_by_more_than_rounding(more, best):
+    asked = selection(np.eye(N)[:, :2], np.zeros(N), SIGMA)
+    assert asked.best(np.array([0.0, more]), now=0) == best
+
+
+def test_a_model_that_never_settles_is_asked_again_four_times(monkeypatch):
+    asked, seen = selection(np.eye(N)[:, :2], np.zeros(N), SIGMA), []
+
+    def other(_, chosen):
+        seen.append(chosen)
+        return [SelectedTerm(1 - chosen[0].index, 1.0)]
+
+    monkeypatch.setattr(selecting, "asked_again", other)
+    monkeypatch.setattr(selecting, "_extend", lambda _, chosen: chosen)
+    selecting.reconsider(asked, [SelectedTerm(0, 1.0)])
+    assert len(seen) == 4

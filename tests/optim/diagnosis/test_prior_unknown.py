@@ -10,8 +10,9 @@ import pytest
 
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.optim.diagnosis.discrepancy import part_dependences
-from plumbline.optim.diagnosis.discrepancy.functions import plays, spots, waves
+from plumbline.optim.diagnosis.discrepancy.functions import nearness, plays, spots, waves
 from plumbline.optim.diagnosis.predict.shrink import _halved
+from plumbline.optim.diagnosis.prior import REACHES
 
 N = 600
 RNG = np.random.default_rng(0)
@@ -50,6 +51,13 @@ def test_bumps_are_a_quarter_to_two_thirds_of_the_cloud_wide(width, held):
     apart = np.sum((place - place[0]) ** 2, axis=1)
     bump = np.exp(-0.5 * apart / (width * size) ** 2)
     assert (min(left(form, bump) for form in spots(place)) < 0.02) == held
+
+
+@pytest.mark.parametrize(("reach", "near"), [*zip(REACHES, (0.25, 0.6, 1.5), strict=True)])
+def test_what_is_smooth_errs_alike_over_a_quarter_to_one_and_a_half_of_a_radian(reach, near):
+    features = nearness(np.linspace(0.0, 3.0, 61), reach)
+    alike = features.T @ features
+    assert np.interp(near, np.linspace(0.0, 3.0, 61), alike[0]) == pytest.approx(0.61, abs=0.03)
 
 
 def offered(**given):

@@ -23,7 +23,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.prior import LEAST_SEEN, NEWTON_STEPS
+from plumbline.optim.diagnosis.prior import NEWTON_STEPS
 from plumbline.optim.measurement.observation import (
     Model,
     build_model,
@@ -108,7 +108,7 @@ class Setting:
         own = columns[:, : -len(parameters)]
         left = moved - own @ np.linalg.lstsq(own, moved, rcond=None)[0]
         seen = float(np.sqrt(np.mean(left**2)))
-        if seen <= LEAST_SEEN * float(np.sqrt(np.mean(moved**2))):
+        if seen <= 0.0:
             return None
         values = null + way * (ratio * self.sigma / seen)
         inside = np.all((values >= lower) & (values <= upper))

@@ -31,7 +31,6 @@ from plumbline.optim.diagnosis.prior import (
     FEWEST_BETWEEN,
     GROSS_KEPT_BACK,
     LEVER_CHANGE,
-    MANY_ROWS,
     MOST_GROSS_SHARE,
     RANGES,
     ROUNDS,
@@ -212,14 +211,9 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> A
     shift = cho_solve((lower, True), b) - z0
     found = np.empty(len(bad))
     m = problem.equations
-    # With many rows a column no single row has leverage worth its price.
-    light = len(bad) * m > MANY_ROWS * problem.size
     for part, r, J in mapped.jacobians(pool.x):
         A = J * problem.scale
         left = r + A @ shift
-        if light:
-            found[part] = (left**2).sum(axis=1) / sigma2
-            continue
         half = solve_triangular(lower, A.reshape(-1, problem.size).T, lower=True).T
         half = half.reshape(A.shape)
         H = half @ half.transpose(0, 2, 1)
