@@ -157,6 +157,15 @@ def test_what_an_unlisted_mechanism_depends_on_is_told_if_one_is_more_probable_t
     assert found.words == ("joint 2's error depends on it" if told else "")
 
 
+@pytest.mark.parametrize(("lacked", "named"), [(0.04, {SCALE}), (0.06, set())])
+def test_of_equals_one_is_named_where_it_is_settled_that_one_is_at_work(lacked, named):
+    """Neither is more probable than not; that one of the two is, or something unlisted, is."""
+    scale, offset = 0.52 - lacked, 0.48
+    alt, found = sampled(scale=scale, offset=offset, lacked=lacked)
+    seen = {frozenset({k}): np.log(p) for k, p in enumerate((scale, offset, lacked))}
+    assert _told(alt, replace(found, seen=seen)).named == named
+
+
 def test_unlisted_mechanisms_share_the_gap_by_what_they_move():
     alt, found = sampled()
     sides = np.array([0.0, 0.0, 3.0, 4.0, 0.0])
