@@ -151,8 +151,8 @@ class DHFit(Fitted, Answer):
         if self.agrees is False and stated and self.noise > stated:
             yield (
                 f"links leave {left} on an axis where {1e3 * stated:.3f} mm are stated "
-                f"(chi-square {self.chi_square:.0f} with {self.freedom} degrees of freedom): links "
-                "are not the (whole) cause; run plumbline diagnose"
+                f"(chi-square {self.chi_square:.0f} with {self.freedom} degrees of freedom): "
+                f"{self._why}"
             )
         elif self.agrees is False and stated:
             yield (
@@ -164,10 +164,18 @@ class DHFit(Fitted, Answer):
             yield (
                 f"links leave {left} on an axis, more than {1e3 * DOUBTFUL * far:.3g} mm, which is "
                 f"{100 * DOUBTFUL:g} % of the reach: state noise_std if the device is that coarse; "
-                "else links are not the (whole) cause: run plumbline diagnose"
+                f"else {self._why}"
             )
         for words in self.judged.failures:
             yield f"{words}, or try solver gauss-newton"
+
+    @property
+    def _why(self) -> str:
+        """What is to blame for what links leave: their bounds first, where some rest on one."""
+        if self.at_bound:
+            rests = f"{', '.join(self.at_bound)} at the bound: widen it (delta-length, delta-angle)"
+            return f"{rests}; if that does not help, run plumbline diagnose"
+        return "links are not the (whole) cause; run plumbline diagnose"
 
     @cached_property
     def judged(self) -> Judgement:

@@ -83,6 +83,9 @@ def test_a_parameter_at_its_bound_moves_into_the_sums_of_others():
     assert fit.at_bound
     leaning = {name for q in fit.quantities for name, _ in q.parts[1:]}
     assert leaning & set(fit.at_bound)
+    tight = fit_dh(replace(fit.recording, noise_std=1e-5), fit.options)
+    assert tight.at_bound[0] in tight.remarks[0]
+    assert "widen it" in tight.remarks[0]
 
 
 def test_noise_of_the_device_s_depth_widens_what_is_seen_through_it():
