@@ -191,7 +191,13 @@ def test_without_a_recorded_side_backlash_follows_the_velocity_s_sign():
 def test_a_heavy_link_rests_on_the_flank_that_pinocchio_s_gravity_torque_chooses(arm):
     recording = bench(arm, "joint_position", columns=["payload"])
     tau = gravity_torques(recording.chain, recording.q, recording.payload)
-    for effect in REGISTRY["backlash"].candidates(scope_of(recording)):
+    scope = scope_of(recording)
+    hard = REGISTRY["backlash"].candidates(scope)
+    soft = [near for effect in hard for near in effect.neighbours(scope)]
+    assert len(soft) == 5 * len(hard)
+    largest = np.abs(tau[:, hard[0].joint - 1]).max()
+    np.testing.assert_allclose(soft[2].seat, 0.03 * largest)  # some per cent of a rated torque
+    for effect in (*hard, *soft):
         assert effect.by == "load"
         j = effect.joint
         assert tau[:, j - 1].min() < 0.0 < tau[:, j - 1].max()

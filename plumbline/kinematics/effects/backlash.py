@@ -10,7 +10,6 @@ the link comes to rest in between: :math:`s_i = \tanh(\tau_i / w_i)`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
 
 import casadi as cs
 
@@ -60,16 +59,15 @@ class Backlash(JointEffect):
         """By the recorded side, else by the velocity's sign; and by a load that changes sign."""
         found = [cls(j, by) for by in side_of_approach(scope) for j in scope.joints]
         loads = [(j, by) for by in ("effort", "load") for j in scope.joints]
-        by_load = [cls(j, by) for j, by in loads if scope.changes_sign(by, j)]
-        soft = [e._over(SEAT * max(map(abs, scope.span[f"load{e.joint}"]))) for e in by_load]
-        return [*found, *by_load, *(e for e in soft if e.seat)]
+        return [*found, *(cls(j, by) for j, by in loads if scope.changes_sign(by, j))]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Over less and over more of a load."""
-        return [self._over(self.seat * f) for f in (0.3, 0.55, 1.8, 3.0)] if self.seat else []
-
-    def _over(self, seat: float) -> Self:
-        return replace(self, seat=seat if self.by == "load" else 0.0)
+        """Of a load's side: seated within a part of the load, less and more of it."""
+        if self.by != "load":
+            return []
+        usual = SEAT * max(map(abs, scope.span[f"load{self.joint}"]))
+        seats = [(self.seat or usual) * f for f in (0.3, 0.55, 1.0, 1.8, 3.0)]
+        return [replace(self, seat=seat) for seat in seats if seat != self.seat]
 
     @classmethod
     def lacks(cls, scope: Scope) -> str:
