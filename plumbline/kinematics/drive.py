@@ -167,8 +167,11 @@ class Drive:
         if self.band is None and self.stick is None:
             return self.command
         at_rest = before.place if self.law in (Law.POSITION, Law.SERVO) else cs.SX(0)
+        at_once = self.law == Law.POSITION and self.lag is None
+        if at_once and self.compliance is not None and self.slack is None:
+            at_rest = before.output + self.compliance * self.load  # what rests does not yield
         error = self.command - at_rest
-        if self.band is not None and self.law == Law.POSITION and self.lag is None:
+        if self.band is not None and at_once:
             error = error - clipped(error, self.band)  # at once, to the band's edge and no farther
         elif self.band is not None:
             size = cs.fmin(cs.fmax(EDGE * (cs.fabs(error) - self.band), 0), cs.fabs(error))

@@ -99,6 +99,22 @@ def test_a_dead_band_beyond_which_the_rest_acts_alone_is_a_play_inside_of_the_lo
     assert np.abs(band - roll_out(windows, (lag,), np.array([0.05]))[0]).max() > 0.01
 
 
+@pytest.mark.parametrize("less", [False, True])
+def test_a_dead_band_without_a_lag_is_a_play_under_a_load_too(less):
+    rng = np.random.default_rng(0)
+    u, load = 0.2 * np.sin(0.03 * np.arange(400)), rng.normal(size=400).cumsum() / 10
+    zeros, start, first = np.zeros(400), np.array([10]), np.zeros(400, np.int64)
+    windows = Windows(
+        Law.POSITION, 0.01, 0.0, 0.0, u, first, zeros, zeros, zeros, load, zeros + 1, start, 300, 1
+    )  # fmt: skip
+    yields, values = NAMES["servo_stiffness"](), np.array([0.02, 0.03])
+    band, play = (
+        roll_out(windows, (one, yields), values)[0]
+        for one in (NAMES["actuation_deadband"](less=less), NAMES["actuation_play"]())
+    )
+    np.testing.assert_allclose(band, play, atol=1e-14)
+
+
 def step_response(law, name, value, u, dt=0.01, length=100):
     """What one effect makes of commands (N,), from rest at zero."""
     n = len(u)
