@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.verdict.confounding import rivals
-from plumbline.optim.diagnosis.verdict.where import explained_by, shares
+from plumbline.optim.diagnosis.verdict.where import expected_shares, explained_by, shares
 from plumbline.optim.recording.building import build_recording
 from tests.benches import bench
 from tests.designs import selection
@@ -59,6 +59,15 @@ def test_a_share_belongs_to_the_element_whatever_its_place_in_the_list():
     turned = {p.element: p.share for p in shares(*three_joints((2, 0, 1)))}
     for element, share in straight.items():
         assert turned[element] == pytest.approx(share, rel=1e-9)
+
+
+def test_places_of_causes_that_do_the_same_have_the_weight_of_their_states():
+    asked, (first, second, third) = three_joints()
+    states = ((np.log(0.6), (first,)), (np.log(0.4), (second,)), (np.log(0.005), (third,)))
+    found = {p.element: p.share for p in expected_shares(asked, states)}
+    assert found == pytest.approx({1: 0.6, 2: 0.4})
+    both = ((-3.0, (first, second)),)
+    assert expected_shares(asked, both) == shares(asked, both[0][1])
 
 
 def test_elements_alike_have_shares_alike():

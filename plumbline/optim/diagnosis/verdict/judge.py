@@ -25,7 +25,14 @@ from plumbline.optim.diagnosis.predict.held_out import (
     by_chance,
     judgement_of,
 )
-from plumbline.optim.diagnosis.prior import CHAINS_APART, EARNED, FAR, REMOVABLE_FROM, UNLISTED
+from plumbline.optim.diagnosis.prior import (
+    CHAINS_APART,
+    EARNED,
+    FAR,
+    LEAST_NAMED,
+    REMOVABLE_FROM,
+    UNLISTED,
+)
 from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
@@ -38,7 +45,7 @@ from plumbline.optim.diagnosis.verdict.lack_of_fit import (
     noisiest_joint,
 )
 from plumbline.optim.diagnosis.verdict.staircase import Stairs, always_words, staircase
-from plumbline.optim.diagnosis.verdict.where import shares
+from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
@@ -106,8 +113,12 @@ def judge(
 def _where(selected: SelectedModel, told: Explanation, seed: int) -> tuple[Place, ...]:
     """Shares of the gap by place: by what causes and stand-ins explain, else by what is unlisted.
 
-    More noise than stated, with nothing seen that it depends on, is nowhere.
+    Where several may do the same, the places of all have a share. More noise than stated, with
+    nothing seen that it depends on, is nowhere.
     """
+    equals = any(told.probabilities[key] < LEAST_NAMED for key in told.named)
+    if selected.chosen and told.states and equals:
+        return expected_shares(selected.selection, told.states, seed)
     if selected.chosen or told.unlisted <= 0.5:
         return shares(selected.selection, selected.chosen, seed)
     lacked = sorted(told.lacked_at.items(), key=lambda item: -item[1])

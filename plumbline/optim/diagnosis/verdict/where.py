@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.findings import Place
 from plumbline.optim.diagnosis.linearise.linear import Linear, cholesky
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
-from plumbline.optim.diagnosis.prior import SHAPLEY_ORDERS
+from plumbline.optim.diagnosis.prior import LEAST_TOLD, SHAPLEY_ORDERS
 
 
 def shares(
@@ -35,6 +35,26 @@ def shares(
     keyed = {str(p): p for p in places}
     found = [Place(*keyed[k], share=v / total) for k, v in drops.items()]
     return tuple(sorted(found, key=lambda p: -p.share))
+
+
+def expected_shares(
+    selection: SelectionProblem,
+    states: Sequence[tuple[float, tuple[SelectedTerm, ...]]],
+    seed: int = 0,
+) -> tuple[Place, ...]:
+    """Their mean over states of the library, each with its weight, given by its log."""
+    weights = np.exp(np.array([log for log, _ in states]) - max(log for log, _ in states))
+    weights = np.where(weights < LEAST_TOLD, 0.0, weights) / weights.sum()
+    found: dict[tuple[str, int | None], float] = {}
+    for weight, (_, state) in zip(weights.tolist(), states, strict=True):
+        for place in shares(selection, state, seed) if weight else ():
+            key = place.stage, place.element
+            found[key] = found.get(key, 0.0) + weight * place.share
+    total = sum(found.values())
+    return tuple(
+        Place(*key, share / total)
+        for key, share in sorted(found.items(), key=lambda item: -item[1])
+    )
 
 
 def explained_by(
