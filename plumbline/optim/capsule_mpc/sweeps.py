@@ -188,31 +188,31 @@ class Looks:
 
     def reset(self) -> None:
         """Forget what was seen."""
-        self._last = np.zeros((0, 2, 3))  # middles and velocities
-        self._off, self._way = np.zeros((0, 0, 3)), np.zeros((0, 0))  # of each step
+        self._last = np.zeros((0, 6))  # middles, and half a step by their velocities
+        self._gone = np.zeros((0, 0, 4))  # of each step what it is beside its velocity, and its way
 
     def believed(self, obstacles: Sequence[Obstacle]) -> tuple[list[Obstacle], list[int]]:
         """The obstacles as seen a step later, and whose velocities are not as stated."""
         found = list(obstacles)
-        usable = np.array([o.usable for o in found], dtype=bool)
-        table = np.array([(np.add(o.a, o.b) / 2, o.velocity) for o in found]).reshape(-1, 2, 3)
-        if len(self._last) != len(found):
-            self._last, self._off = table, np.zeros((0, len(found), 3))
-            self._way = np.zeros((0, len(found)))
+        table = np.array([(*o.a, *o.b, *o.velocity) for o in found]).reshape(-1, 9)
+        table[~np.isfinite(table)] = np.nan
+        half = self._dt / 2 * table[:, 6:]
+        now = np.concatenate([(table[:, :3] + table[:, 3:6]) / 2, half], axis=1)
+        last, self._last = self._last, now
+        if len(last) != len(now):
+            self._gone = np.zeros((0, len(now), 4))
             return found, []
-        step = table[:, 0] - self._last[:, 0]
-        off = step - self._dt * (self._last[:, 1] + table[:, 1]) / 2
-        known = usable & (np.vecdot(off, off) < (FASTEST * self._dt) ** 2)  # NaN is not below
-        off, way = (np.where(known[:, None], v, 0.0) for v in (off, step))
-        self._off = np.concatenate([self._off, off[None]])[-FEWEST_LOOKS:]
-        self._way = np.concatenate([self._way, np.sqrt(np.vecdot(way, way))[None]])[-FEWEST_LOOKS:]
-        self._off[:, ~known], self._way[:, ~known] = 0.0, 0.0
-        self._last = table
-        beside = self._off.sum(axis=0)
-        most = np.maximum(STRAIGHT, CHANGED * self._way.sum(axis=0))
-        wrong = np.flatnonzero(np.vecdot(beside, beside) > most**2).tolist()
+        step = now[:, :3] - last[:, :3]
+        off = step - last[:, 3:] - half
+        fresh = np.concatenate([off, np.sqrt(np.vecdot(step, step))[:, None]], axis=1)
+        self._gone = np.concatenate([self._gone, fresh[None]])[-FEWEST_LOOKS:]
+        unknown = ~(np.vecdot(off, off) < (FASTEST * self._dt) ** 2)  # NaN is not below
+        self._gone[:, unknown] = 0.0
+        gone = self._gone.sum(axis=0)
+        most = np.maximum(STRAIGHT, CHANGED * gone[:, 3])
+        wrong = np.flatnonzero(np.vecdot(gone[:, :3], gone[:, :3]) > most**2).tolist()
         for k in wrong:
-            rate = table[k, 1] + beside[k] / (len(self._off) * self._dt)
+            rate = table[k, 6:] + gone[k, :3] / (len(self._gone) * self._dt)
             found[k] = replace(found[k], velocity=point(rate))
         return found, wrong
 
