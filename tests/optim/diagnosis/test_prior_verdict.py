@@ -31,6 +31,7 @@ N, SIGMA = 60, 0.1
         (12.0, 30_000, 1.045, True),
         (5.0, 2_000, 1.003, False),  # of few rows, what chance does not do
         (5.0, 2_000, 1.007, True),
+        (12.0, 900, 0.98, True),  # of still fewer, no difference at all
     ],
 )
 def test_a_negligible_effect_is_spared(large, count, rise, kept, monkeypatch):

@@ -24,7 +24,7 @@ ANSWERS = {
 def test_the_terms_are_those_of_the_last_fit_in_its_order(answers, monkeypatch):
     turns = itertools.cycle(answers)
     monkeypatch.setattr(
-        module, "select", lambda selection, thorough: [SelectedTerm(k, 1.0) for k in next(turns)]
+        module, "select", lambda *_, **__: [SelectedTerm(k, 1.0) for k in next(turns)]
     )
     recording = load_recording(BENCH)
     rows = len(recording)

@@ -46,11 +46,13 @@ def _negligible(
     they are there, perhaps, but are not why the robot misses. Of few rows chance alone makes such
     differences: there the evidence is believed.
     """
+    chance = HELD_OUT_CHANCE / max(selected.best.gram.count, 1.0)
+    least = (1 + NEGLIGIBLE_RISE) ** 2 - chance
+    if least <= 1.0:
+        return []
     full = max(square_with(selected.pool, chosen, variance), 1e-300)
-    least = 1 + NEGLIGIBLE_SHARE * max(square_with(selected.pool, [], variance) / full - 1, 0.0)
-    least = max(least, (1 + NEGLIGIBLE_RISE) ** 2) - HELD_OUT_CHANCE / max(
-        selected.best.gram.count, 1.0
-    )
+    removed = max(square_with(selected.pool, [], variance) / full - 1, 0.0)
+    least = max(least, 1 + NEGLIGIBLE_SHARE * removed - chance)
     candidates, terms = selected.selection.candidates, dict[Key, list[SelectedTerm]]()
     for c in chosen:
         terms.setdefault(candidates[c.index].key, []).append(c)
