@@ -16,6 +16,7 @@ from plumbline.optim.diagnosis.prior import (
     HELD_OUT_CHANCE,
     NEGLIGIBLE_RISE,
     NEGLIGIBLE_SHARE,
+    SWALLOWED,
     WORSE,
 )
 
@@ -44,20 +45,20 @@ def _negligible(
 
     Or that account for less than a two-thousandth of the square that all causes together remove:
     they are there, perhaps, but are not why the robot misses. Of few rows chance alone makes such
-    differences: there the evidence is believed.
+    differences: there the evidence is believed, but for what moves no more than rounding.
     """
-    chance = HELD_OUT_CHANCE / max(selected.best.gram.count, 1.0)
-    least = (1 + NEGLIGIBLE_RISE) ** 2 - chance
-    if least <= 1.0:
-        return []
     full = max(square_with(selected.pool, chosen, variance), 1e-300)
     removed = max(square_with(selected.pool, [], variance) / full - 1, 0.0)
-    least = max(least, 1 + NEGLIGIBLE_SHARE * removed - chance)
     candidates, terms = selected.selection.candidates, dict[Key, list[SelectedTerm]]()
     for c in chosen:
         terms.setdefault(candidates[c.index].key, []).append(c)
     left = squares_without(selected.pool, chosen, list(terms.values()), variance)
     rise = {key: square / full for key, square in zip(terms, left, strict=True)}
+    chance = HELD_OUT_CHANCE / max(selected.best.gram.count, 1.0)
+    least = (1 + NEGLIGIBLE_RISE) ** 2 - chance
+    if least <= 1.0:
+        return [k for k in rise if abs(rise[k] - 1) < SWALLOWED * removed]
+    least = max(least, 1 + NEGLIGIBLE_SHARE * removed - chance)
     return sorted((k for k in rise if rise[k] < least), key=lambda k: rise[k])
 
 
