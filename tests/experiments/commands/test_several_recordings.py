@@ -153,8 +153,8 @@ def test_a_single_recording_is_a_session_of_one():
 
 def test_what_each_alone_mistakes_all_together_tell():
     """Over a small range a joint's scale passes for the device's, and the other way about."""
-    tips = recorded("tip_position", 30, stretched, scale=1e-3, reach=0.3, rows=50)
-    encoders = recorded("joint_position", 32, stretched, reach=0.3, rows=24)
+    tips = recorded("tip_position", 45, stretched, scale=1e-3, reach=0.3, rows=50)
+    encoders = recorded("joint_position", 47, stretched, reach=0.3, rows=24)
     truth = {"joint_scale": GAIN, "sensor_scale": 1e-3}
     named = {c.effect for c in plumbline.diagnose(tips).causes}
     assert named != set(truth), "the case is told by tips alone: take another"

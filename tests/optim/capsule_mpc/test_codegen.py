@@ -158,5 +158,5 @@ def test_the_command_writes_the_code(tmp_path, capsys):
     assert command_line(["codegen", str(out), *trocars, "--balls", "1", "--horizon", "3"]) == 0
     assert sorted(p.name for p in out.iterdir()) == sorted(FILES)
     assert "cc -O3" in capsys.readouterr().out
-    assert command_line(["codegen", str(out), "--trocar", "1,2"]) == 2
+    assert command_line(["codegen", str(out), "--overwrite", "--trocar", "1,2"]) == 2
     assert "expected x,y,z" in capsys.readouterr().err
