@@ -601,6 +601,8 @@ def test_a_variant_lists_every_order_once():
     said = ["order 1", "", "orders 1 and 2", "order 50.5", "stiffening", "order 50.5"]
     assert variants_words(said) == "orders 1, 2 and 50.5; stiffening"
     assert variants_words(["order 2"]) == "order 2"
+    apart = ["in b, order 88", "order 3", "in b, order 5.63", "in c, order 3", "in b, soft"]
+    assert variants_words(apart) == "in b, orders 5.63 and 88; order 3; in c, order 3; in b, soft"
     assert variants_words([]) == ""
 
 

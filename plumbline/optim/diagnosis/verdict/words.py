@@ -74,12 +74,20 @@ def estimate_words(estimate: Estimate) -> str:
 
 
 def variants_words(variants: Iterable[str]) -> str:
-    """``orders 1 and 2; stiffening``: forms of one cause, every order of a ripple once."""
-    found = list(dict.fromkeys(filter(None, variants)))
-    ripples = [one for one in found if one.startswith("order")]
-    orders = sorted({n for one in ripples for n in NUMBER.findall(one)}, key=float)
-    said = [f"order{'s' if len(orders) > 1 else ''} {_listed(orders)}"] if orders else []
-    return "; ".join([*said, *(one for one in found if one not in ripples)])
+    """``orders 1 and 2; in run-2, order 3; stiffening``: every order of a ripple once a place."""
+    orders: dict[str, set[str]] = {}
+    others = []
+    for one in dict.fromkeys(filter(None, variants)):
+        place, order, numbers = one.rpartition("order")
+        if order and (not place or place.endswith(", ")):
+            orders.setdefault(place, set()).update(NUMBER.findall(numbers))
+        else:
+            others.append(one)
+    said = (
+        f"{place}order{'s' if len(found) > 1 else ''} {_listed(sorted(found, key=float))}"
+        for place, found in orders.items()
+    )
+    return "; ".join([*said, *others])
 
 
 def _listed(words: Sequence[str]) -> str:
