@@ -21,8 +21,9 @@ from plumbline.kinematics.effects.effect import (
 )
 from plumbline.kinematics.parameters import Parameter
 
-# Time constants of what settles, from a twentieth of the recording, where it is a step, to one and
-# a half, where it is nearly steady; and those between them, which are threefold apart.
+# Time constants of what settles [length of the recording], a grid by hand: from a twentieth, where
+# it is a step, to one and a half, where it is nearly steady, threefold apart; and factors to those
+# between them.
 SETTLING = (0.05, 0.15, 0.5, 1.5)
 BETWEEN = (0.58, 0.76, 1.3, 1.7)
 

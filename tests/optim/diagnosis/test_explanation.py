@@ -10,7 +10,7 @@ from plumbline.experiments.reality.joint_effects import JointScale
 from plumbline.kinematics.effects import EFFECTS, JointOffset
 from plumbline.kinematics.effects import JointScale as ModelledScale
 from plumbline.optim.core.judged import Judged, Judgement
-from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.diagnose import _lacking, diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, GrossRow, Unlisted
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.findings import (
@@ -251,6 +251,21 @@ def test_a_model_without_a_cause_excludes_it_and_with_it_again_does_not(scaled):
     assert again.best.cost == pytest.approx(selected.best.cost, rel=1e-3)
 
 
+def test_the_library_lacks_what_its_best_terms_leave_named_or_not(scaled):
+    recording, selected, _ = scaled
+    solver, right = DiagnosisOptions().solver, np.zeros(len(recording), dtype=bool)
+    task = SimpleNamespace(recording=recording, refitting=solver)
+    bare = with_terms(selected, (), recording, np.ones(len(recording)), solver)
+    noise = noise_of(recording, bare.best)
+    assert lack_of_fit(noise, bare) > 0.9
+    best = made(states=((0.0, selected.chosen),))
+    assert _lacking(task, bare, right, best, noise) < 0.1
+    assert _lacking(task, bare, right, made(states=((0.0, ()),)), noise) > 0.9
+    # Where rows left out are foretold worse with what is named, it explains nothing.
+    misled = replace(best, named=frozenset({SCALE}))
+    assert _lacking(task, bare, right, misled, noise) > 0.9
+
+
 # Explained is earned
 
 
@@ -366,6 +381,19 @@ def test_stand_ins_that_foretell_rows_are_not_called_no_explanation(judged):
     assert [(p.stage, p.element) for p in outside.where] == [("joint", 2)]
     nothing = replace(outside, gap=replace(outside.gap, shrink_ci95=(0.0, 0.0)))
     assert nothing.meaning == MEANING[Kind.OUTSIDE]
+
+
+def test_a_gap_lies_at_the_places_of_all_that_may_do_the_same(judged):
+    selected = judged[1]
+    places = [(str(c.effect.stage), c.effect.element) for c in selected.selection.candidates]
+    other = places.index(("joint", 3))
+    states = ((np.log(0.6), selected.chosen), (np.log(0.4), (SelectedTerm(other, 1.0),)))
+    told = {"named": frozenset({SCALE}), "states": states}
+    equals = kind(judged, told={**told, "probabilities": {SCALE: 0.45}})
+    found = {(p.stage, p.element): p.share for p in equals.where}
+    assert found == pytest.approx({("joint", 2): 0.6, ("joint", 3): 0.4})
+    sure = kind(judged, told={**told, "probabilities": {SCALE: 0.99}})
+    assert [(p.stage, p.element) for p in sure.where] == [("joint", 2)]
 
 
 def test_where_a_model_is_open_errors_are_those_of_blocks(judged, monkeypatch):
