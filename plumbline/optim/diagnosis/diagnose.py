@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,11 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
-from plumbline.optim.diagnosis.findings import NoiseLevel, Verdict
+from plumbline.optim.diagnosis.findings import Key, NoiseLevel, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import (
     SelectedModel,
@@ -42,7 +43,6 @@ from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
 from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
 from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.loading import load_to_diagnose
-from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import always_fitted
@@ -70,59 +70,68 @@ def diagnose(
             is held out needs a column that is not there.
     """
     options = options or DiagnosisOptions()
-    recording, seed = usable(recording, options.force), options.seed
-    tell = progress or (lambda words, share: None)
-    task = task_of(recording, options)
-    training = task.recording
-    selected, bad = find_causes(task, tell)
-    if _lever_unknown(training):
-        # What the first search leaves tells what a rotation's noise counts against a position's.
-        lever = noise_lever(selected.best, training)
-        if abs(np.log(lever / rotation_lever(training))) > -np.log(SETTLED_VARIANCE):
-            training, recording = (replace(r, lever=lever) for r in (training, recording))
-            task = replace(task, recording=training)
-            selected, bad = find_causes(task, tell)
+    tell = progress or _silent
+    recording = usable(recording, options.force)
+    task, selected, bad = _searched(task_of(recording, options), tell)
     tell("weighing what may be at work", 0.6)
-    selected, told = _explained(task, selected, bad, options)
-    task, selected, bad, told = _told_apart(task, selected, bad, told, options)
-    if task.recording is not training:
-        training = task.recording
-        recording = replace(recording, wander=training.wander, alike=training.alike)
+    found = _told_apart(_explained(options, task, selected, bad))
+    recording = _with_noise_of(found.task.recording, recording)
     tell("leaving rows out", 0.7)
-    task, selected, by = _in_between(task, selected, options)
-    selected, evaluation = _foretold(recording, task, selected, bad, by, seed)
+    found, evaluation = _foretold(recording, _in_between(found))
     tell("putting the verdict together", 0.9)
-    noise = noise_of(training, selected.best)
-    lacking = _lacking(task, selected, bad, told, noise)
-    verdict = judge(recording, selected, evaluation, told, noise, options.effects, seed, lacking)
-    verdict = replace(verdict, next=suggestions(selected, verdict, seed))
-    if recording.element is not None:
-        untold = left_open(selected.nominal, noise.sigma)
-        verdict = replace(verdict, notes=(*verdict.notes, *untold))
-    verdict = replace(in_own_unit(verdict, recording), unjudged=recording.unjudged)
+    verdict = _judged(recording, found, evaluation)
     tell("done", 1.0)
-    return _diagnosis(recording, selected, evaluation, verdict, options)
+    return _diagnosis(recording, found.selected, evaluation, verdict, options)
 
 
-def _told_apart(
-    task: Task,
-    selected: SelectedModel,
-    bad: NDArray[np.bool_],
-    told: Explanation,
-    options: DiagnosisOptions,
-) -> tuple[Task, SelectedModel, NDArray[np.bool_], Explanation]:
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What explains a recording, as far as a diagnosis has come."""
+
+    options: DiagnosisOptions  # how it was asked for
+    task: Task  # the rows that may be fitted (N), and how they are searched
+    selected: SelectedModel  # the model of what is more probable than not
+    bad: NDArray[np.bool_]  # which of the rows are taken for gross errors (N,)
+    explanation: Explanation  # all probabilities
+    by: str = ""  # what is left out together
+
+    def with_terms(self, terms: Sequence[SelectedTerm]) -> SelectedModel:
+        """The model of other terms of the library."""
+        return with_terms(self.selected, terms, self.task, self.bad)
+
+
+def _silent(words: str, share: float) -> None:
+    """Tell nobody how far it is."""
+
+
+def _searched(task: Task, tell: Progress) -> tuple[Task, SelectedModel, NDArray[np.bool_]]:
+    """What the search finds and distrusts, and the task with what a rotation's noise counts for.
+
+    What a first search leaves tells that against a position's; then all is searched again.
+    """
+    selected, bad = find_causes(task, tell)
+    rows = task.recording
+    if _lever_unknown(rows):
+        lever = noise_lever(selected.best, rows)
+        if abs(np.log(lever / rotation_lever(rows))) > -np.log(SETTLED_VARIANCE):
+            task = replace(task, recording=replace(rows, lever=lever))
+            selected, bad = find_causes(task, tell)
+    return task, selected, bad
+
+
+def _told_apart(found: Explained) -> Explained:
     """All of it again where rows know of each other: then they count for less than they seemed."""
+    options = found.options
     for _ in range(ROUNDS):
-        rows = task.recording
-        wander, alike = told.correlation
+        rows = found.task.recording
+        wander, alike = found.explanation.correlation
         if _worth_the_same(wander, rows.wander) and abs(alike - rows.alike) <= SAME_CORRELATION:
             break
         rows = replace(rows, wander=wander, alike=alike)
         folds = fold_of_rows(rows, options.held_out, options.seed)
-        task = replace(task, recording=rows, folds=folds)
-        selected, bad = find_causes(task, lambda words, share: None, bad)
-        selected, told = _explained(task, selected, bad, options)
-    return task, selected, bad, told
+        task = replace(found.task, recording=rows, folds=folds)
+        found = _explained(options, task, *find_causes(task, _silent, found.bad))
+    return found
 
 
 def _worth_the_same(rho: float, before: float) -> bool:
@@ -131,95 +140,105 @@ def _worth_the_same(rho: float, before: float) -> bool:
     return abs(kept - was) <= SAME_CORRELATION * (kept + was)
 
 
-def _in_between(
-    task: Task, selected: SelectedModel, options: DiagnosisOptions
-) -> tuple[Task, SelectedModel, str]:
+def _with_noise_of(rows: Recording, recording: Recording) -> Recording:
+    """The whole recording with what its rows to fit have told of their noise."""
+    return replace(recording, lever=rows.lever, wander=rows.wander, alike=rows.alike)
+
+
+def _in_between(found: Explained) -> Explained:
     """What is left out together: rows in between, where no stretch foretells what is in another.
 
     Of a bump or a slip the other stretches and groups know neither when nor how far. Rows of
     separate postures resemble each other no more than the causes make them.
     """
-    rows = task.recording
+    options, selected, rows = found.options, found.selected, found.task.recording
     by = kind_of_folds(rows, options.held_out)
     of_stretch = any(e.runs_with_time() or e.depends_on == "group" for e in selected.effects)
-    told = options.held_out != "auto" or rows.session is not None or rows.wander > 0.0
-    if by != "groups" or told or not of_stretch or scope_of(rows).moving:
-        return task, selected, by
+    settled = options.held_out != "auto" or rows.session is not None or rows.wander > 0.0
+    if by != "groups" or settled or not of_stretch or scope_of(rows).moving:
+        return replace(found, by=by)
     folds = fold_of_rows(rows, "rows", options.seed)
-    pool = selected.pool.folded(folds)
-    return replace(task, folds=folds), replace(selected, pool=pool), "rows"
+    selected = replace(selected, pool=selected.pool.folded(folds))
+    return replace(found, task=replace(found.task, folds=folds), selected=selected, by="rows")
 
 
 def _explained(
-    task: Task, selected: SelectedModel, bad: NDArray[np.bool_], options: DiagnosisOptions
-) -> tuple[SelectedModel, Explanation]:
+    options: DiagnosisOptions, task: Task, selected: SelectedModel, bad: NDArray[np.bool_]
+) -> Explained:
     """The model of what is more probable than not and not negligible, and all probabilities.
 
     All are of one linear problem. Where its fit to what is named is another than it foretold,
     effects that bend each other were linearised too far off: they are anew, about that fit, as
     long as that brings the two nearer to each other by half.
     """
-    weights = trust(task.recording, bad)
-    given = (task.recording, weights, task.refitting)
     before = np.inf
     for left in reversed(range(ROUNDS)):
-        told = explain(selected, options.seed, options.unlisted)
-        kept = worth_while(selected, told.terms)
-        selected = with_terms(selected, kept, *given, tried=told.terms)
+        explanation = explain(selected, options.seed, options.unlisted)
+        kept = worth_while(selected, explanation.terms)
+        selected = with_terms(selected, kept, task, bad, tried=explanation.terms)
         wrong = foretold_wrongly(selected)
         if not left or wrong < NO_EVIDENCE or wrong > 0.5 * before:
             break
         before = wrong
         selected = about_its_fit(selected, task.library)
-    # Of many causes any rival may do nearly as well: folds choose among those of the model, of a
-    # long recording among all that its rows show, of which the posterior has seen only a part.
-    barred = selected.excluded
-    if told.one_by_one:
-        shown = told.terms if told.compared else selected.chosen
-        every = frozenset(c.key for c in selected.selection.candidates)
-        barred = every - selected.selection.keys(shown)
-    return replace(selected, barred=barred, states=told.states), told
+    selected = replace(selected, barred=_barred(selected, explanation), states=explanation.states)
+    return Explained(options, task, selected, bad, explanation)
 
 
-def _foretold(
-    recording: Recording,
-    task: Task,
-    selected: SelectedModel,
-    bad: NDArray[np.bool_],
-    by: str,
-    seed: int,
-) -> tuple[SelectedModel, Evaluation]:
+def _barred(selected: SelectedModel, explanation: Explanation) -> frozenset[Key]:
+    """Causes that no fold may choose.
+
+    Of many causes any rival may do nearly as well: folds choose among those of the model, of a
+    long recording among all that its rows show, of which the posterior has seen only a part.
+    """
+    if not explanation.one_by_one:
+        return selected.excluded
+    shown = explanation.terms if explanation.compared else selected.chosen
+    every = frozenset(c.key for c in selected.selection.candidates)
+    return every - selected.selection.keys(shown)
+
+
+def _foretold(recording: Recording, found: Explained) -> tuple[Explained, Evaluation]:
     """The figures of rows left out, and the model: without causes where these only mislead.
 
     Where what is missing in the model resembles one effect in some rows and another in others, a
     choice that is made without a fold fails in it: such names hang on which rows were recorded.
     """
-    found = evaluate(recording, selected, task.folds, ~bad, by, seed)
-    if not found.misleads:
-        return selected, found
-    weights = trust(task.recording, bad)
-    selected = with_terms(selected, (), task.recording, weights, task.refitting)
-    return selected, evaluate(recording, selected, task.folds, ~bad, by, seed)
+    given = (found.task.folds, ~found.bad, found.by, found.options.seed)
+    figures = evaluate(recording, found.selected, *given)
+    if figures.misleads:
+        found = replace(found, selected=found.with_terms(()))
+        figures = evaluate(recording, found.selected, *given)
+    return found, figures
 
 
-def _lacking(
-    task: Task,
-    selected: SelectedModel,
-    bad: NDArray[np.bool_],
-    told: Explanation,
-    noise: NoiseLevel,
-) -> float:
+def _judged(recording: Recording, found: Explained, evaluation: Evaluation) -> Verdict:
+    """The verdict, in the recording's own unit, with what to record next."""
+    selected, options = found.selected, found.options
+    noise = noise_of(found.task.recording, selected.best)
+    verdict = judge(
+        recording, selected, evaluation, found.explanation, noise, options.effects, options.seed,
+        _lacking(found, noise),
+    )  # fmt: skip
+    verdict = replace(verdict, next=suggestions(selected, verdict, options.seed))
+    if recording.element is not None:
+        untold = left_open(selected.nominal, noise.sigma)
+        verdict = replace(verdict, notes=(*verdict.notes, *untold))
+    return replace(in_own_unit(verdict, recording), unjudged=recording.unjudged)
+
+
+def _lacking(found: Explained, noise: NoiseLevel) -> float:
     """Lack of fit of the library: of its most probable terms, named or not.
 
     Causes that share a probability leave more where none of them is in the model. Where rows left
     out are foretold worse with causes, the library explains nothing.
     """
-    lacking = lack_of_fit(noise, selected)
-    if lacking < LEAST_TOLD or not told.states or (told.named and not selected.chosen):
+    lacking, explanation = lack_of_fit(noise, found.selected), found.explanation
+    misled = explanation.named and not found.selected.chosen
+    if lacking < LEAST_TOLD or not explanation.states or misled:
         return lacking
-    given = (task.recording, trust(task.recording, bad), task.refitting)
-    best = with_terms(selected, told.states[0][1], *given)
-    return min(lacking, lack_of_fit(noise_of(task.recording, best.best), best))
+    best = found.with_terms(explanation.states[0][1])
+    return min(lacking, lack_of_fit(noise_of(found.task.recording, best.best), best))
 
 
 def usable(recording: Recording | str | Path, force: bool) -> Recording:

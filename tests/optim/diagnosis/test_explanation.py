@@ -10,7 +10,7 @@ from plumbline.experiments.reality.joint_effects import JointScale
 from plumbline.kinematics.effects import EFFECTS, JointOffset
 from plumbline.kinematics.effects import JointScale as ModelledScale
 from plumbline.optim.core.judged import Judged, Judgement
-from plumbline.optim.diagnosis.diagnose import _lacking, diagnose
+from plumbline.optim.diagnosis.diagnose import Explained, _lacking, diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, GrossRow, Unlisted
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.findings import (
@@ -241,29 +241,34 @@ def test_the_verdict_has_the_tree_and_the_prior_that_was_asked_for(scaled):
 
 def test_a_model_without_a_cause_excludes_it_and_with_it_again_does_not(scaled):
     recording, selected, _ = scaled
-    weights = np.ones(len(recording))
-    solver = DiagnosisOptions().solver
-    fewer = with_terms(selected, (), recording, weights, solver)
+    task, right = _task(recording)
+    fewer = with_terms(selected, (), task, right)
     assert SCALE in fewer.excluded
     assert fewer.chosen == ()
-    again = with_terms(fewer, selected.chosen, recording, weights, solver)
+    again = with_terms(fewer, selected.chosen, task, right)
     assert again.excluded == frozenset()
     assert again.best.cost == pytest.approx(selected.best.cost, rel=1e-3)
 
 
+def _task(recording):
+    """What is fitted again, and that no row is distrusted."""
+    task = SimpleNamespace(recording=recording, refitting=DiagnosisOptions().solver)
+    return task, np.zeros(len(recording), dtype=bool)
+
+
 def test_the_library_lacks_what_its_best_terms_leave_named_or_not(scaled):
     recording, selected, _ = scaled
-    solver, right = DiagnosisOptions().solver, np.zeros(len(recording), dtype=bool)
-    task = SimpleNamespace(recording=recording, refitting=solver)
-    bare = with_terms(selected, (), recording, np.ones(len(recording)), solver)
+    task, right = _task(recording)
+    bare = with_terms(selected, (), task, right)
     noise = noise_of(recording, bare.best)
     assert lack_of_fit(noise, bare) > 0.9
     best = made(states=((0.0, selected.chosen),))
-    assert _lacking(task, bare, right, best, noise) < 0.1
-    assert _lacking(task, bare, right, made(states=((0.0, ()),)), noise) > 0.9
+    found = Explained(DiagnosisOptions(), task, bare, right, best)
+    assert _lacking(found, noise) < 0.1
+    assert _lacking(replace(found, explanation=made(states=((0.0, ()),))), noise) > 0.9
     # Where rows left out are foretold worse with what is named, it explains nothing.
     misled = replace(best, named=frozenset({SCALE}))
-    assert _lacking(task, bare, right, misled, noise) > 0.9
+    assert _lacking(replace(found, explanation=misled), noise) > 0.9
 
 
 # Explained is earned

@@ -14,7 +14,7 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.tool_slip import ToolByGroup
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
-from plumbline.optim.diagnosis.diagnose import _in_between, diagnose, task_of
+from plumbline.optim.diagnosis.diagnose import Explained, _in_between, diagnose, task_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
@@ -321,6 +321,12 @@ def grouped(tmp_path_factory):
     return task, make_pool(model, model.start, task.folds, NoisePrior(), library=SMALL)
 
 
+def _explained_by(effect, task, pool, options):
+    """A diagnosis that has named one effect, as far as folds hang on it."""
+    right = np.zeros(len(task.recording), dtype=bool)
+    return Explained(options, task, Selected((effect,), pool), right, None)
+
+
 @pytest.mark.parametrize(
     ("effect", "by"),
     [(BaseBump(moment=9.0), "rows"), (ToolByGroup(groups=(1, 2)), "rows"),
@@ -329,16 +335,16 @@ def grouped(tmp_path_factory):
 def test_of_what_belongs_to_one_stretch_rows_in_between_are_left_out(grouped, effect, by):
     """No other group foretells how far a base was bumped in this one."""
     task, pool = grouped
-    folded, selected, found = _in_between(task, Selected((effect,), pool), DiagnosisOptions())
-    assert found == by
+    found = _in_between(_explained_by(effect, task, pool, DiagnosisOptions()))
+    assert found.by == by
     whole = [sum(len(np.unique(f.folds[task.recording.group == g])) for g in range(3))
-             for f in (task, folded)]  # fmt: skip
+             for f in (task, found.task)]  # fmt: skip
     assert (whole[1] > whole[0]) == (by == "rows")
-    np.testing.assert_allclose(selected.pool.whole.G, pool.whole.G, atol=1e-12)
-    assert len(selected.pool.folds) == folded.folds.max() + 1
+    np.testing.assert_allclose(found.selected.pool.whole.G, pool.whole.G, atol=1e-12)
+    assert len(found.selected.pool.folds) == found.task.folds.max() + 1
 
 
 def test_what_is_left_out_stays_as_it_was_asked_for(grouped):
     task, pool = grouped
     asked = DiagnosisOptions(held_out="groups")
-    assert _in_between(task, Selected((BaseBump(moment=9.0),), pool), asked)[2] == "groups"
+    assert _in_between(_explained_by(BaseBump(moment=9.0), task, pool, asked)).by == "groups"

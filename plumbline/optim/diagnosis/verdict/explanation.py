@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solvers import Solver
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     Alternatives,
     Mechanism,
@@ -26,6 +24,7 @@ from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coars
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import restricted
+from plumbline.optim.diagnosis.posterior.task import Task
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
     EARNED,
@@ -34,9 +33,9 @@ from plumbline.optim.diagnosis.prior import (
     UNLISTED,
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
+from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.measurement.torque import stated_noise
-from plumbline.optim.recording.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,9 +308,8 @@ def _terms(
 def with_terms(
     selected: SelectedModel,
     terms: Sequence[SelectedTerm],
-    recording: Recording,
-    weights: Array,
-    solver: Solver,
+    task: Task,
+    bad: NDArray[np.bool_],
     tried: Sequence[SelectedTerm] = (),
 ) -> SelectedModel:
     """The model of these terms, fitted; causes that it lacks of those tried are excluded from it.
@@ -319,9 +317,8 @@ def with_terms(
     Args:
         selected: Where a search ended; what it chose has been tried.
         terms: The terms.
-        recording: N rows.
-        weights: Of the rows (N,).
-        solver: What fits.
+        task: What was searched: its rows (N) are fitted again.
+        bad: Which of them are taken for gross errors (N,).
         tried: Terms that have been tried beside.
     """
     candidates = selected.selection.candidates
@@ -334,8 +331,10 @@ def with_terms(
         return replace(selected, selection=selection, excluded=frozenset(excluded))
     effects = [*selected.fixed, *(candidates[t.index].effect for t in terms)]
     ridge = ridge_of(selection, terms, selected.fixed)
-    start, nuisance = selected.best.by_name, selected.model.nuisance
-    model, best = fit(recording, effects, nuisance, weights, solver, start, ridge)
+    model, best = fit(
+        task.recording, effects, selected.model.nuisance, trust(task.recording, bad),
+        task.refitting, selected.best.by_name, ridge,
+    )  # fmt: skip
     return replace(
         selected,
         model=model,
