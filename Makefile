@@ -56,12 +56,12 @@ bench: $(VENV)/.installed-core ## time and memory of the central computations
 	@"$(BIN)/python" -m plumbline.experiments.benches.central
 	@"$(BIN)/python" -m plumbline.experiments.benches.mpc
 
-# The wheel is built from the sdist, and tried away from the sources by what a first user does.
-compare: $(VENV)/.installed-robots ## beside the peers, each in an environment of its own
+compare: $(VENV)/.installed-compare ## beside the peers, each in an environment of its own
 	@mkdir -p results
 	@"$(BIN)/python" -m plumbline.experiments.compare --json results/compare.json \
 		--csv docs/compare.csv --out docs/compare.md
 
+# The wheel is built from the sdist, and tried away from the sources by what a first user does.
 dist: export PYTHONPATH := # what lies there would count as installed
 dist: ## sdist and wheel in results/dist, tried in an environment of their own
 	@rm -rf results/dist build/dist && mkdir -p results/dist build/dist

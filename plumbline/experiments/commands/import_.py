@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -17,10 +17,6 @@ from plumbline.experiments.console.outputs import (
     talks,
     write_json,
 )
-
-if TYPE_CHECKING:
-    from plumbline.experiments.importing.asked import Asked
-
 
 Files = Annotated[
     list[Path], typer.Argument(metavar="FILE...", help="CSV, Parquet, .mat, ROS bag or MCAP.")
@@ -75,17 +71,15 @@ def import_(
     """Turn files of a laboratory into a recording, shown as understood before it is written."""
     check_output(json, "--json", [to], overwrite=overwrite)
     from plumbline.experiments.console.places import check_free
-    from plumbline.experiments.importing.asked import asked
     from plumbline.experiments.importing.asked import shift as parse_shift
 
     check_free(to)
-    lines, toml = _maps(map_ or [])
     options = {
         "units": unit, "observation": kind, "robot": robot, "tip_frame": tip_frame, "tool": tool,
         "noise": noise, "gap": gap, "shift": dict(map(parse_shift, shift or [])),
         "derive": derive, "still": still, "rotation": rotation,
     }  # fmt: skip
-    _import(files, asked(options, lines, toml), to, yes, json, quiet)
+    _import(files, options, _maps(map_ or []), to, yes, json, quiet)
 
 
 def _maps(given: list[str]) -> tuple[list[str], Path | None]:
@@ -98,12 +92,15 @@ def _maps(given: list[str]) -> tuple[list[str], Path | None]:
 
 
 def _import(
-    files: list[Path], request: Asked, to: Path, yes: bool, json: str | None, quiet: bool
-) -> None:
+    files: list[Path], options: dict[str, Any], maps: tuple[list[str], Path | None], to: Path,
+    yes: bool, json: str | None, quiet: bool,
+) -> None:  # fmt: skip
     from plumbline.experiments.importing import reading, shown, tables, writing
+    from plumbline.experiments.importing.asked import asked
     from plumbline.experiments.importing.understood import understand
 
     raws = tables.told_apart([raw for path in files for raw in reading.read(path)])
+    request = asked(options, *maps, raws)
     found = understand(raws, request.request)
     if talks(json, quiet):
         print(shown.words(raws, found))
@@ -150,6 +147,8 @@ def _checked(folder: Path) -> dict[str, Any]:
     try:
         return examined(folder)[0]
     except PlumblineError as error:
-        unit = any(word in (error.remedy or "") for word in ("multiply", "divide"))
+        remedy = error.remedy or ""
+        unit = any(word in remedy for word in ("multiply", "divide"))
         said = "; or say its unit: --unit mm,deg, or --map x=COLUMN:mm" if unit else ""
+        said += "; or say --robot ur5, or --robot arm.urdf" if "[robot]" in remedy else ""
         raise PlumblineError(f"as understood, it is no recording: {error}{said}") from None

@@ -14,6 +14,7 @@ from typing import Any
 
 from plumbline.errors import PlumblineError, one_line, shown
 from plumbline.experiments.importing import deriving, mapping, units
+from plumbline.experiments.importing.tables import Raw
 from plumbline.experiments.importing.understood import Request
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.files import read_file, reason
@@ -35,20 +36,25 @@ class Asked:
     files: Mapping[str, Path] = field(default_factory=dict)
 
 
-def asked(options: Mapping[str, Any], lines: Sequence[str], toml: Path | None) -> Asked:
-    """Options over a TOML file.
+def asked(
+    options: Mapping[str, Any], lines: Sequence[str], toml: Path | None, raws: Sequence[Raw] = ()
+) -> Asked:
+    """Options over a TOML file, and this over what the tables say of the robot.
 
     Args:
         options: Values by name, as in the TOML file; None for what was not given. ``robot`` is a
             name or a file, ``tool`` and ``noise`` are texts with units.
         lines: ``TARGET=COLUMN:UNIT`` each.
         toml: The TOML file, if any.
+        raws: The tables; one may name its robot.
 
     Raises:
         PlumblineError: One of them cannot be read.
     """
     base = _of_file(toml) if toml else {}
     given = {**base, **{k: v for k, v in options.items() if v not in (None, (), [], {})}}
+    if "robot" not in given:
+        given |= _told_robot(raws)
     settings = {k: v for k, v in given.items() if k not in (*OWN, "tip_frame", "noise", "tool")}
     settings |= {"tool": _tool(given["tool"])} if "tool" in given else {}
     settings |= {"noise_std": _amount(given["noise"], "--noise", 1)[0]} if "noise" in given else {}
@@ -85,6 +91,24 @@ def shift(word: str) -> tuple[str, float]:
     if not equals:
         raise PlumblineError(f"--shift {word}: expected NAME=SECONDS")
     return name.strip(), _number(seconds, "shift")
+
+
+def _told_robot(raws: Sequence[Raw]) -> dict[str, str]:
+    """The robot that a table names, if any.
+
+    Raises:
+        PlumblineError: None is known by that name.
+    """
+    told = next((raw for raw in raws if raw.robot not in ("", "unknown")), None)
+    if told is None:
+        return {}
+    word = told.robot.lower().removesuffix("_follower")  # of a leader and a follower, the arm
+    try:
+        _made(_source_of(word), {})
+    except PlumblineError as error:
+        why = f"{told.name}: its robot {shown(told.robot)} is none known here: {error}"
+        raise PlumblineError(f"{one_line(why)}; say which: --robot NAME, or a file") from None
+    return {"robot": word}
 
 
 def _number(value: object, what: str) -> float:

@@ -48,8 +48,8 @@ def import_files(
     paths = [files] if isinstance(files, str | Path) else files
     target = Path(to)
     lines = [f"{name}={source}" for name, source in (columns or {}).items()]
-    request = asked(options, lines, None)
     raws = tables.told_apart([raw for path in paths for raw in reading.read(Path(path))])
+    request = asked(options, lines, None, raws)
     found = understand(raws, request.request)
     settings = {"name": target.resolve().name, "observation": found.observation}
     return writing.write(found, settings | dict(request.settings), request.files, target, load)

@@ -154,7 +154,7 @@ def _by_joint(raw: Raw, joints: Sequence[str]) -> Mapping[str, str]:
         "acceleration.": "acceleration", "observation.state.": "q", "action.": "u",
     }  # fmt: skip
     found: dict[str, str] = {}
-    plain = {units.of_header(column)[0]: column for column in raw.columns}
+    plain = {units.of_header(column)[0].removesuffix(".pos"): column for column in raw.columns}
     for before, prefix in prefixes.items():
         names = [f"{before}{joint}" for joint in joints]
         if names and set(names) <= set(plain) and prefix not in {v[:-1] for v in found.values()}:

@@ -38,6 +38,7 @@ class Raw:
     # what columns are, where the form of the file says it: ``x`` by ``point.x``
     roles: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # what is odd about it but no fault
+    robot: str = ""  # what its maker calls the robot, where the file says it
 
     def __len__(self) -> int:
         """Number of rows."""

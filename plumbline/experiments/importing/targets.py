@@ -114,5 +114,6 @@ def kind_of(columns: Iterable[str]) -> str:
             return kind
     raise PlumblineError(
         f"columns {', '.join(sorted(there)) or 'none'}: nothing measured among them, expected "
-        "x,y,z or m1.. or range or socket or effort1..; map one: --map x=COLUMN:mm"
+        "x,y,z or m1.. or range or socket or effort1.. or, of commands, u1..; map one: "
+        "--map x=COLUMN:mm"
     )

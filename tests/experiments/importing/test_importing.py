@@ -124,6 +124,62 @@ def test_a_lerobot_data_set_has_its_names_episodes_and_clock(tmp_path):
     assert list(found.samples["group"]) == [0, 0, 1, 1]
 
 
+def lerobot(folder, robot_type, parts, n=60):
+    """A data set as LeRobot v3 writes it: lists of fixed length, pictures, tasks apart."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    (folder / "data/chunk-000").mkdir(parents=True)
+    (folder / "meta").mkdir()
+    k = np.arange(n)
+    table = {
+        name: pa.FixedSizeListArray.from_arrays(
+            pa.array(np.add.outer(k * 1e-3, np.arange(len(names))).astype("f4").ravel()), len(names)
+        )
+        for name, names in parts.items()
+    }
+    table |= {"timestamp": pa.array((k / 30).astype("f4")), "episode_index": pa.array(k * 0),
+              "observation.images.top": pa.array([{"bytes": b"", "path": ""}] * n)}  # fmt: skip
+    pq.write_table(pa.table(table), folder / "data/chunk-000/file-000.parquet")
+    features = {name: {"dtype": "float32", "names": {"axes": names}}
+                for name, names in parts.items()}  # fmt: skip
+    info = {"codebase_version": "v3.0", "robot_type": robot_type, "features": features}
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    return folder
+
+
+def test_a_lerobot_data_set_says_its_robot_and_its_joints_are_what_both_have(tmp_path):
+    joints = [f"{name}.pos" for name in sorted(makers_joints("ur5"))]
+    parts = {"action": [*joints, "gripper.pos"], "observation.state": [*joints, "gripper.pos"]}
+    source = lerobot(tmp_path / "arm", "UR5_follower", parts)
+    made = imported(tmp_path, source, "--yes")
+    assert (made.robot.name, made.q.shape) == ("ur5", (60, 6))
+    by_alphabet = [sorted(makers_joints("ur5")).index(name) for name in makers_joints("ur5")]
+    np.testing.assert_allclose(made.q[0], by_alphabet, atol=1e-6)
+    (raw,) = reading.read(source)
+    assert not any("images" in column for column in raw.columns)
+    assert "--unit deg" in raw.notes[0]
+    shutil.rmtree(tmp_path / "made")
+    named = {"action": ["joint_0", "gripper"], "observation.state": ["joint_0", "gripper"]}
+    ee = {"action": ["x", "y"], "observation.state": ["x", "y"]}
+    both = {f"{name}.joint_position": ["joint_0"] for name in named} | named | ee
+    (raw,) = reading.read(lerobot(tmp_path / "droid", "Franka", both))
+    assert {c for c, role in raw.roles.items() if role in ("q1", "u1")} == {
+        "action.joint_position.joint_0", "observation.state.joint_position.joint_0"}  # fmt: skip
+    assert not {"u2", "q2"} & set(raw.roles.values())
+
+
+def test_a_lerobot_data_set_of_an_unknown_robot_or_of_poses_is_refused_in_a_line(tmp_path, capsys):
+    joints = {"action": ["j1", "j2"], "observation.state": ["j1", "j2"]}
+    to = ("--to", tmp_path / "made", "--yes", "-q")
+    said = refused(capsys, "import", lerobot(tmp_path / "a", "ur5e", joints), *to)
+    assert "its robot 'ur5e' is none known here" in said
+    assert "say which: --robot NAME, or a file" in said
+    said = refused(capsys, "import", lerobot(tmp_path / "b", None, joints), *to)
+    assert "or say --robot ur5, or --robot arm.urdf" in said
+    ee = {"action": ["x", "ry"], "observation.state": ["x", "ry"]}
+    said = refused(capsys, "import", lerobot(tmp_path / "c", None, ee), *to, "--robot", "ur5")
+    assert "or, of commands, u1..; map one" in said
+
+
 def write_bag(path, bench, joints):
     """A ROS 2 bag of joints at 100 Hz and tips at 10 Hz, the joints in the alphabet's order."""
     from rosbags.rosbag2 import StoragePlugin, Writer
