@@ -154,7 +154,7 @@ def _in_between(found: Explained) -> Explained:
     options, selected, rows = found.options, found.selected, found.task.recording
     by = kind_of_folds(rows, options.held_out)
     of_stretch = any(e.runs_with_time() or e.depends_on == "group" for e in selected.effects)
-    settled = options.held_out != "auto" or rows.session is not None or rows.wander > 0.0
+    settled = options.held_out != "auto" or rows.several or rows.wander > 0.0
     if by != "groups" or settled or not of_stretch or scope_of(rows).moving:
         return replace(found, by=by)
     folds = fold_of_rows(rows, "rows", options.seed)
@@ -249,7 +249,7 @@ def usable(recording: Recording | str | Path, force: bool) -> Recording:
     """
     if not isinstance(recording, Recording):
         recording = load_to_diagnose(recording)
-    if not force and recording.session is None:  # of several each was asked on its own
+    if not force and not recording.several:  # of several each was asked on its own
         refuse_wrong_set_up(recording)
     return recording
 
@@ -266,7 +266,7 @@ def task_of(recording: Recording, options: DiagnosisOptions) -> Task:
 
 def _lever_unknown(recording: Recording) -> bool:
     stated = recording.noise_std and recording.noise_std_rotation
-    stated = stated or recording.session is not None  # whose parts' fits have told it
+    stated = stated or recording.several  # whose parts' fits have told it
     return recording.kind.oriented and not stated
 
 
@@ -300,7 +300,7 @@ def _refuse_more_than_rows_tell(recording: Recording, always: Sequence[Effect]) 
     Raises:
         PlumblineError: It names the effect of ``[fit] always`` that takes the most, if any.
     """
-    if recording.session is not None:
+    if recording.several:
         return  # each was asked on its own
     taken = Counter[str]()
     for effect in always:

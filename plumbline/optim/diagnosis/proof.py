@@ -72,7 +72,7 @@ def proofs(found: Told) -> tuple[Proof, ...]:
     if isinstance(found, MotionDiagnosis):
         return tuple(_of_motion(found))
     r = found.recording
-    if r.session is not None or r.stand_in or not (r.kind.device or r.kind.efforts):
+    if r.several or r.stand_in or not (r.kind.device or r.kind.efforts):
         return ()
     return tuple(_of_rows(found))
 

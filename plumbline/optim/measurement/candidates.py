@@ -7,6 +7,7 @@ from plumbline.kinematics.effects.confined import confined, parts_of
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.measurement.session import merged_scope
 from plumbline.optim.recording.recording import Recording, Session
+from plumbline.optim.recording.session import apart
 
 ONCE = {"time", "group"}  # columns that only one recording's own clock and sessions give a meaning
 
@@ -18,11 +19,11 @@ def candidates_of(recording: Recording, library: Sequence[type[Effect]]) -> list
     confined to those. What follows a clock or a group is each one's own. What one recording alone
     made suspect may be there only.
     """
-    session = recording.session
-    if session is None:
+    if not recording.several:
         scope = scope_of(recording)
         free = [cls for cls in library if not _is_always(recording, cls)]
         return [v for cls in free for v in cls.candidates(scope)]
+    session = apart(recording)[0]
     scopes = [scope_of(part) for part in session.parts]
     found = [v for cls in library for v in _of_class(session, scopes, cls)]
     names = {cls.name for cls in library}
@@ -56,7 +57,7 @@ def runs_once(effect: Effect) -> bool:
 
 def scope_for(effect: Effect, recording: Recording) -> Scope:
     """What the recordings offer that an effect is confined to."""
-    parts, session = parts_of(effect), recording.session
-    if parts is None or session is None:
+    parts = parts_of(effect)
+    if parts is None or not recording.several:
         return scope_of(recording)
-    return merged_scope([scope_of(session.parts[k]) for k in parts])
+    return merged_scope([scope_of(apart(recording)[0].parts[k]) for k in parts])

@@ -18,6 +18,7 @@ from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording, Session, one_hot_sockets, socket_labels
+from plumbline.optim.recording.session import apart
 from plumbline.optim.rigid import rigid_match
 
 FRAME_SCALE = (0.1, 0.1)
@@ -80,8 +81,8 @@ def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance
         recording: N rows.
         anchor: Where the frame was registered before; afresh if not given.
     """
-    if recording.session is not None:
-        return _of_session(recording, recording.session)
+    if recording.several:
+        return _of_session(recording)
     if recording.kind.joints:
         return Nuisance(cs.SX(0, 1), (), np.empty(0), np.empty(0))
     if recording.kind.sockets:
@@ -213,8 +214,9 @@ def _known_distances(recording: Recording, sockets: cs.SX) -> cs.SX:
     return cs.vertcat(*rows) if rows else cs.SX(0, 1)
 
 
-def _of_session(recording: Recording, session: Session) -> Nuisance:
+def _of_session(recording: Recording) -> Nuisance:
     """Each recording's own nuisances side by side; what is shared is one for all of them."""
+    session = apart(recording)[0]
     unknowns: dict[str, tuple[cs.SX, float, float]] = {}
     own, parts, pulls, anchor = list[Own](), list[Nuisance](), list[cs.SX](), None
     for k, part in enumerate(session.parts):

@@ -33,6 +33,7 @@ from plumbline.optim.measurement.session import (
 from plumbline.optim.measurement.torque import torque_residual
 from plumbline.optim.recording.constants import SAME_POSTURE
 from plumbline.optim.recording.recording import Recording, one_hot_sockets
+from plumbline.optim.recording.session import apart
 
 BEFORE_CLOSING = (Stage.ACTUATION, Stage.JOINT, Stage.LINK, Stage.TOOL)
 AFTER_DEVICE = (Stage.REGISTRATION, Stage.SENSOR)
@@ -111,7 +112,7 @@ def build_model(
         weights=np.ones(len(recording)) if weights is None else weights,
         follows=follows_of(recording, weights),
         shared=cs.vertcat(nuisance.shared, *_held_near_null(effects, symbols, ridge)),
-        counts=None if recording.session is None else equations_of_rows(recording),
+        counts=equations_of_rows(recording) if recording.several else None,
     )
     start = np.concatenate([nuisance.start, [p.null for p in parameters]])
     terms, held = _terms(effects, nuisance.size), None if ridge is None else tuple(ridge)
@@ -147,8 +148,8 @@ def scope_of(recording: Recording) -> Scope:
 
 
 def _scope_of(recording: Recording) -> Scope:
-    if recording.session is not None:
-        return merged_scope([scope_of(part) for part in recording.session.parts])
+    if recording.several:
+        return merged_scope([scope_of(part) for part in apart(recording)[0].parts])
     scalars = {name: getattr(recording, name) for name in ("time", "temperature", "payload")}
     vectors = {
         "direction": recording.direction,
@@ -246,7 +247,7 @@ class _Row:
     @classmethod
     def of(cls, recording: Recording, effects: Sequence[Effect]) -> _Row:
         columns = _columns(recording)
-        if recording.session is not None:
+        if recording.several:
             columns |= hot_columns(recording)
         elif recording.kind.sockets:
             columns["socket"] = one_hot_sockets(recording)
@@ -282,11 +283,12 @@ def _derived(recording: Recording, effect: Effect) -> dict[str, Array]:
 def _along_paths(whole: Recording, effect: Effect) -> dict[str, Array]:
     """What an effect derives, of several recordings each along its own path."""
     columns = _columns(whole)
-    if whole.session is None or whole.part is None:
+    if not whole.several:
         return dict(effect.derive(columns))
+    session, part = apart(whole)
     found: dict[str, Array] = {}
-    for k in parts_of(effect) or range(len(whole.session)):
-        mine = whole.part == k
+    for k in parts_of(effect) or range(len(session)):
+        mine = part == k
         path = mine if mine.any() else slice(0, 1)  # what is derived is told by name at least
         for name, values in effect.derive({n: c[path] for n, c in columns.items()}).items():
             found.setdefault(name, np.zeros(len(whole)))[mine] = np.ravel(values)[: mine.sum()]
@@ -304,7 +306,7 @@ def _residual(
     if recording.noise_shape is None:
         return plain
     shape = row.symbols["noise_shape"]
-    if recording.session is not None:
+    if recording.several:
         return plain / shape
     kept = list(recording.measured_joints)
     return plain / (shape[kept] if recording.kind.encoders else shape)
@@ -320,9 +322,9 @@ def _plain_residual(
     if recording.kind.efforts:
         state = State.ideal(chain, row.symbols, constant(recording.tool_offset))
         return torque_residual(recording, state, effects, apply_effects)
-    if recording.session is not None:
+    if recording.several:
         ideal = State.ideal(chain, row.symbols, constant(recording.tool_offset))
-        levers = [rotation_lever(part) for part in recording.session.parts]
+        levers = [rotation_lever(part) for part in apart(recording)[0].parts]
 
         def close(tool: cs.SX, turn: cs.SX, frame: Transform) -> tuple[State, Transform]:
             state, tip = closed_chain(replace(ideal, tool=tool, R_tip_tool=turn), effects, frame)

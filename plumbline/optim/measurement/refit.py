@@ -14,6 +14,7 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.session import apart
 
 
 def figure(residuals: Array, per_row: bool) -> float:
@@ -33,16 +34,19 @@ def gap_unit(recording: Recording) -> tuple[str, bool]:
 
 def rows_of_gap(recording: Recording) -> NDArray[np.bool_]:
     """Rows (N,) that the gap is of: all, or of several kinds those that say where the tip is."""
-    session, part = recording.session, recording.part
-    if session is None or part is None or not session.has_positions:
-        return np.ones(len(recording), dtype=bool)
+    every = np.ones(len(recording), dtype=bool)
+    if not recording.several:
+        return every
+    session, part = apart(recording)
+    if not session.has_positions:
+        return every
     return np.array([p.kind.places for p in session.parts])[part]
 
 
 def always_fitted(recording: Recording) -> tuple[Effect, ...]:
     """Effects that the recording wants in every model, all elements of each."""
-    if recording.session is not None:
-        parts = enumerate(recording.session.parts)
+    if recording.several:
+        parts = enumerate(apart(recording)[0].parts)
         return tuple(confined(e, (k,), f"in {p.name}") for k, p in parts for e in always_fitted(p))
     scope = scope_of(recording)
     names = [name for name in recording.always if name in REGISTRY]

@@ -109,6 +109,11 @@ class Recording:
         """What its kind of observation says."""
         return ROWS[self.observation]
 
+    @property
+    def several(self) -> bool:
+        """Whether its rows are of several recordings, which :func:`.session.apart` tells apart."""
+        return self.session is not None
+
     def __len__(self) -> int:
         """Number of rows."""
         return len(self.q)

@@ -246,9 +246,9 @@ def apart(recording: Recording) -> tuple[Session, Integers]:
 
 def named_row(recording: Recording, row: int) -> str:
     """A row, from 1; of several recordings whose it is, and which one there."""
-    if recording.session is None:
+    if not recording.several:
         return str(row)
-    for part in recording.session.parts:
+    for part in apart(recording)[0].parts:
         if row <= len(part):
             return f"{part.name} {row}"
         row -= len(part)

@@ -63,7 +63,7 @@ def _to_chain(data: Any) -> Chain:
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:
-    absent = {"chain"} | ({"session", "part"} if recording.session is None else set())
+    absent = {"chain"} | ({"session", "part"} if not recording.several else set())
     return {f.name: getattr(recording, f.name) for f in fields(Recording) if f.name not in absent}
 
 

@@ -21,6 +21,7 @@ from plumbline.optim.measurement.nuisance import Nuisance
 from plumbline.optim.measurement.observation import COLUMNS, Model, rows_of
 from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.session import apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +138,7 @@ def _as_recording(model: Model, rows: FutureRows, times: Array, warmths: Array) 
     recording = model.recording
     width = recording.measured.shape[1]
     measured = np.zeros((len(rows), width))
-    if recording.session is not None or recording.kind.oriented:
+    if recording.several or recording.kind.oriented:
         _orient(model, rows.q, measured)
     given: dict[str, Any] = {"q": rows.q, "measured": measured, "held_out": None}
     given["part"] = None if recording.part is None else np.full(len(rows), recording.part[0])
@@ -176,10 +177,11 @@ def _orient(model: Model, q: Array, measured: Array) -> None:
     """
     recording, nuisance = model.recording, model.nuisance
     own: Nuisance | Own = nuisance
-    if recording.session is not None and recording.part is not None:
-        if not recording.session.has_poses:
+    if recording.several:
+        session, part = apart(recording)
+        if not session.has_poses:
             return
-        own = nuisance.own[int(recording.part[0])]
+        own = nuisance.own[int(part[0])]
     measured[:, 3:7] = _orientations(model, q, own)
 
 

@@ -18,6 +18,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.prior import USUAL
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.measurement.refit import rows_of_gap
+from plumbline.optim.recording.session import apart
 
 
 @dataclass(frozen=True)
@@ -123,17 +124,18 @@ class Ports:
         shift = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
         shape = model.recording.noise_shape
         live = np.ones(r.shape, dtype=bool)
-        session, part = model.recording.session, model.recording.part
-        if session is not None and part is not None:
+        several, places = model.recording.several, False
+        if several:
+            session, part = apart(model.recording)
             live = np.stack([session.live(k) for k in range(len(session))])[part[rows]]
-            if session.has_positions:  # what a device reads is what places the tip
-                shift = shift * rows_of_gap(model.recording)[rows, None]
+            places = session.has_positions
+        if places:  # what a device reads is what places the tip
+            shift = shift * rows_of_gap(model.recording)[rows, None]
         if shape is not None:
-            whole = session is not None or not encoders
+            whole = several or not encoders
             own = slice(None) if whole else list(model.recording.measured_joints)
             shift = shift / shape[rows][:, own]
             joint = joint / shape[rows] if torques else joint
-        places = session is not None and session.has_positions
         size = 3 if places or model.recording.kind.oriented else r.shape[1]
         link = link.reshape(-1, 6, *r.shape)
         always = len(x) if always is None else always

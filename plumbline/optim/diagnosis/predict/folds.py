@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from plumbline.optim.diagnosis.prior import FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import scope_of
-from plumbline.optim.recording.recording import Recording, Session
+from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.session import apart
 
 KINDS = ("auto", "groups", "time", "workspace", "rows")
 
@@ -32,8 +33,8 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     """
     if kind not in KINDS:
         raise ValueError(f"held out by {kind!r} not recognised; choose from {', '.join(KINDS)}")
-    if recording.session is not None and recording.part is not None:
-        return _of_each(recording, recording.session, kind, seed)
+    if recording.several:
+        return _of_each(recording, kind, seed)
     groups = recording.group
     if kind == "groups" and not _grouped(recording):
         raise ValueError("held out by groups: no column 'group' with two or more values; use rows")
@@ -59,12 +60,13 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     return folds
 
 
-def _of_each(recording: Recording, session: Session, kind: str, seed: int) -> NDArray[np.intp]:
+def _of_each(recording: Recording, kind: str, seed: int) -> NDArray[np.intp]:
     """Every fold leaves out rows of all recordings, of each as it would be on its own."""
+    session, own = apart(recording)
     folds = np.empty(len(recording), dtype=np.intp)
     for k, part in enumerate(session.training.parts):
         try:
-            folds[recording.part == k] = fold_of_rows(part, kind, seed)
+            folds[own == k] = fold_of_rows(part, kind, seed)
         except ValueError as error:
             raise ValueError(f"{part.name}: {error}") from None
     return folds
@@ -76,8 +78,8 @@ def blocks_of(recording: Recording) -> NDArray[np.intp]:
     Recordings of several; else stretches of a motion, or of what has a clock, or of the workspace.
     """
     count = int(np.clip(len(recording) // FEWEST_ROWS, 2, MOST_FOLDS))
-    if recording.session is not None and recording.part is not None:
-        return np.asarray(recording.part, dtype=np.intp)
+    if recording.several:
+        return np.asarray(apart(recording)[1], dtype=np.intp)
     if recording.time is not None or scope_of(recording).moving:
         return np.arange(len(recording), dtype=np.intp) * count // len(recording)
     return _workspace_blocks(_places(recording), count)
@@ -85,12 +87,13 @@ def blocks_of(recording: Recording) -> NDArray[np.intp]:
 
 def blocks_of_each(recording: Recording) -> NDArray[np.intp]:
     """Blocks (N,) of rows as :func:`blocks_of` has them, of several recordings each one's own."""
-    if recording.session is None or recording.part is None:
+    if not recording.several:
         return blocks_of(recording)
+    session, own = apart(recording)
     label, count = np.zeros(len(recording), dtype=np.intp), 0
-    for k in range(len(recording.session)):
-        mine = recording.part == k
-        label[mine] = count + blocks_of(recording.session.training.parts[k])
+    for k, part in enumerate(session.training.parts):
+        mine = own == k
+        label[mine] = count + blocks_of(part)
         count = int(label.max(initial=0)) + 1
     return label
 
@@ -99,8 +102,8 @@ def kind_of_folds(recording: Recording, kind: str) -> str:
     """What ``auto`` comes to for a recording; of several, all their kinds."""
     if kind != "auto":
         return kind
-    if recording.session is not None:
-        kinds = (kind_of_folds(part, kind) for part in recording.session.training.parts)
+    if recording.several:
+        kinds = (kind_of_folds(part, kind) for part in apart(recording)[0].training.parts)
         return " and ".join(dict.fromkeys(kinds))
     if recording.element is not None and not _well_grouped(recording):
         return "motions" if _has_motions(recording) else "touches"

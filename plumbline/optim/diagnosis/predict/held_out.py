@@ -130,9 +130,8 @@ def evaluate(
 
 def _as_measured(recording: Recording, residuals: Array) -> Array:
     """Residuals (N, m) of several recordings as they were measured, not in units of one noise."""
-    if recording.session is None or recording.noise_shape is None:
-        return residuals
-    return np.asarray(residuals * recording.noise_shape)
+    shape = recording.noise_shape if recording.several else None
+    return residuals if shape is None else np.asarray(residuals * shape)
 
 
 def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
@@ -252,13 +251,13 @@ def counted_rows(recording: Recording, pool: Pool, evaluation: Evaluation) -> li
         gram = _kept_back(recording, pool, evaluation)
         return [Linear.about(gram, pool.x, problem.scale)]
     counted = rows_of_gap(pool.model.recording)
-    alike = recording.session is None or recording.noise_shape is None
-    if not evaluation.per_row or (problem.equations == 3 and counted.all() and alike):
+    shape = recording.noise_shape if recording.several else None
+    if not evaluation.per_row or (problem.equations == 3 and counted.all() and shape is None):
         return pool.folds
     counts = None if problem.counts is None else np.minimum(problem.counts, 3.0)
     weights = np.where(counted, problem.weights, 0.0)
-    if recording.session is not None and recording.noise_shape is not None:
-        weights = weights * np.mean(recording.noise_shape[:, :3] ** 2, axis=1)
+    if shape is not None:
+        weights = weights * np.mean(shape[:, :3] ** 2, axis=1)
     problem = replace(problem, residual=problem.residual[:3], counts=counts, weights=weights)
     grams = Mapped(problem).grams(pool.x, pool.fold_of_row)
     return [Linear.about(gram, pool.x, problem.scale) for gram in grams]
