@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from plumbline.optim.capsule_mpc import Planner
     from plumbline.optim.dh_fit import DHOptions, fit_dh
     from plumbline.optim.diagnosis.answer import Diagnosis
-    from plumbline.optim.diagnosis.ask import diagnose
     from plumbline.optim.diagnosis.calibrate.check import check_calibration
     from plumbline.optim.diagnosis.findings import Verdict
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
     from plumbline.optim.diagnosis.motion.recording import MotionRecording, build_motion
     from plumbline.optim.diagnosis.motion.tracking import build_tracking
+    from plumbline.optim.diagnosis.of_any_kind import diagnose
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.hand_eye.answer import hand_eye
     from plumbline.optim.hand_eye.calibrate import HandEyeOptions
@@ -189,7 +189,7 @@ _HOME = {
     "bundled_names": "kinematics.robot:bundled_names",
     "check_calibration": "optim.diagnosis.calibrate.check:check_calibration",
     "dh": "optim.dh_fit",
-    "diagnose": "optim.diagnosis.ask:diagnose",
+    "diagnose": "optim.diagnosis.of_any_kind:diagnose",
     "effects": "effects",
     "example": "experiments.sources:example",
     "fetch": "experiments.sources:fetch",

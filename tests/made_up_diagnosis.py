@@ -12,8 +12,8 @@ from plumbline.optim.diagnosis.findings import (
     Cause,
     Estimate,
     Gap,
-    Kind,
     NoiseLevel,
+    Outcome,
     Place,
     Step,
     Verdict,
@@ -84,7 +84,7 @@ def made_up_verdict(recording: Recording, before: float, after: float) -> Verdic
         for k, (effect, stage, element) in enumerate(others)
     )
     return Verdict(
-        verdict=Kind.EXPLAINED,
+        verdict=Outcome.EXPLAINED,
         gap=Gap(recording_unit(recording), before, after, floor, 1 - after / before, (0.71, 0.9),
                 held_out_by="groups", removable=0.95),
         where=(Place("joint", 2, 0.62), Place("joint", 1, 0.2), Place("joint", 3, 0.12),

@@ -39,7 +39,7 @@ PLANNED = 8  # steps of a sample of a planned way; twice as many change its para
 # Of soft friction, MuJoCo's where a file says no other (XML reference: `solimpfriction` .9 .95,
 # `solreffriction` .02 s): its stiffness s per inertia, the joint at zero and all others free, and
 # the rate at which it slows a joint.
-HOLDS = 0.9 / (1 - 0.9)
+STIFFNESS = 0.9 / (1 - 0.9)
 SLOWS = 2 / (0.95 * 0.02)  # [1/s]
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
 
@@ -241,7 +241,7 @@ class Drive:
 
     def _given(self, free: cs.SX, speed: cs.SX, back: cs.SX, h: cs.SX) -> cs.SX:
         """What soft friction takes of a step's speed where its limit does not hold it [rad/s]."""
-        stiff, slows = HOLDS * self.bare / self.inertia, SLOWS * h / 2
+        stiff, slows = STIFFNESS * self.bare / self.inertia, SLOWS * h / 2
         after = (free + stiff * (1 - slows) * speed) / (back + stiff * (1 + slows))
         return free - back * after
 

@@ -31,7 +31,7 @@ from plumbline.experiments.reality.draws import draw
 from plumbline.experiments.reality.gap import scaled
 from plumbline.experiments.reality.recorder import Case
 from plumbline.experiments.sources import fetch
-from plumbline.optim.diagnosis.ask import diagnose
+from plumbline.optim.diagnosis.of_any_kind import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording

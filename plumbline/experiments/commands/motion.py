@@ -25,8 +25,8 @@ def diagnose_motion(
     Raises:
         PlumblineError: The recording cannot be used, or is asked for what motions do not have.
     """
-    from plumbline.optim.diagnosis.ask import diagnose_drives
     from plumbline.optim.diagnosis.motion.tracking import load_drives
+    from plumbline.optim.diagnosis.of_any_kind import diagnose_drives
 
     refuse(asked, "a motion")
     recording = load_drives(folder)

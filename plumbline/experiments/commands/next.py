@@ -136,9 +136,9 @@ def _of_session(
         PlumblineError: There is none of that name, or it is of a kind that none is proposed for.
     """
     from plumbline.optim.diagnosis.answer import Diagnosis
-    from plumbline.optim.diagnosis.ask import diagnose_several
     from plumbline.optim.diagnosis.design.next_experiment import next_experiment
     from plumbline.optim.diagnosis.design.rows import DesignOptions
+    from plumbline.optim.diagnosis.of_any_kind import diagnose_several
     from plumbline.optim.diagnosis.several.sections import Sections
     from plumbline.optim.loading import parts_of_session
     from plumbline.optim.model.part import number_of

@@ -26,7 +26,7 @@ def diagnose_several(
     Raises:
         PlumblineError: They cannot be used together, or are asked for what only one can answer.
     """
-    from plumbline.optim.diagnosis.ask import diagnose_several as diagnosed
+    from plumbline.optim.diagnosis.of_any_kind import diagnose_several as diagnosed
     from plumbline.optim.loading import load_part
 
     refuse(asked, "several recordings")

@@ -231,7 +231,7 @@ def _instruments(folder: Path, o: Options) -> Truth:
 
 def _diagnosed(folder: Path, o: Options, truth: Truth) -> dict[str, Any]:
     from plumbline.experiments.sweep.recorded import figures_of
-    from plumbline.optim.diagnosis.ask import diagnose
+    from plumbline.optim.diagnosis.of_any_kind import diagnose
     from plumbline.optim.diagnosis.options import DiagnosisOptions
 
     asked = DiagnosisOptions(force=True, unlisted=o["unlisted"])

@@ -19,7 +19,7 @@ from typing import Any
 import plumbline.experiments.withheld.sandbox as walls
 from plumbline.errors import PlumblineError
 from plumbline.experiments.console.workers import end_with
-from plumbline.optim.diagnosis.ask import diagnose
+from plumbline.optim.diagnosis.of_any_kind import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 
 

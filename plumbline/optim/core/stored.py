@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args, get_origin
 import cattrs
 import numpy as np
 
-Kind = TypeVar("Kind")
+T = TypeVar("T")
 _KINDS: dict[type[Any], dict[str, type[Any]]] = {}
 
 
@@ -26,7 +26,7 @@ def plain(value: Any) -> Any:
     return _converter(_finite).unstructure(value)
 
 
-def restored(data: Any, kind: type[Kind]) -> Kind:
+def restored(data: Any, kind: type[T]) -> T:
     """A value of a type again, from what :func:`stored` made of it.
 
     Raises:
@@ -35,13 +35,13 @@ def restored(data: Any, kind: type[Kind]) -> Kind:
         ValueError: A value that the type cannot hold.
     """
     try:
-        found: Kind = _converter(_number).structure(data, kind)
+        found: T = _converter(_number).structure(data, kind)
     except cattrs.BaseValidationError as error:
         raise ValueError("; ".join(cattrs.transform_error(error))) from None
     return found
 
 
-def register(kind: type[Kind], take: Callable[[Kind], Any], make: Callable[[Any], Kind]) -> None:
+def register(kind: type[T], take: Callable[[T], Any], make: Callable[[Any], T]) -> None:
     """Say how a type that is not a dataclass of data is stored and made again."""
     for number in (_number, _finite):
         converter = _converter(number)
@@ -86,7 +86,7 @@ def _converter(number: Callable[[float], Any]) -> cattrs.Converter:
     return converter
 
 
-def _then(first: Callable[[Kind], Any], last: Callable[[Any], Any]) -> Callable[[Kind], Any]:
+def _then(first: Callable[[T], Any], last: Callable[[Any], Any]) -> Callable[[T], Any]:
     return lambda value: last(first(value))
 
 

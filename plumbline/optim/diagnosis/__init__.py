@@ -4,9 +4,9 @@ The rooms, in the order in which imports run: each uses those above it alone.
 
 ================  ==================================================================================
 ``prior``         Every width, odds, range and threshold, with unit and source.
-``carried``       What is said of each of several recordings, and of what carries over.
+``of_recordings`` What is said of each of several recordings, and of what carries over.
 ``findings``      What a verdict is: data, without a computation.
-``told``          An answer that has a verdict: what it passes on of it.
+``with_verdict``  An answer that has a verdict: what it passes on of it.
 ``linearise``     The model as linear least squares about a fit, and the ports of the chain.
 ``posterior``     Which effects: evidence (``evidence``), terms that enter or leave (``selection``),
                   fit and linearisation in turn (``search``), gross errors (``robust``).
@@ -15,16 +15,13 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``verdict``       What is said: probabilities and their tree (``explanation``, ``tree``), lack of
                   fit, shares of places (``where``), words.
 ``design``        The next experiment: rows that tell the leading explanations apart.
-``options``       How a diagnosis is asked for.
-``asked``         The same as it is stored.
+``options``       How a diagnosis is asked for, and that as it is stored.
 ``motion``        Drives: commands rolled out over windows, joint by joint.
 ``answer``        The diagnosis: a verdict with the recording and the fit that it rests on.
 ``proof``         Exported files alone, on rows that no fit has seen.
 ``diagnose``      The whole, end to end.
 ``several``       Several recordings: each alone, all (``together``), compared (``transfer``).
-``ask``           Any kind of recording, to the engine that its rows need.
+``of_any_kind``   Any kind of recording, to the engine that its rows need.
 ``calibrate``     Simulation-based calibration: the diagnosis of simulated cases like this one.
 ================  ==================================================================================
-
-``baselines`` stands apart: the one-by-one fits that the search is compared with.
 """

@@ -14,13 +14,12 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.stored import register, restored
-from plumbline.optim.diagnosis.asked import Asked
 from plumbline.optim.diagnosis.findings import AlwaysFitted, Estimate, Verdict
-from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
-from plumbline.optim.diagnosis.told import Told
 from plumbline.optim.diagnosis.verdict.parts import nuisances_of_parts
+from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.measurement.observation import Model
 from plumbline.optim.measurement.storing import StoredEffect, StoredFit
 from plumbline.optim.model import Applied, apply
@@ -35,7 +34,7 @@ LEAST_NOISE = 1e-12  # [m or rad]: of readings made without noise, whose errors 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(AlwaysFitted, Told):
+class Diagnosis(AlwaysFitted, WithVerdict):
     """A verdict with what it rests on.
 
     Attributes:
@@ -188,7 +187,7 @@ class _Stored:
     places: Array
     effects: tuple[StoredEffect, ...]
     fit: StoredFit
-    asked: Asked
+    asked: StoredOptions
 
     @classmethod
     def of(cls, d: Diagnosis) -> _Stored:
@@ -201,7 +200,7 @@ class _Stored:
             d.places,
             tuple(StoredEffect.of(effect) for effect in d.effects),
             StoredFit.of(d.stated, d.solution),
-            Asked.of(d.options),
+            StoredOptions.of(d.options),
         )
 
     @classmethod

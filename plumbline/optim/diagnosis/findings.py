@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
-from plumbline.optim.diagnosis.carried import OfRecording, Transfer
+from plumbline.optim.diagnosis.of_recordings import OfRecording, Transfer
 from plumbline.optim.diagnosis.prior import FAR, UNLISTED
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
 
 
-class Kind(StrEnum):
-    """What a verdict can be."""
+class Outcome(StrEnum):
+    """What a verdict comes to."""
 
     NO_GAP = "no-gap"
     EXPLAINED = "explained"
@@ -31,10 +31,12 @@ class Kind(StrEnum):
 
 
 MEANING = {
-    Kind.NO_GAP: "There is nothing beyond noise.",
-    Kind.EXPLAINED: "The causes named below bring the held-out residual to the noise floor.",
-    Kind.PARTLY: "The causes named below do part of it; something beyond them and noise remains.",
-    Kind.OUTSIDE: "There is a gap, and no effect of the library explains it.",
+    Outcome.NO_GAP: "There is nothing beyond noise.",
+    Outcome.EXPLAINED: "The causes named below bring the held-out residual to the noise floor.",
+    Outcome.PARTLY: (
+        "The causes named below do part of it; something beyond them and noise remains."
+    ),
+    Outcome.OUTSIDE: "There is a gap, and no effect of the library explains it.",
 }
 # What an element of a stage is: planes are read by a sensor, markers registered.
 NOUNS = {
@@ -56,9 +58,11 @@ STAND_INS = (
 )
 # Where the noise is known from the fit alone, what is left can be told from noise by its form only.
 MEANING_BY_FORM = MEANING | {
-    Kind.NO_GAP: "There is nothing that does not look like noise.",
-    Kind.EXPLAINED: "What the causes named below leave looks like noise.",
-    Kind.PARTLY: "The causes named below do part of it; what they leave does not look like noise.",
+    Outcome.NO_GAP: "There is nothing that does not look like noise.",
+    Outcome.EXPLAINED: "What the causes named below leave looks like noise.",
+    Outcome.PARTLY: (
+        "The causes named below do part of it; what they leave does not look like noise."
+    ),
 }
 
 
@@ -279,7 +283,7 @@ class Verdict(AlwaysFitted, Answer):
     """What the diagnosis says; see the attributes' own classes for units.
 
     Attributes:
-        verdict: One of :class:`Kind`.
+        verdict: One of :class:`Outcome`.
         gap: How large, how far it shrinks.
         where: Shares by stage and element, which sum to one.
         causes: The causes, most important first.
@@ -306,7 +310,7 @@ class Verdict(AlwaysFitted, Answer):
         friction: Friction of drives over their speed, where efforts were measured.
     """
 
-    verdict: Kind
+    verdict: Outcome
     gap: Gap
     where: tuple[Place, ...] = ()
     causes: tuple[Cause, ...] = ()
@@ -353,12 +357,12 @@ class Verdict(AlwaysFitted, Answer):
 
     @property
     def _meaning(self) -> str:
-        if self.verdict == Kind.PARTLY and self.outside_probability < UNLISTED:
+        if self.verdict == Outcome.PARTLY and self.outside_probability < UNLISTED:
             if self.is_missed:
                 return NOT_FORETOLD
             if not self.knows_noise:
                 return NOTHING_FURTHER
-        if self.verdict == Kind.OUTSIDE and self.gap.shrink_ci95[0] > 0.0:
+        if self.verdict == Outcome.OUTSIDE and self.gap.shrink_ci95[0] > 0.0:
             return STAND_INS
         return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
 

@@ -11,6 +11,7 @@ from plumbline.optim.core.solvers import Solver
 from plumbline.optim.diagnosis.posterior.search import SOLVER
 from plumbline.optim.diagnosis.predict.folds import KINDS
 from plumbline.optim.diagnosis.prior import UNLISTED
+from plumbline.optim.measurement.storing import effect_named
 
 LARGEST_SEED = 2**32 - 1
 
@@ -64,6 +65,37 @@ class DiagnosisOptions:
     def effects(self) -> tuple[type[Effect], ...]:
         """The library without what is left out of it."""
         return tuple(effect for effect in self.library if effect.name not in self.without)
+
+
+@dataclass(frozen=True)
+class StoredOptions:
+    """Options as they are stored with an answer: the library by its effects' names."""
+
+    held_out: str
+    seed: int
+    without: tuple[str, ...]
+    library: tuple[str, ...]
+    solver: Solver
+    unlisted: float
+    force: bool
+
+    @classmethod
+    def of(cls, o: DiagnosisOptions) -> StoredOptions:
+        """What is stored of them."""
+        names = tuple(effect.name for effect in o.library)
+        return cls(o.held_out, o.seed, tuple(o.without), names, o.solver, o.unlisted, o.force)
+
+    @property
+    def options(self) -> DiagnosisOptions:
+        """The options again.
+
+        Raises:
+            PlumblineError: The library had an effect that is not known here.
+        """
+        library = tuple(effect_named(name) for name in self.library)
+        return DiagnosisOptions(
+            self.held_out, self.seed, self.without, library, self.solver, self.force, self.unlisted
+        )
 
 
 def _unknown(name: str, known: Sequence[str]) -> PlumblineError:

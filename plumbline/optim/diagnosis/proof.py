@@ -26,7 +26,7 @@ from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.fit import fitted
 from plumbline.optim.diagnosis.motion.signals import spread
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows
-from plumbline.optim.diagnosis.told import Told
+from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.refit import always_fitted, figure, refit
 from plumbline.optim.model import Model
@@ -65,7 +65,7 @@ class Proof:
     lacks: str  # what the format cannot hold, in words
 
 
-def proofs(found: Told) -> tuple[Proof, ...]:
+def proofs(found: WithVerdict) -> tuple[Proof, ...]:
     """The proofs of what a diagnosis can be exported as; none where it names no cause."""
     if not isinstance(found, Diagnosis | MotionDiagnosis) or not found.causes:
         return ()

@@ -46,7 +46,7 @@ NUISANCES = (
     "plane ",
 )  # what their unknowns' names begin with
 NAMED = 3  # of many changes; JSON names all
-HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows, other noise
+STILL_HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows, other noise
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Applied:
     @property
     def holds(self) -> bool:
         """Whether the model still does what it did, and no cause seems to have changed."""
-        return not self.changes and self.after <= HOLDS * self.promised
+        return not self.changes and self.after <= STILL_HOLDS * self.promised
 
     @property
     def words(self) -> str:
@@ -164,7 +164,7 @@ def apply(model: Fitted, other: Recording) -> Applied:
     )
     promised = _promised(model, other, per_row=per_row)
     changes = _changes(carried, solution, free, other)
-    if after * (1.0 - max((c.saves for c in changes), default=0.0)) > HOLDS * promised:
+    if after * (1.0 - max((c.saves for c in changes), default=0.0)) > STILL_HOLDS * promised:
         changes = _with_new(changes, other, effects, solution, (~bad).astype(float))
     outside, columns = outside_range(carried, other)
     ends = [judged(nominal, "the fit without causes"), judged(solution, "the fit to other rows")]

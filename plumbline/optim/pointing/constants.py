@@ -39,7 +39,7 @@ FEW_STARTS = 12  # from so many postures; effort
 MOST_TRACKS = 12  # branches followed: a six-joint arm has 8 at most
 NEWTON_STEPS = 6  # from one angle to the next; effort
 LONGEST_STEP = 0.5  # [rad] of one such step
-HOLDS = 1e-14  # sum of squares at which a branch holds the needle: 0.1 um at 1 m
+HELD = 1e-14  # sum of squares at which a branch holds the needle: 0.1 um at 1 m
 LOOKS = 8  # angles of a branch at which coal is asked before it is chosen; effort
 HELD_WITHIN = 1e-6  # [m] a path that is farther off lets go of the needle
 

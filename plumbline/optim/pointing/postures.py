@@ -23,7 +23,7 @@ from plumbline.optim.pointing.constants import (
     ANCHORS,
     ASKED,
     FEW_STARTS,
-    HOLDS,
+    HELD,
     ITERATIONS,
     LONGEST_STEP,
     MORE_ANCHORS,
@@ -206,7 +206,7 @@ def _newton(
     x = q.copy()
     for left in range(NEWTON_STEPS, -1, -1):
         r, J = task.seek(x, rows)
-        held = (r**2).sum(axis=1) <= HOLDS
+        held = (r**2).sum(axis=1) <= HELD
         if held.all() or not left:
             break
         delta = task.least_motion(J, r)

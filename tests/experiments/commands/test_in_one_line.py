@@ -12,7 +12,7 @@ from plumbline.optim.dh_fit import fit_dh
 from plumbline.optim.diagnosis.calibrate.check import CalibrationCheck, SimulatedCase
 from plumbline.optim.diagnosis.design.next_experiment import Forecast, NextExperiment
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.findings import Cause, Estimate, Kind
+from plumbline.optim.diagnosis.findings import Cause, Estimate, Outcome
 from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.pointing import Aim, Needle, safe_angle_map
@@ -76,7 +76,7 @@ def test_many_causes_and_long_names_stay_on_one_line():
 
 
 def test_a_verdict_without_causes_names_none():
-    verdict = dataclasses.replace(made_up().verdict, verdict=Kind.NO_GAP, causes=())
+    verdict = dataclasses.replace(made_up().verdict, verdict=Outcome.NO_GAP, causes=())
     assert one_line(verdict).startswith("<Verdict on bench-ur5: no-gap; 0.")
 
 

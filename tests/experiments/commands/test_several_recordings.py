@@ -12,7 +12,7 @@ import pytest
 import plumbline
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.report.diagnosis.html import html_report
-from plumbline.optim.diagnosis.carried import Carries
+from plumbline.optim.diagnosis.of_recordings import Carries
 from plumbline.optim.diagnosis.several import transfer
 from plumbline.optim.diagnosis.several.transfer import Each, transfers
 from tests.several import recorded, written

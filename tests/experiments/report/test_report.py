@@ -35,18 +35,18 @@ from plumbline.experiments.report.style import svg
 from plumbline.experiments.report.writing import write_report
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.quantities import chance, measured, percent, quantity, significant
-from plumbline.optim.diagnosis.carried import OfRecording
 from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
     Estimate,
     Gap,
-    Kind,
     NoiseLevel,
+    Outcome,
     Place,
     Step,
     Verdict,
 )
+from plumbline.optim.diagnosis.of_recordings import OfRecording
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 from plumbline.optim.diagnosis.verdict.words import (
     merged,
@@ -252,13 +252,13 @@ def test_distrusted_rows_are_in_no_picture(bench, page):
 
 
 def test_a_verdict_without_causes_has_its_pictures(bench):
-    verdict = Verdict(Kind.NO_GAP, NOTHING)
+    verdict = Verdict(Outcome.NO_GAP, NOTHING)
     shown = pictures(Subject.of(replace(bench, verdict=verdict)))
     assert {picture.key for picture in shown} == {"workspace", "joints", "time", "noise"}
     assert all(svg(f, "a", "b") for picture in shown for f in picture.figures)
 
 
-@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("kind", list(Outcome))
 def test_a_verdict_without_causes_is_shown_too(bench, kind, undrawn):
     verdict = Verdict(kind, NOTHING, rows=90)
     text = html_report(replace(bench, verdict=verdict))
@@ -394,7 +394,10 @@ def test_card_terminal_and_page_tell_of_an_unknown_in_the_same_words(
 ):
     """What is told in a sentence of its own is not put into another one."""
     verdict = replace(
-        bench.verdict, verdict=Kind.PARTLY, outside_probability=1.0, outside_depends_on=depends_on
+        bench.verdict,
+        verdict=Outcome.PARTLY,
+        outside_probability=1.0,
+        outside_depends_on=depends_on,
     )
     line = f"Something outside of the library: > 99 %; {sentence}."
     assert line in html.unescape(card(verdict))

@@ -13,8 +13,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.core.stored import restored, stored
-from plumbline.optim.diagnosis.asked import Asked
-from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.measurement.storing import StoredEffect, StoredFit
@@ -75,5 +74,5 @@ def test_every_option_of_a_diagnosis_comes_back():
     asked = DiagnosisOptions(
         "rows", 3, ("backlash",), EFFECTS, LevenbergMarquardt(7), unlisted=0.4, force=True
     )
-    assert again(Asked.of(asked)).options == asked
-    assert {f.name for f in fields(Asked)} == {f.name for f in fields(DiagnosisOptions)}
+    assert again(StoredOptions.of(asked)).options == asked
+    assert {f.name for f in fields(StoredOptions)} == {f.name for f in fields(DiagnosisOptions)}

@@ -18,7 +18,7 @@ from plumbline.kinematics.effects import REGISTRY, JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
@@ -44,7 +44,7 @@ def test_effects_confounded_with_a_coupling_that_the_library_lacks_give_way(
     verdict = diagnose(
         recording, DiagnosisOptions(library=library_without("joint_coupling"))
     ).verdict
-    assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
+    assert verdict.verdict in (Outcome.OUTSIDE, Outcome.PARTLY)
     assert f"joint {joint}'s error depends on" in verdict.outside_depends_on
     assert not [c for c in verdict.causes if c.probability > 0.95]
 
@@ -63,7 +63,7 @@ def test_a_drive_that_stiffens_is_a_compliant_drive_and_nothing_unknown(tmp_path
     recording, _ = recorded(with_fault(faultless(rows=100, seed=6), drive), tmp_path)
     diagnosis = diagnose(recording)
     assert causes(diagnosis) == [("joint_compliance", 2)]
-    assert diagnosis.verdict.verdict == Kind.EXPLAINED
+    assert diagnosis.verdict.verdict == Outcome.EXPLAINED
     assert "fall" in {name.split()[-1] for name in diagnosis.verdict.causes[0].parameters}
 
 
@@ -75,7 +75,7 @@ def test_a_needle_that_leans_still_sags(tmp_path):
     needle = NeedleSag(0.0, tuple(leaning / np.linalg.norm(leaning)))
     diagnosis = diagnose(recorded(with_fault(case, needle), tmp_path)[0])
     assert causes(diagnosis) == [("needle_sag", None)]
-    assert diagnosis.verdict.verdict == Kind.EXPLAINED
+    assert diagnosis.verdict.verdict == Outcome.EXPLAINED
 
 
 def test_a_breath_that_dwells_is_a_breath(tmp_path):
@@ -106,7 +106,7 @@ def test_zeros_of_second_encoders_are_offsets_unless_the_recording_says_otherwis
     recording, _ = recorded(with_fault(case, JointOffset(0.0, 4)), tmp_path)
     assert causes(diagnose(recording)) == [("joint_offset", 4)]
     mounted = replace(recording, always=("joint_offset",))
-    assert diagnose(mounted).verdict.verdict == Kind.NO_GAP
+    assert diagnose(mounted).verdict.verdict == Outcome.NO_GAP
 
 
 @pytest.mark.parametrize("lever", [0.1, 0.9])

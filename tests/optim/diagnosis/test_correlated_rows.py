@@ -11,7 +11,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
 from plumbline.optim.diagnosis.diagnose import _worth_the_same, diagnose
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
@@ -208,6 +208,6 @@ def test_of_a_robot_with_nothing_wrong_correlated_rows_tell_nothing(noise):
         np.random.default_rng([0, 1, 29]),
     )
     found = diagnose(recording, DiagnosisOptions(force=True))
-    assert found.verdict.verdict == Kind.NO_GAP
+    assert found.verdict.verdict == Outcome.NO_GAP
     assert any("correlate" in note for note in found.verdict.notes)
     assert found.recording.wander == (pytest.approx(0.9, abs=0.11) if noise == "drift" else 0.0)

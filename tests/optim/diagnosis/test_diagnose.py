@@ -22,7 +22,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset as OwnOffset
 from plumbline.kinematics.effects.link_thermal import LinkWarmUp
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.verdict.staircase import always_words
 from plumbline.optim.diagnosis.verdict.words import estimate_words, gap_words, shrink_words
@@ -106,7 +106,7 @@ def test_a_verdict_whose_rows_left_out_are_missed_does_not_say_that_they_reach_t
     verdict = diagnosis.verdict
     assert verdict.meaning.endswith("held-out residual to the noise floor.")
     missed = replace(verdict.gap, after=3.0 * verdict.gap.noise_floor)
-    far = replace(verdict, verdict=Kind.PARTLY, gap=missed)
+    far = replace(verdict, verdict=Outcome.PARTLY, gap=missed)
     assert far.meaning.endswith("they do not foretell.")
 
 
@@ -127,12 +127,12 @@ def test_a_blind_set_is_told_right(tmp_path):
         facts = json.loads((tmp_path / "truth" / kind / f"{name}.json").read_text())
         planted = {(e["effect"], e["element"]) for e in facts["effects"]}
         if kind == "outside":
-            flagged = found.verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
+            flagged = found.verdict.verdict in (Outcome.OUTSIDE, Outcome.PARTLY)
             right[kind] += flagged and all(c.probability < 0.95 for c in found.causes)
         else:
             right[kind] += set(causes(found)) == planted
         if kind == "none":
-            assert found.verdict.verdict == Kind.NO_GAP
+            assert found.verdict.verdict == Outcome.NO_GAP
     assert right == dict(BLIND)
 
 
@@ -272,7 +272,7 @@ def test_a_planted_offset_has_its_value_within_its_error(tmp_path):
 
 def test_without_a_gap_nothing_is_blamed(tmp_path):
     verdict = diagnose(recorded(faultless(rows=50, seed=21), tmp_path)[0]).verdict
-    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.verdict == Outcome.NO_GAP
     assert verdict.causes == ()
     assert verdict.where == ()
     assert verdict.gap.before == verdict.gap.after
@@ -284,13 +284,13 @@ def test_without_a_gap_nothing_is_blamed(tmp_path):
 )
 def test_readings_without_any_noise_are_no_gap(observation, noise_std):
     verdict = diagnose(bench("ur5", observation, noise_std=noise_std)).verdict
-    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.verdict == Outcome.NO_GAP
     assert verdict.gap.before < 1e-9
 
 
 def test_a_verdict_cannot_be_changed(diagnosis):
     with pytest.raises(FrozenInstanceError):
-        diagnosis.verdict.verdict = Kind.NO_GAP
+        diagnosis.verdict.verdict = Outcome.NO_GAP
     with pytest.raises(FrozenInstanceError):
         diagnosis.verdict.gap.after = 0.0
     with pytest.raises(FrozenInstanceError):
@@ -317,7 +317,7 @@ def test_what_is_always_fitted_is_no_candidate(tmp_path):
     verdict = diagnose(held).verdict
     assert causes(diagnose(recording)) == [("joint_scale", 3)]
     assert "joint_scale" not in {c.effect for c in verdict.candidates}
-    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.verdict == Outcome.NO_GAP
 
 
 def test_an_effect_that_is_not_in_the_library_is_never_named(ripple):

@@ -11,7 +11,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.benches import parts
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects import REGISTRY
-from plumbline.optim.diagnosis.ask import diagnose
+from plumbline.optim.diagnosis.of_any_kind import diagnose
 from plumbline.optim.diagnosis.predict import held_out
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation

@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.findings import (
     STAND_INS,
     Cause,
     Estimate,
-    Kind,
+    Outcome,
     Verdict,
 )
 from plumbline.optim.diagnosis.linearise.linear import Linear
@@ -297,7 +297,7 @@ def kind(parts, **changed):
 
 
 def test_a_gap_down_to_a_known_noise_is_explained(judged):
-    assert kind(judged).verdict == Kind.EXPLAINED
+    assert kind(judged).verdict == Outcome.EXPLAINED
 
 
 @pytest.mark.parametrize(("ratio", "earned"), [(1.1, True), (1.2, False)])
@@ -306,12 +306,12 @@ def test_explained_are_rows_left_out_to_a_seventh_above_their_noise(
 ):
     monkeypatch.setattr(judge_module, "by_chance", lambda *_: 1.0)
     sigma = judged[4].sigma / ratio
-    assert (kind(judged, noise={"sigma": sigma}).verdict == Kind.EXPLAINED) == earned
+    assert (kind(judged, noise={"sigma": sigma}).verdict == Outcome.EXPLAINED) == earned
 
 
 @pytest.mark.parametrize(("p", "earned"), [(0.15, True), (0.25, False)])
 def test_explained_leaves_less_than_a_fifth_to_what_the_library_lacks(judged, p, earned):
-    assert (kind(judged, told={"beside": p}).verdict == Kind.EXPLAINED) == earned
+    assert (kind(judged, told={"beside": p}).verdict == Outcome.EXPLAINED) == earned
 
 
 def test_probabilities_of_a_part_of_the_rows_say_so(judged):
@@ -324,11 +324,11 @@ def test_probabilities_of_a_part_of_the_rows_say_so(judged):
 def test_of_few_rows_explained_allows_for_what_chance_adds(judged, monkeypatch, chance, earned):
     monkeypatch.setattr(judge_module, "by_chance", lambda *_: chance)
     sigma = judged[4].sigma / 1.25
-    assert (kind(judged, noise={"sigma": sigma}).verdict == Kind.EXPLAINED) == earned
+    assert (kind(judged, noise={"sigma": sigma}).verdict == Outcome.EXPLAINED) == earned
 
 
 def test_what_may_be_at_work_instead_leaves_no_gap(judged):
-    assert kind(judged, told={"unlisted": 0.4, "beside": 0.05}).verdict == Kind.EXPLAINED
+    assert kind(judged, told={"unlisted": 0.4, "beside": 0.05}).verdict == Outcome.EXPLAINED
 
 
 def test_beside_what_is_named_is_told_apart_from_instead_of_it():
@@ -342,7 +342,7 @@ def test_beside_what_is_named_is_told_apart_from_instead_of_it():
 
 def test_without_a_known_noise_nothing_further_was_found(judged):
     verdict = kind(judged, noise={"source": "fit"})
-    assert verdict.verdict == Kind.PARTLY
+    assert verdict.verdict == Outcome.PARTLY
     assert verdict.meaning == NOTHING_FURTHER
     assert verdict.to_dict()["gap"]["noise_floor"] is None
     assert kind(judged).to_dict()["gap"]["noise_floor"] > 0.0
@@ -352,14 +352,14 @@ def test_a_parameter_at_its_bound_explains_nothing(judged, monkeypatch):
     stuck = Estimate(1.0, 0.1, "1", at_bound=True)
     cause = Cause("joint_scale", "joint", 2, probability=0.99, parameters={"gain": stuck})
     monkeypatch.setattr(judge_module, "cause_of", lambda *_: cause)
-    assert kind(judged).verdict == Kind.PARTLY
+    assert kind(judged).verdict == Outcome.PARTLY
     free = replace(cause, parameters={"gain": replace(stuck, at_bound=False)})
     monkeypatch.setattr(judge_module, "cause_of", lambda *_: free)
-    assert kind(judged).verdict == Kind.EXPLAINED
+    assert kind(judged).verdict == Outcome.EXPLAINED
 
 
 def test_fits_that_did_not_end_explain_nothing(judged, monkeypatch):
-    for converged, earned in ((False, Kind.PARTLY), (True, Kind.EXPLAINED)):
+    for converged, earned in ((False, Outcome.PARTLY), (True, Outcome.EXPLAINED)):
         one = Judged("the fit", converged, 0.0, 0.0, ())
         monkeypatch.setattr(judge_module, "judgement_of", lambda *_, one=one: Judgement.of([one]))
         assert kind(judged).verdict == earned
@@ -381,11 +381,11 @@ def test_what_is_not_more_probable_than_not_is_no_cause_but_may_stand_in_for_one
 
 def test_stand_ins_that_foretell_rows_are_not_called_no_explanation(judged):
     outside = kind(judged, told={"named": frozenset(), "unlisted": 0.9})
-    assert outside.verdict == Kind.OUTSIDE
+    assert outside.verdict == Outcome.OUTSIDE
     assert outside.meaning == STAND_INS
     assert [(p.stage, p.element) for p in outside.where] == [("joint", 2)]
     nothing = replace(outside, gap=replace(outside.gap, shrink_ci95=(0.0, 0.0)))
-    assert nothing.meaning == MEANING[Kind.OUTSIDE]
+    assert nothing.meaning == MEANING[Outcome.OUTSIDE]
 
 
 def test_a_gap_lies_at_the_places_of_all_that_may_do_the_same(judged):

@@ -9,7 +9,7 @@ from plumbline.experiments.reality.body_effects import BaseBump
 from plumbline.experiments.reality.joint_effects import JointCompliance, JointOffset
 from plumbline.experiments.reality.outside_effects import LooseTool
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
@@ -24,7 +24,7 @@ def test_gross_errors_are_named_row_by_row(seed, tmp_path):
     diagnosis = diagnose(recording)
     assert len(facts["gross_rows"]) == 4
     assert list(diagnosis.verdict.distrusted_rows) == facts["gross_rows"]
-    assert diagnosis.verdict.verdict == Kind.NO_GAP
+    assert diagnosis.verdict.verdict == Outcome.NO_GAP
     np.testing.assert_array_equal(np.flatnonzero(~diagnosis.trusted) + 1, facts["gross_rows"])
 
 
@@ -57,7 +57,7 @@ def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_pa
     slip = LooseTool(0.0, rows=(9, 27, 44), direction=(0.6, 0.0, 0.8))
     recording, _ = recorded(with_fault(faultless(rows=60, seed=6), slip, gap=2.5), tmp_path)
     verdict = diagnose(recording).verdict
-    assert verdict.verdict == Kind.OUTSIDE
+    assert verdict.verdict == Outcome.OUTSIDE
     assert not verdict.causes
     assert verdict.outside_depends_on == "rows 10, 28, 45: one shift of the tool explains them"
     assert verdict.distrusted_rows == (10, 28, 45)
@@ -68,7 +68,7 @@ def test_gross_errors_that_owe_nothing_to_each_other_are_not_a_slip(tmp_path):
     recording, facts = recorded(planted(faultless(rows=70, seed=8), 0.06, 8), tmp_path)
     verdict = diagnose(recording).verdict
     assert len(facts["gross_rows"]) == 4
-    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.verdict == Outcome.NO_GAP
     assert verdict.outside_depends_on == ""
 
 

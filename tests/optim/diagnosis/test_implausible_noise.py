@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.findings import Kind, NoiseLevel
+from plumbline.optim.diagnosis.findings import NoiseLevel, Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.verdict.judge import _missed
 from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise
@@ -15,7 +15,7 @@ from plumbline.optim.recording import set_up
 from tests.benches import readings
 from tests.optim.recording.test_set_up import room, told, turned
 
-SURE = (Kind.NO_GAP, Kind.EXPLAINED)
+SURE = (Outcome.NO_GAP, Outcome.EXPLAINED)
 
 
 def shuffled_sockets(given):
@@ -61,7 +61,7 @@ def test_the_limit_is_a_hundredth_of_the_reach():
         diagnose(told(given, measured=given["measured"] + share * noise)).verdict.verdict
         for share in (0.006, 0.016)
     ]
-    assert kinds == [Kind.NO_GAP, Kind.OUTSIDE]
+    assert kinds == [Outcome.NO_GAP, Outcome.OUTSIDE]
 
 
 def test_a_drift_that_rows_left_out_do_not_foretell_is_no_noise_of_theirs():
@@ -94,7 +94,7 @@ def test_what_is_large_and_taken_for_noise_is_said_to_be(share, said):
     noise = np.random.default_rng(0).normal(0.0, 1.0, given["measured"].shape)
     noisy = given["measured"] + share * given["robot"].chain().reach * noise
     verdict = diagnose(told(given, measured=noisy)).verdict
-    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.verdict == Outcome.NO_GAP
     assert ("taken for noise, since none is stated" in " ".join(verdict.notes)) == said
 
 

@@ -11,7 +11,7 @@ from plumbline.experiments.reality.drives import Wrong, follow
 from plumbline.experiments.report.diagnosis.motion import transfer_of
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
@@ -99,7 +99,7 @@ def test_what_is_wrong_is_named_at_its_joint_with_its_size(found):
 
 def test_the_verdict_is_that_of_any_recording(found, tmp_path):
     verdict = found.verdict
-    assert verdict.verdict == Kind.EXPLAINED
+    assert verdict.verdict == Outcome.EXPLAINED
     assert verdict.gap.after < 1.1 * verdict.noise.sigma
     assert verdict.gap.held_out_by == "time"
     assert verdict.outside_probability < 0.2
@@ -194,7 +194,7 @@ def test_a_model_holds_on_another_motion(found):
 
 def test_nothing_wrong_is_no_gap():
     verdict = diagnose(recorded([{}, {}], seed=3)).verdict
-    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.verdict == Outcome.NO_GAP
     assert verdict.causes == ()
 
 
@@ -208,7 +208,7 @@ def test_readings_between_which_the_even_clock_falls_have_less_noise():
     verdict = diagnose(
         build_motion(robot=arm(), time=stamps, command=u, q=q, noise_std=1e-3)
     ).verdict
-    assert verdict.verdict == Kind.NO_GAP
+    assert verdict.verdict == Outcome.NO_GAP
     assert verdict.noise.sigma < 0.9e-3
     assert verdict.gap.after == pytest.approx(verdict.noise.sigma, rel=0.05)
 
@@ -219,7 +219,7 @@ def test_without_a_known_noise_nothing_is_explained():
         robot=arm(), time=recording.time, command=recording.command, q=recording.q
     )
     verdict = diagnose(unknown).verdict
-    assert verdict.verdict == Kind.PARTLY
+    assert verdict.verdict == Outcome.PARTLY
     assert [(c.effect, c.element) for c in verdict.causes] == [("actuation_delay", 1)]
     assert verdict.to_dict()["gap"]["noise_floor"] is None
 

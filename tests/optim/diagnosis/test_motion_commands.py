@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import arm, multisine
 from tests.optim.diagnosis.test_motion_physics import MJCF, STEP, URDF
@@ -83,7 +83,7 @@ def test_of_two_velocity_servos_the_one_that_scales_and_is_late_is_told_so():
 
 def test_motors_that_do_as_told_have_no_gap():
     answer = diagnose(recorded("sampled_torque", *moved(TORQUE, torques, start=(0.0, 0.2))))
-    assert answer.verdict.verdict is Kind.NO_GAP
+    assert answer.verdict.verdict is Outcome.NO_GAP
 
 
 def test_a_motor_that_gives_less_than_it_is_asked_for_is_told_so():

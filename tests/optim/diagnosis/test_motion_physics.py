@@ -160,7 +160,9 @@ def test_a_planned_way_takes_the_time_of_its_two_ramps_and_trails_what_moves():
     assert q[-1] == pytest.approx(0.9 - 1 / (2 * 5.0), abs=5e-3)  # v^2 / 2 a behind
 
 
-@pytest.mark.parametrize(("constant", "by"), [("HOLDS", 1.0), ("HOLDS", 2.0), ("SLOWS", 2.0)])
+@pytest.mark.parametrize(
+    ("constant", "by"), [("STIFFNESS", 1.0), ("STIFFNESS", 2.0), ("SLOWS", 2.0)]
+)
 def test_soft_friction_is_mujocos_frictionloss(constant, by, monkeypatch):
     monkeypatch.setattr(drive, constant, by * getattr(drive, constant))
     t = np.arange(0.0, 3.0, 0.01)

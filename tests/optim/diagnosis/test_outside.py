@@ -16,7 +16,7 @@ from plumbline.kinematics.effects import JointCoupling
 from plumbline.kinematics.effects import TransmissionRipple as ModelledRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import _of_links, dependences
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
@@ -60,13 +60,13 @@ def bent(tmp_path_factory):
 def test_a_joint_that_sticks_and_slips_is_no_cause_of_the_library(tmp_path):
     case = with_fault(faultless(rows=90, seed=22), StickSlip(0.0, 4, 22), gap=2.5)
     verdict = diagnose(recorded(case, tmp_path)[0]).verdict
-    assert verdict.verdict == Kind.OUTSIDE
+    assert verdict.verdict == Outcome.OUTSIDE
     assert [(p.stage, p.element) for p in verdict.where] == [("joint", 4)]
 
 
 def test_one_joint_s_error_that_depends_on_another_is_named(bent):
     verdict = diagnose(bent).verdict
-    assert verdict.verdict == Kind.OUTSIDE
+    assert verdict.verdict == Outcome.OUTSIDE
     assert verdict.outside_depends_on == "joint 2's error depends on joint 3's angle"
     assert verdict.outside_probability > 0.99
     assert [(p.stage, p.element, p.share) for p in verdict.where] == [("joint", 2, 1.0)]
@@ -81,7 +81,7 @@ def test_what_is_seen_does_not_depend_on_the_random_features(bent):
 
 
 def test_a_field_around_a_place_is_flagged_as_depending_on_the_place(field):
-    assert field.verdict == Kind.OUTSIDE
+    assert field.verdict == Outcome.OUTSIDE
     assert field.outside_depends_on.startswith("the place of the tip")
     assert field.where[0].stage == "sensor"
     assert field.where[0].share > 0.8
@@ -151,7 +151,7 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
     gone = {"transmission_ripple", "gear_ripple"}
     library = library_without(*gone)
     verdict = diagnose(recording, DiagnosisOptions(library=library)).verdict
-    assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
+    assert verdict.verdict in (Outcome.OUTSIDE, Outcome.PARTLY)
     assert not gone & {c.effect for c in verdict.candidates}
 
 
@@ -167,7 +167,7 @@ def test_a_cause_beside_an_unknown_is_named_and_explains_a_part(tmp_path):
     case = faultless(rows=90, seed=5)
     recording, _ = recorded(with_fault(case, JointScale(0.0, 3), spot(case)), tmp_path)
     partly = diagnose(recording).verdict
-    assert partly.verdict == Kind.PARTLY
+    assert partly.verdict == Outcome.PARTLY
     assert partly.outside_probability > 0.95
     assert partly.outside_depends_on.startswith("the place of the tip")
     assert ("joint_scale", 3) in {(c.effect, c.element) for c in partly.causes}
@@ -238,7 +238,7 @@ def test_more_noise_than_stated_depends_on_nothing(seed, tmp_path):
     recording, _ = recorded(faultless(rows=80, seed=seed), tmp_path)
     understated = replace(recording, noise_std=recording.noise_std / 1.6)
     verdict = diagnose(understated).verdict
-    assert verdict.verdict in (Kind.OUTSIDE, Kind.PARTLY)
+    assert verdict.verdict in (Outcome.OUTSIDE, Outcome.PARTLY)
     assert all(c.probability < 0.7 for c in verdict.candidates)
     assert verdict.outside_depends_on == ""
     assert verdict.causes or verdict.where == ()
@@ -252,7 +252,7 @@ def test_a_gross_row_is_left_out_however_gross_it_is(size, tmp_path):
     spoilt[5, 1] += size
     found = diagnose(replace(recording, measured=spoilt))
     assert causes(found) == [("transmission_ripple", 2)]
-    assert found.verdict.verdict == Kind.EXPLAINED
+    assert found.verdict.verdict == Outcome.EXPLAINED
     assert found.verdict.distrusted_rows == (6,)
 
 

@@ -17,7 +17,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import _lever_unknown, diagnose
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, on_all_rows
@@ -181,7 +181,7 @@ def test_a_bump_in_one_stretch_is_foretold_by_rows_in_between(tmp_path):
     recording, _ = recorded(case, tmp_path)
     verdict = diagnose(recording).verdict
     assert [c.effect for c in verdict.causes] == ["base_bump"]
-    assert verdict.verdict == Kind.EXPLAINED
+    assert verdict.verdict == Outcome.EXPLAINED
     assert verdict.gap.held_out_by == "rows"
     assert verdict.gap.after < 1.15 * verdict.gap.noise_floor
     assert verdict.outside_probability < 0.2

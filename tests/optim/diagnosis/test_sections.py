@@ -10,8 +10,8 @@ import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.kinematics.tree import tree_of
-from plumbline.optim.diagnosis.carried import Carries, OfRecording
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.of_recordings import Carries, OfRecording
 from plumbline.optim.diagnosis.proof import proofs
 from plumbline.optim.diagnosis.several.motions import joined_motions
 from plumbline.optim.diagnosis.several.sections import refuse_unlike
@@ -77,8 +77,8 @@ def test_each_kind_is_a_section_with_its_own_causes(answer):
     assert {c.effect for c in answer.sections[2].causes} >= {"actuation_delay", "actuation_play"}
     assert answer.causes == tuple(c for one in answer.sections for c in one.causes)
     assert answer.gap == answer.sections[0].gap
-    assert [one.verdict.verdict for one in answer.sections][2] == Kind.PARTLY
-    assert answer.verdict.verdict == Kind.PARTLY, "the least settled is that of all"
+    assert [one.verdict.verdict for one in answer.sections][2] == Outcome.PARTLY
+    assert answer.verdict.verdict == Outcome.PARTLY, "the least settled is that of all"
 
 
 def test_efforts_of_several_recordings_are_fitted_together_each_with_its_noise(answer, both):

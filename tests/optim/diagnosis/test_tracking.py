@@ -14,7 +14,7 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import ActuationLag
 from plumbline.optim.capsule_mpc import OneStep, Plant
 from plumbline.optim.capsule_mpc.plant import Underway
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion.rollout import roll_out
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import recorded
@@ -84,7 +84,7 @@ def test_a_plant_is_read_off_the_diagnosis_in_millimetres(found):
 def test_noise_at_a_window_s_start_is_no_gap(tmp_path):
     folder = folder_of(tmp_path, Slides(), axes=1)
     answer = diagnose(folder)
-    assert answer.verdict.verdict is Kind.NO_GAP
+    assert answer.verdict.verdict is Outcome.NO_GAP
     assert answer.gap.after == pytest.approx(1e-3 * NOISE, rel=0.08)
 
 

@@ -6,14 +6,14 @@ from collections.abc import Iterable
 from html import escape
 
 from plumbline.optim.core.quantities import chance, counted, percent
-from plumbline.optim.diagnosis.findings import Cause, Kind, Place, Verdict
+from plumbline.optim.diagnosis.findings import Cause, Outcome, Place, Verdict
 from plumbline.optim.diagnosis.verdict import words
 
 COLOURS = {
-    Kind.NO_GAP: "#00795a",
-    Kind.EXPLAINED: "#00795a",
-    Kind.PARTLY: "#0072b2",
-    Kind.OUTSIDE: "#b34700",
+    Outcome.NO_GAP: "#00795a",
+    Outcome.EXPLAINED: "#00795a",
+    Outcome.PARTLY: "#0072b2",
+    Outcome.OUTSIDE: "#b34700",
 }
 MOST_LINES = 8
 _LEFT = "text-align:left;vertical-align:top"

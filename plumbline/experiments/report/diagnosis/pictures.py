@@ -11,7 +11,7 @@ from plumbline.experiments.report.diagnosis.arm import arm
 from plumbline.experiments.report.diagnosis.subject import Array, Diagnosed, Subject, running
 from plumbline.experiments.report.page.page import Picture
 from plumbline.optim.core.quantities import counted, percent, significant
-from plumbline.optim.diagnosis.findings import Kind
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.verdict.words import noise_words, place_words
 
 
@@ -287,7 +287,7 @@ def _noise(subject: Subject) -> Picture | None:
     noise, unit = subject.verdict.noise, subject.verdict.gap.unit
     title = "Residuals against the noise"
     if np.isfinite(noise.ratio) and subject.verdict.knows_noise:
-        left = "what is left" if subject.verdict.verdict != Kind.NO_GAP else "the residual"
+        left = "what is left" if subject.verdict.verdict != Outcome.NO_GAP else "the residual"
         title = f"Fitted to all rows, {left} is {significant(noise.ratio)} times the noise"
     words = "Single readings' residuals before (grey) and after (blue) as densities."
     if np.isfinite(noise.sigma):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from plumbline.experiments.report.page.page import Grid
 from plumbline.optim.core.quantities import measured, quantity, significant
-from plumbline.optim.diagnosis.carried import Carries, Compared, Transfer
 from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.of_recordings import Carries, Compared, Transfer
 
 LISTED = 40  # rows that are named one by one
 

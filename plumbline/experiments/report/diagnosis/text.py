@@ -19,14 +19,14 @@ from plumbline.experiments.report.diagnosis.phrases import (
 )
 from plumbline.experiments.report.page.page import Grid
 from plumbline.optim.core.quantities import chance, counted, percent, quantity
-from plumbline.optim.diagnosis.findings import Cause, Kind, Verdict
+from plumbline.optim.diagnosis.findings import Cause, Outcome, Verdict
 from plumbline.optim.diagnosis.verdict import words
 
 COLOURS = {
-    Kind.NO_GAP: "bold green",
-    Kind.EXPLAINED: "bold green",
-    Kind.PARTLY: "bold cyan",
-    Kind.OUTSIDE: "bold yellow",
+    Outcome.NO_GAP: "bold green",
+    Outcome.EXPLAINED: "bold green",
+    Outcome.PARTLY: "bold cyan",
+    Outcome.OUTSIDE: "bold yellow",
 }
 WORD = 14  # characters of a table's words that are not broken
 BAR = 30  # characters of the longest bar

@@ -26,11 +26,7 @@ from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, depend
 from plumbline.optim.diagnosis.discrepancy.design import Design, looks
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.linearise.linear import (
-    Columns,
-    Linear,
-    orthonormal,
-)
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, orthonormal
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
@@ -49,6 +45,7 @@ from plumbline.optim.diagnosis.prior import (
     SWALLOWED,
     USUAL,
 )
+from plumbline.optim.recording.recording import Recording
 
 Mechanism = tuple[str, int | None, str, str | None]  # stage, element, on what it depends, effect
 Names = tuple[tuple[Mechanism, ...], tuple[tuple[str, int | None], ...], tuple[str, ...]]
@@ -81,6 +78,9 @@ class GrossRow:
         return [0.0] * len(self.columns)
 
 
+AnyTerm = Candidate | Unlisted | GrossRow
+
+
 @dataclass(frozen=True, eq=False)
 class Alternatives:
     """The joint problem and what its terms and labels mean."""
@@ -100,7 +100,7 @@ class Alternatives:
     # how far blocks (n,) of these rows agree about some terms; 1 if wholly
     agreement: Callable[[NDArray[np.intp], Sequence[SelectedTerm], float], float]
 
-    def term(self, index: int) -> Candidate | Unlisted | GrossRow:
+    def term(self, index: int) -> AnyTerm:
         """A term by its number."""
         found = self.problem.terms[index]
         assert isinstance(found, Candidate | Unlisted | GrossRow)
@@ -124,47 +124,79 @@ def alternatives(
         unlisted: Prior probability that a term is of no effect of the library.
         seed: Of the random features.
     """
-    model, x = pool.model, pool.x
     rows = rows_compared(pool)
-    ports = Ports.about(model, x, rows, pool.always)
-    recording = model.recording.select(rows)
-    found = [f for f in dependences(recording, ports, seed) if f.columns.any()]
-    if recording.element is None:
-        found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
-    found = _not_listed(pool, ports, found)
+    ports = Ports.about(pool.model, pool.x, rows, pool.always)
+    recording = pool.model.recording.select(rows)
+    found = _families(pool, recording, ports, seed)
     shares = _log_shares(found)
     design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
-    beside = list(resembling(listed, found, recording, ports, design.visible))
-    if beside:
-        own = np.array([f.log_prior for f in beside]) + np.log(RESEMBLING)
+    near = list(resembling(listed, found, recording, ports, design.visible))
+    if near:
+        own = np.array([f.log_prior for f in near]) + np.log(RESEMBLING)
         shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])
-        found += beside
+        found += near
     kept = design.worth_trying(found, shares, pool, chosen)
     found, shares = [found[i] for i in kept], shares[kept]
     added = [*(f.columns for f in found), *ports.own_shifts()]
     linear, columns = design.with_more(added)
-    families = [Unlisted(f, c) for f, c in zip(found, columns, strict=False)]
-    numbers = rows[np.flatnonzero(ports.gross)]
-    gross = [GrossRow(int(r), c) for r, c in zip(numbers, columns[len(found) :], strict=True)]
-    moved = [replace(c, columns=c.columns - pool.always) for c in pool.candidates]
-    terms: tuple[Candidate | Unlisted | GrossRow, ...] = (*moved, *families, *gross)
-    library = pool.selection.log_priors + np.log1p(-unlisted)
-    priors = np.concatenate([library, np.log(unlisted) + shares, np.full(len(gross), -np.inf)])
-    of_none = np.array([isinstance(t, Unlisted) for t in terms], dtype=bool)
-    names, numbered = _labels(terms)
-    is_gross = np.array([isinstance(t, GrossRow) for t in terms], dtype=bool)
-    problem = JointProblem(
-        linear, terms, priors, is_gross, np.vstack([numbered, of_none]), pool.noise, of_none,
-        PART_OF_UNLISTED,
-    )  # fmt: skip
+    terms = _terms(pool, found, columns, rows[np.flatnonzero(ports.gross)])
+    names, numbers = _labels(terms)
+    priors = _log_priors(pool, shares, len(terms), unlisted)
+    problem = _problem(pool, linear, terms, priors, numbers)
     asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
-    return Alternatives(problem, *names, len(moved), rows, *asked)
+    return Alternatives(problem, *names, len(pool.candidates), rows, *asked)
 
 
-def _labels(
-    terms: Sequence[Candidate | Unlisted | GrossRow],
-) -> tuple[Names, NDArray[np.intp]]:
+def _families(pool: Pool, recording: Recording, ports: Ports, seed: int) -> list[Dependence]:
+    """What the library may lack: functions at every port, but those that are a listed effect."""
+    found = [f for f in dependences(recording, ports, seed) if f.columns.any()]
+    if recording.element is None:
+        found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
+    return _not_listed(pool, ports, found)
+
+
+def _terms(
+    pool: Pool,
+    found: Sequence[Dependence],
+    columns: Sequence[NDArray[np.intp]],
+    gross: NDArray[np.intp],
+) -> tuple[AnyTerm, ...]:
+    """The library's candidates, then what it may lack, then gross rows by their numbers.
+
+    Args:
+        pool: The candidates.
+        found: What the library may lack (F).
+        columns: Columns of those, then of the gross rows.
+        gross: Numbers of these rows.
+    """
+    listed = (replace(c, columns=c.columns - pool.always) for c in pool.candidates)
+    lacked = (Unlisted(f, c) for f, c in zip(found, columns, strict=False))
+    alone = (GrossRow(int(r), c) for r, c in zip(gross, columns[len(found) :], strict=True))
+    return (*listed, *lacked, *alone)
+
+
+def _log_priors(pool: Pool, shares: Array, count: int, unlisted: float) -> Array:
+    """Log priors (C,) of all terms; gross rows have theirs from their number."""
+    library = pool.selection.log_priors + np.log1p(-unlisted)
+    gross = np.full(count - len(library) - len(shares), -np.inf)
+    return np.concatenate([library, np.log(unlisted) + shares, gross])
+
+
+def _problem(
+    pool: Pool, linear: Linear, terms: Sequence[AnyTerm], priors: Array, numbers: NDArray[np.intp]
+) -> JointProblem:
+    """The joint problem; its last label is whether a term is of no effect of the library."""
+    lacked, gross = (
+        np.array([isinstance(t, kind) for t in terms], dtype=bool) for kind in (Unlisted, GrossRow)
+    )
+    labels = np.vstack([numbers, lacked])
+    return JointProblem(
+        linear, tuple(terms), priors, gross, labels, pool.noise, lacked, PART_OF_UNLISTED
+    )
+
+
+def _labels(terms: Sequence[AnyTerm]) -> tuple[Names, NDArray[np.intp]]:
     """Mechanisms, places and words of unlisted dependences, and which of each a term has (3, C)."""
     own = [_mechanism(t) for t in terms]
     said = [t.family.words if isinstance(t, Unlisted) else "" for t in terms]

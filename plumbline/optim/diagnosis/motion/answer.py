@@ -8,7 +8,6 @@ from typing import Any
 from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
 from plumbline.optim.core.stored import register, restored
-from plumbline.optim.diagnosis.asked import Asked
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.motion.fit import Fit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
@@ -18,15 +17,15 @@ from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.motion.unlisted import Unlisted
 from plumbline.optim.diagnosis.motion.verdict import by_joint
-from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.told import Told
+from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
+from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model.drives import Drives
 from plumbline.optim.model.making_drives import drives_of
 from plumbline.optim.recording import storing as storing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MotionDiagnosis(Told):
+class MotionDiagnosis(WithVerdict):
     """A verdict on a motion with what it rests on.
 
     Attributes:
@@ -132,12 +131,12 @@ class _Stored:
     verdict: Verdict
     joints: tuple[_StoredJoint, ...]
     left_out: tuple[LeftOut, ...]
-    asked: Asked
+    asked: StoredOptions
 
     @classmethod
     def of(cls, d: MotionDiagnosis) -> _Stored:
         joints = tuple(_StoredJoint.of(joint) for joint in d.joints)
-        return cls(d.recording, d.verdict, joints, d.left_out, Asked.of(d.options))
+        return cls(d.recording, d.verdict, joints, d.left_out, StoredOptions.of(d.options))
 
     @classmethod
     def again(cls, data: Any) -> MotionDiagnosis:

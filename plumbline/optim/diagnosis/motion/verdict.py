@@ -18,8 +18,8 @@ from plumbline.optim.diagnosis.findings import (
     Cause,
     Estimate,
     Gap,
-    Kind,
     NoiseLevel,
+    Outcome,
     Place,
     Step,
     Verdict,
@@ -71,7 +71,7 @@ def verdict_of(found: Found) -> Verdict:
     earned = noise.source != "fit" and judged.converged and not stuck
     kind = _kind(bool(causes), beyond, earned)
     where = _where(found) if causes else ()
-    if kind == Kind.OUTSIDE:
+    if kind == Outcome.OUTSIDE:
         worst = max(zip(found.joints, found.judged, strict=True), key=lambda x: x[1].after.mean())
         where = (Place(STAGE, worst[0].number, 1.0),)
     return Verdict(
@@ -108,10 +108,10 @@ def _tree(joints: Sequence[Joint]) -> tuple[dict[str, Any], ...]:
     return tree_of({(STAGE, joint.number): joint.anything for joint in joints}, mechanisms)
 
 
-def _kind(causes: bool, beyond: bool, earned: bool) -> Kind:
+def _kind(causes: bool, beyond: bool, earned: bool) -> Outcome:
     if causes:
-        return Kind.EXPLAINED if earned and not beyond else Kind.PARTLY
-    return Kind.OUTSIDE if beyond else Kind.NO_GAP
+        return Outcome.EXPLAINED if earned and not beyond else Outcome.PARTLY
+    return Outcome.OUTSIDE if beyond else Outcome.NO_GAP
 
 
 def _noise(found: Found) -> NoiseLevel:

@@ -16,7 +16,6 @@ import numpy as np
 from plumbline.errors import PlumblineError, fault, one_line
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress
-from plumbline.optim.diagnosis.carried import Carries, Compared, OfRecording, Transfer
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
@@ -25,6 +24,7 @@ from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Windows
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
+from plumbline.optim.diagnosis.of_recordings import Carries, Compared, OfRecording, Transfer
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.model.apply import ALIKE, CHANGED
 from plumbline.optim.recording.origin import Flags

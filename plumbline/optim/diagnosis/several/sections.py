@@ -18,13 +18,13 @@ from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.stored import register, restored
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.findings import Kind, Verdict
+from plumbline.optim.diagnosis.findings import Outcome, Verdict
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.several.motions import diagnose_motions, joined_motions
 from plumbline.optim.diagnosis.several.together import diagnose_session
-from plumbline.optim.diagnosis.told import Told
+from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model import Applied, Drives, Model
 from plumbline.optim.recording.kinds import EFFORTS, PLACES
 from plumbline.optim.recording.recording import Recording
@@ -33,11 +33,11 @@ from plumbline.optim.recording.session import ALIKE, build_session
 Section = Diagnosis | MotionDiagnosis
 ORDER = (PLACES, (EFFORTS,), ("motion",), ("tracking",), ("plane_range",), ("fiducials",))
 # The least settled verdict of the sections is that of all.
-SETTLED = (Kind.OUTSIDE, Kind.PARTLY, Kind.EXPLAINED, Kind.NO_GAP)
+SETTLED = (Outcome.OUTSIDE, Outcome.PARTLY, Outcome.EXPLAINED, Outcome.NO_GAP)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sections(Told):
+class Sections(WithVerdict):
     """A verdict on recordings of several kinds."""
 
     # that of all: the least settled of the sections' verdicts, the causes of each after those of

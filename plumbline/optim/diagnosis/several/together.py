@@ -15,9 +15,9 @@ from plumbline.kinematics.effects.confined import confined
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.answer import LEAST_NOISE, Diagnosis
-from plumbline.optim.diagnosis.carried import OfRecording
 from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
 from plumbline.optim.diagnosis.findings import NoiseLevel
+from plumbline.optim.diagnosis.of_recordings import OfRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever

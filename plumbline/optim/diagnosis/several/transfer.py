@@ -21,9 +21,9 @@ from plumbline.kinematics.effects.confined import parts_of
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.answer import Diagnosis
-from plumbline.optim.diagnosis.carried import Carries, Compared, OfRecording, Transfer
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
+from plumbline.optim.diagnosis.of_recordings import Carries, Compared, OfRecording, Transfer
 from plumbline.optim.diagnosis.posterior.agreement import share_of
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each

@@ -14,8 +14,8 @@ from plumbline.optim.diagnosis.findings import (
     Cause,
     Gap,
     Key,
-    Kind,
     NoiseLevel,
+    Outcome,
     Place,
     Verdict,
 )
@@ -125,10 +125,10 @@ def _where(selected: SelectedModel, told: Explanation, seed: int) -> tuple[Place
     return tuple(Place(*place, share) for place, share in lacked)
 
 
-def _kind(any_cause: bool, beyond: bool, earned: bool) -> Kind:
+def _kind(any_cause: bool, beyond: bool, earned: bool) -> Outcome:
     if any_cause:
-        return Kind.EXPLAINED if earned else Kind.PARTLY
-    return Kind.OUTSIDE if beyond else Kind.NO_GAP
+        return Outcome.EXPLAINED if earned else Outcome.PARTLY
+    return Outcome.OUTSIDE if beyond else Outcome.NO_GAP
 
 
 def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement, chance: float) -> bool:
@@ -190,7 +190,7 @@ def _notes(
     told: Explanation,
     noise: NoiseLevel,
     gap: Gap,
-    kind: Kind,
+    kind: Outcome,
     *,
     coarse: float,
 ) -> tuple[str, ...]:
@@ -203,7 +203,9 @@ def _notes(
             "or rows are mixed up, or the device is too coarse to show a gap"
         )
     elif (
-        kind == Kind.NO_GAP and noise.source == "fit" and noise.sigma > ASKED * plausible(recording)
+        kind == Outcome.NO_GAP
+        and noise.source == "fit"
+        and noise.sigma > ASKED * plausible(recording)
     ):
         taken = f"{quantity(noise.sigma, gap.unit)} an axis is taken for noise"
         notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")

@@ -23,8 +23,8 @@ from plumbline.optim.diagnosis.findings import (
     Cause,
     Estimate,
     Key,
-    Kind,
     NoiseLevel,
+    Outcome,
     Verdict,
 )
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
@@ -251,7 +251,7 @@ def gap_words(verdict: Verdict) -> str:
     before, after, floor = (quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor))
     if not verdict.knows_noise:
         return _gap_without_noise(verdict, before, after)
-    if verdict.verdict == Kind.NO_GAP:
+    if verdict.verdict == Outcome.NO_GAP:
         return f"The model misses by {before}; noise alone would give {floor}."
     if not verdict.causes:
         return f"The model misses by {before}, where noise alone would give {floor}."

@@ -9,7 +9,7 @@ from plumbline.optim.core.judged import Judgement
 from plumbline.optim.diagnosis.findings import Cause, Gap, Place, Verdict
 
 
-class Told(Answer):
+class WithVerdict(Answer):
     """An answer with a verdict: its fields that are asked for most are the answer's as well."""
 
     if TYPE_CHECKING:  # a field of each
