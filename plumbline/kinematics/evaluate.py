@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 BLOCK_NUMBERS = 20_000  # of inputs and outputs at a call: what a core keeps at hand (cost only)
-FEWEST_ROWS, MOST_ROWS = 500, 2000  # of a column: it shall outweigh the call of an operation
-MOST_WORK = 4000  # columns at hand: 64 MB of them (cost only)
+FEWEST_ROWS, MOST_ROWS = 500, 10_000  # of a column: it shall outweigh the call of an operation
+MOST_WORK, AT_HAND = 4000, 8_000_000  # columns of a program, their numbers: 64 MB (cost only)
 Operation = Callable[..., Any]
 Step = tuple[Operation | None, int, int, int, bool]
 
@@ -119,8 +119,9 @@ class _Program:
         given = [np.asarray(s, dtype=float).ravel() for s in shared]
         found = [np.empty((f.nnz_out(i), count)) for i in range(f.n_out())]
         with np.errstate(all="ignore"):
-            for first in range(0, count, MOST_ROWS):
-                part = slice(first, min(first + MOST_ROWS, count))
+            size = min(MOST_ROWS, AT_HAND // max(f.sz_w(), 1))
+            for first in range(0, count, size):
+                part = slice(first, min(first + size, count))
                 self._column([*given, table[part].T.copy()], [one[:, part] for one in found])
         shapes = [f.size_out(i) for i in range(f.n_out())]
         return [

@@ -10,6 +10,7 @@ import pytest
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.dh_fit import constants as of_links
 from plumbline.optim.model import command as of_commands
+from plumbline.optim.model import near
 from plumbline.optim.pointing import HalfSpace, PointingOptions, Solid, plan_sweep, sweep
 from plumbline.optim.pointing import constants as of_pointing
 from plumbline.optim.pointing.between import Between
@@ -47,13 +48,17 @@ POINTING = {
     "SPARE": 3e-4, "PENALTY": 1e2, "ROUNDS": 4, "PATIENCE": 2, "NEAREST": 3,
 }  # fmt: skip
 COMMANDS = {
-    "LEVER": 0.1, "DAMPING": 1e-3, "STEPS": 30, "SETTLED": 1e-11, "FAR_STEPS": 60, "LONGEST": 0.4,
+    "FIRST_STEPS": 12, "STEPS": 30, "SETTLED": 1e-11, "FAR_STEPS": 60, "LONGEST": 0.4,
     "PLACE_FIRST": 100.0, "EASED": 10.0, "STARTS": 12, "REACHED": 1e-6, "SLACK": 1e-9,
+}  # fmt: skip
+NEAR_COMMANDS = {
+    "LEVER": 0.1, "DAMPING": 1e-3, "NEAR_STEPS": 12, "PLACED": 1e-9, "STILL": 1e-8, "FARTHEST": 0.1,
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("module", "stand"), [(of_links, LINKS), (of_pointing, POINTING), (of_commands, COMMANDS)]
+    ("module", "stand"),
+    [(of_links, LINKS), (of_pointing, POINTING), (of_commands, COMMANDS), (near, NEAR_COMMANDS)],
 )
 def test_every_number_stands_where_it_was_set_and_says_why(module, stand):
     lines = Path(module.__file__).read_text().splitlines()

@@ -4,7 +4,7 @@ r"""An arm as it was found: where its tip is, how that moves with the joints, ho
           \operatorname{cov} p = J_x C J_x^T
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.fitted import Fitted
-from plumbline.optim.model.rows import completed, postures
+from plumbline.optim.model.rows import CONTEXT, completed, postures
 from plumbline.optim.model.statement import Statement, matrices
 
 
@@ -28,9 +28,11 @@ class Arm(Fitted):
         """The model in symbols."""
         return Statement.of(self, self.columns(np.zeros((1, self.chain.n)), {}))
 
-    def columns(self, q: Array, given: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    def columns(
+        self, q: Array, given: Mapping[str, ArrayLike], used: Collection[str] = CONTEXT
+    ) -> dict[str, Array]:
         """All that any effect may read (N, k), by name, at postures (N, n) and their context."""
-        return completed(self.chain, q, given, self.usual, self.effects)
+        return completed(self.chain, q, given, self.usual, self.effects, used)
 
     def rows(self, q: ArrayLike, **context: ArrayLike) -> Array:
         """What the model reads (N, k) of postures (N, n) or (n,) and their context.
@@ -42,7 +44,8 @@ class Arm(Fitted):
 
     def rows_of(self, q: ArrayLike, context: Mapping[str, ArrayLike]) -> Array:
         """The same with the context as a mapping."""
-        return self.statement.values(self.columns(postures(self.chain, q), context))
+        statement = self.statement
+        return statement.values(self.columns(postures(self.chain, q), context, statement.used))
 
     def placement(self, q: ArrayLike, **context: ArrayLike) -> Array:
         """``T_base_tool`` (N, 4, 4) [m] at joint readings (N, n) or (n,) [rad or m].

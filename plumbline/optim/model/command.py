@@ -3,10 +3,11 @@ r"""The command that brings the real tool where it should be.
 .. math:: q_c = \arg\min_q\ |p(q) - p_w|^2 + \ell^2 |\log R(q)^T R_w|^2 + \lambda^2 |q - q_w|^2
           \quad\text{s.t.}\quad l \le q \le u
 
-by Gauss-Newton steps with the nominal arm's slope, over all postures at once, a joint that runs
-into its limit held there; then a few steps on the place alone, so that where place and orientation
-cannot both be had (few joints, a singular posture, a limit) the place is kept (Nakamura and
-Hanafusa 1986, J. Dyn. Sys. Meas. Control 108(3), sec. 3: damped least squares).
+where few steps near to it do not do (:mod:`.near`: a limit, a singular posture, a joint that
+remembers its path) by Gauss-Newton steps with the nominal arm's slope, over all postures at once, a
+joint that runs into its limit held there; then a few steps on the place alone, so that where place
+and orientation cannot both be had the place is kept (Nakamura and Hanafusa 1986, J. Dyn. Sys. Meas.
+Control 108(3), sec. 3: damped least squares).
 """
 
 from collections.abc import Mapping
@@ -20,10 +21,10 @@ from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.rows import SCALARS, postures
+from plumbline.optim.model.near import DAMPING, LEVER, near
+from plumbline.optim.model.rows import of_rows, postures
 
-LEVER = 0.1  # [m]: a milliradian of orientation counts as much as 0.1 mm of place
-DAMPING = 1e-3  # [m/rad]: a joint of less leverage than this is not moved for a small gain
+FIRST_STEPS = 12  # towards both: what stays of the place is for the steps that follow
 STEPS = 30  # with the nominal arm's slope each leaves some hundredths of what the last has left
 SETTLED = 1e-11  # [rad or m] of a step after which no other is needed
 FAR_STEPS = 60  # steps from another posture
@@ -91,7 +92,7 @@ def _nearest(
     best: Command | None = None
     open_rows = np.arange(len(goal))
     for start in starts:
-        some = _some(context, open_rows, len(goal))
+        some = of_rows(context, open_rows, len(goal))
         there = _approach(arm, start[open_rows], goal[open_rows], posed=posed)
         found = _solved(arm, there, goal[open_rows], some, placed=posed)
         best = found if best is None else _better(best, found, open_rows)
@@ -109,7 +110,7 @@ def _placed(arm: Arm, goal: Array, starts: list[Array], context: Context, best: 
         rows = np.flatnonzero(~best.reached)
         if not len(rows):
             break
-        some = _some(context, rows, len(goal))
+        some = of_rows(context, rows, len(goal))
         there = _approach(arm, start[rows], goal[rows], posed=False)
         there = _approach(arm, there, goal[rows], posed=True, dear=PLACE_FIRST)
         best = _better(best, _solved(arm, there, goal[rows], some, placed=True, far=True), rows)
@@ -125,16 +126,6 @@ def _better(best: Command, found: Command, rows: NDArray[np.intp]) -> Command:
     for name, values in merged.items():
         values[rows[nearer]] = getattr(found, name)[nearer]
     return Command(**merged)
-
-
-def _some(context: Context, rows: NDArray[np.intp], count: int) -> Context:
-    """The context of some of so many rows: a column for each row, or what all of them share."""
-    found: dict[str, ArrayLike] = {}
-    for name, values in context.items():
-        array = np.asarray(values)
-        each = array.ndim == 2 or (array.ndim == 1 and name in SCALARS)
-        found[name] = array[rows] if each and len(array) == count else values
-    return found
 
 
 def _starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
@@ -206,14 +197,23 @@ def _solved(
     far: bool = False,
 ) -> Command:
     """Commands about postures; where the orientation is ``far`` out of reach the place counts."""
-    q = wanted
-    if placed and not far:
-        q = _walk(arm, q, goal, context, wanted, LEVER)
-    q = _walk(arm, q, goal, context, None, 0.0)
-    miss, _ = _misfit(arm, q, goal, context, 1.0)
+    if far or _remembers(arm):
+        q, miss, rest = wanted.copy(), np.empty((len(wanted), 6)), np.arange(len(wanted))
+    else:
+        q, miss, rest = near(arm, wanted, goal, context, placed=placed)
+    if len(rest):
+        at, to, told = wanted[rest], goal[rest], of_rows(context, rest, len(q))
+        if placed and not far:
+            at = _walk(arm, at, to, told, at, LEVER, steps=FIRST_STEPS)
+        q[rest] = _walk(arm, at, to, told, None, 0.0)
+        miss[rest], _ = _misfit(arm, q[rest], to, told, 1.0)
     turned = np.linalg.norm(miss[:, 3:], axis=1) if placed else np.zeros(len(q))
     resting = (q <= arm.chain.lower + SLACK) | (q >= arm.chain.upper - SLACK)
     return Command(q, np.linalg.norm(miss[:, :3], axis=1), turned, resting)
+
+
+def _remembers(arm: Arm) -> bool:
+    return any(effect.remembers for effect in arm.effects)
 
 
 def _walk(
@@ -233,12 +233,12 @@ def _walk(
     A step that leads away is taken back and tried shorter (Levenberg and Marquardt). Rows that are
     there are left alone, but of what remembers the way: the posture before a row is a part of it.
     """
-    remembers = any(effect.remembers for effect in arm.effects)
+    remembers = _remembers(arm)
     rows, q, at = np.arange(len(start)), start.copy(), start.copy()
     least, more = np.full(len(q), np.inf), np.full(len(q), damping)
     miss, J = np.zeros((len(q), 6)), np.zeros((len(q), 6, q.shape[1]))
     for _ in range(steps):
-        found, slope = _misfit(arm, q[rows], goal[rows], _some(context, rows, len(q)), lever)
+        found, slope = _misfit(arm, q[rows], goal[rows], of_rows(context, rows, len(q)), lever)
         found = found * weight
         back = np.zeros_like(q) if wanted is None else wanted - q
         cost = (found**2).sum(axis=1) + DAMPING**2 * (back[rows] ** 2).sum(axis=1)

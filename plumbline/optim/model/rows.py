@@ -4,12 +4,12 @@ What is not given is taken as it is most of the time: no side of approach, at re
 mean temperature and payload, the end of its time, the drives holding the arm against gravity.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed
 from plumbline.kinematics.chain import Chain
@@ -58,6 +58,7 @@ def completed(
     given: Mapping[str, ArrayLike],
     usual: Mapping[str, float],
     effects: Sequence[Effect],
+    used: Collection[str] = CONTEXT,
 ) -> dict[str, Array]:
     """All columns that any effect may read (N, k), what was not given as it usually is.
 
@@ -67,6 +68,7 @@ def completed(
         given: Context.
         usual: Usual values of scalars.
         effects: What derives columns of its own from the path of the rows.
+        used: Columns without which the others are of no use; of a path all are.
 
     Raises:
         PlumblineError: A name that is no context, a wrong shape or no finite number.
@@ -77,19 +79,31 @@ def completed(
             near = best_matches(name, CONTEXT)
             known = listed(CONTEXT)
             raise fault(f"model, {name}", "an unknown name", f"one of {known}", f"best: {near}")
+    pathed = [effect for effect in effects if type(effect).derive is not Effect.derive]
     found = {"q": q}
-    for name in SCALARS:
-        found[name] = _shaped(name, given.get(name, usual.get(name, 0.0)), rows, 1)
-    found["force"] = _shaped("force", given.get("force", 0.0), rows, 3)
-    for name in ("direction", "velocity", "acceleration"):
-        found[name] = _shaped(name, given.get(name, 0.0), rows, n)
-    if given.get("effort") is not None:
-        found["effort"] = _shaped("effort", given["effort"], rows, n)
-    else:
-        found["effort"] = held_against_gravity(chain, q, found["payload"])
-    for effect in effects:
+    for name in CONTEXT:
+        width = 1 if name in SCALARS else 3 if name in IN_SPACE else n
+        if given.get(name) is not None:
+            found[name] = _shaped(name, given[name], rows, width)
+        elif name != "effort":
+            found[name] = np.full((rows, width), usual.get(name, 0.0))
+        elif pathed or name in used:
+            found[name] = held_against_gravity(chain, q, found["payload"])
+    for effect in pathed:
         for name, values in effect.derive(found).items():
             found[name] = np.reshape(values, (rows, 1))
+    return found
+
+
+def of_rows(
+    context: Mapping[str, ArrayLike], rows: NDArray[np.intp], count: int
+) -> Mapping[str, ArrayLike]:
+    """The context of some of so many rows: a column for each row, or what all of them share."""
+    found: dict[str, ArrayLike] = {}
+    for name, values in context.items():
+        array = np.asarray(values)
+        each = array.ndim == 2 or (array.ndim == 1 and name in SCALARS)
+        found[name] = array[rows] if each and len(array) == count else values
     return found
 
 

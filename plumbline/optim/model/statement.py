@@ -81,13 +81,13 @@ class Statement:
         """``row -> (pose (12,), J (6, n))``: the tool's velocity and spin per joint's."""
         T, _ = self._at_the_fit
         q = self.symbols["q"]
-        turned = cs.jacobian(cs.vec(T.R), q)
+        pose = cs.densify(cs.vertcat(cs.vec(T.R), T.t))
+        moved = cs.jacobian(pose, q)
         spins = []
         for j in range(q.numel()):
-            spin = cs.reshape(turned[:, j], 3, 3) @ T.R.T
+            spin = cs.reshape(moved[:9, j], 3, 3) @ T.R.T
             spins.append(cs.vertcat(spin[2, 1], spin[0, 2], spin[1, 0]))
-        J = cs.vertcat(cs.jacobian(T.t, q), cs.horzcat(*spins))
-        pose = cs.densify(cs.vertcat(cs.vec(T.R), T.t))
+        J = cs.vertcat(moved[9:, :], cs.horzcat(*spins))
         return cs.Function("slope", [self.row], [pose, cs.densify(J)], ["row"], ["pose", "J"])
 
     def by_unknowns(self, *, device: bool) -> cs.Function:
@@ -100,7 +100,9 @@ class Statement:
 
     @cached_property
     def _at_the_fit(self) -> tuple[Transform, cs.SX]:
-        return self._tool([cs.SX(value) for value in self.model.unknowns], device=False)
+        T, links = self._tool([cs.SX(value) for value in self.model.unknowns], device=False)
+        R, t, links = cs.cse([T.R, T.t, links])  # what effects share is worked out once
+        return Transform(R, t), links
 
     def _tool(self, x: Sequence[cs.SX], *, device: bool) -> tuple[Transform, cs.SX]:
         """``T_frame_tool``, and the joints as the links see them."""
@@ -148,11 +150,7 @@ def _summed(state: State, effects: Sequence[Valued]) -> State:
                 sine, cosine = own.get(order, (cs.SX(0), cs.SX(0)))
                 own[order] = (sine + values[2 * k], cosine + values[2 * k + 1])
     for joint, own in orders.items():
-        none = (cs.SX(0), cs.SX(0))
-        pairs = [own.get(order, none) for order in range(1, max(own) + 1)]
-        sines, cosines = zip(*pairs, strict=True)
-        ripple = fourier_sum(state.reading_of_joint(joint), sines, cosines)
-        state = state.move_joint(joint, ripple)
+        state = state.move_joint(joint, fourier_sum(state.reading_of_joint(joint), own))
     return state
 
 

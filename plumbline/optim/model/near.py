@@ -1,0 +1,112 @@
+r"""Commands that are near to where the joints are wanted, all postures at once.
+
+.. math:: q_{k+1} = q_k + B_k^{-1}\,(p_w - p(q_k)), \qquad
+          B_{k+1}\,(q_{k+1} - q_k) = p(q_{k+1}) - p(q_k)
+
+:math:`B_0^{-1}` is of the nominal arm's slope where the joints are wanted: a damped least-squares
+step of place and orientation, then the shortest one that brings the place all the way. What was
+found turns that slope by some thousandths, and what each step has done betters it without touching
+it (Broyden 1965, Math. Comp. 19, p. 577; by its steps alone: Kelley 1995, Iterative Methods for
+Linear and Nonlinear Equations, sec. 7.3).
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from itertools import pairwise
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.problem import Array
+from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.rows import of_rows
+from plumbline.optim.model.statement import Statement
+
+LEVER = 0.1  # [m]: a milliradian of orientation counts as much as 0.1 mm of place
+DAMPING = 1e-3  # [m/rad]: a joint of less leverage than this is not moved for a small gain
+NEAR_STEPS = 12  # each leaves some thousandths of what the last has left (cost only)
+PLACED = 1e-9  # [m] that a tip may stay from its goal
+STILL = 1e-8  # [rad or m] of the step that would be next
+FARTHEST = 0.1  # [rad or m] that a joint may go: next to a singular posture damping decides
+
+
+def near(
+    arm: Arm, wanted: Array, goal: Array, context: Mapping[str, ArrayLike], *, placed: bool
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Joints (N, n), what they miss (N, 6) [m, rad], and which of them did not get there.
+
+    Args:
+        arm: The arm, none of whose joints remembers its path.
+        wanted: Where the joints are wanted (N, n) [rad or m].
+        goal: Where the tool is wanted (N, 4, 4) [m].
+        context: Of the rows.
+        placed: Whether the tool's orientation counts.
+    """
+    gain = over_rows(_gain(arm.nominal.statement, placed), wanted)[0].transpose(0, 2, 1)
+    goals = np.hstack([goal[:, :3, :3].transpose(0, 2, 1).reshape(-1, 9), goal[:, :3, 3]])
+    q, miss = wanted.copy(), np.full((len(wanted), 6), np.nan)
+    rows, steps, open_rows = np.arange(len(q)), list[Array](), np.ones(len(q), dtype=bool)
+    for _ in range(NEAR_STEPS):
+        if not len(rows):
+            break
+        read = np.hstack([arm.rows_of(q[rows], of_rows(context, rows, len(q))), goals[rows]])
+        miss[rows] = over_rows(_away(arm.statement, placed), read)[0][:, 0]
+        with np.errstate(all="ignore"):  # what does not come to rest is told by what it misses
+            step = _bettered(np.einsum("nij,nj->ni", gain[rows], miss[rows]), steps)
+        there = (np.linalg.norm(miss[rows, :3], axis=1) <= PLACED) & (abs(step) <= STILL).all(1)
+        open_rows[rows] = ~there
+        to = q[rows] + step
+        inside = (to >= arm.chain.lower) & (to <= arm.chain.upper)
+        on = ~there & (inside & (abs(to - wanted[rows]) <= FARTHEST)).all(axis=1)
+        rows, steps = rows[on], [one[on] for one in (*steps, step)]
+        q[rows] = to[on]
+    return q, miss, np.flatnonzero(open_rows)
+
+
+def _bettered(step: Array, steps: Sequence[Array]) -> Array:
+    """A step (N, n) of the first slope as it is after the steps that were made."""
+    for one, then in pairwise(steps):
+        step = step + then * _along(step, one)
+    return step / (1.0 - _along(step, steps[-1])) if steps else step
+
+
+def _along(step: Array, one: Array) -> Array:
+    """How many times a step (N, n) goes along another (N, 1)."""
+    return np.asarray((step * one).sum(axis=1) / (one**2).sum(axis=1))[:, None]
+
+
+@lru_cache(maxsize=8)
+def _gain(nominal: Statement, placed: bool) -> cs.Function:
+    """``q -> (n, 6)``: the step for what is missing in place [m] and orientation [rad]."""
+    row = nominal.row
+    J = nominal.slope(row)[1]
+    own, turns = J[:3, :], LEVER * J[3:, :] if placed else 0.0 * J[3:, :]
+    whole, lever = cs.vertcat(own, turns), cs.diag([1.0] * 3 + [LEVER] * 3)
+    first = _damped(whole.T @ whole, whole.T)
+    rest = cs.horzcat(cs.SX.eye(3), cs.SX(3, 3)) - own @ first
+    gain = (first + own.T @ _damped(own @ own.T, rest)) @ lever
+    return cs.Function("gain", [row], [cs.densify(gain)])
+
+
+def _damped(square: cs.SX, right: cs.SX) -> cs.SX:
+    """The solution by Cholesky's factor of a damped square (n, n)."""
+    factor = cs.chol(square + DAMPING**2 * cs.SX.eye(square.shape[0]))
+    return cs.solve(factor, cs.solve(factor.T, right))
+
+
+@lru_cache(maxsize=8)
+def _away(model: Statement, placed: bool) -> cs.Function:
+    """``(row, R (9,), p (3,)) -> (6,)``: what is missing to a goal, place [m] and turn [rad].
+
+    A turn by 120 degrees or more is none that is near, and none counts where the place is all.
+    """
+    goal, pose = cs.SX.sym("goal", 12), model.pose(model.row)
+    R = cs.reshape(goal[:9], 3, 3) @ cs.reshape(pose[:9], 3, 3).T
+    axis = 0.5 * cs.vertcat(R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])
+    size = cs.sqrt(cs.sumsqr(axis) + np.finfo(float).tiny)
+    turn = axis * cs.atan2(size, 0.5 * (cs.trace(R) - 1.0)) / size
+    turn = cs.if_else(cs.trace(R) > 0.0, turn, np.inf) if placed else cs.SX.zeros(3)
+    away = cs.densify(cs.vertcat(goal[9:] - pose[9:], turn))
+    return cs.Function("away", [cs.vertcat(model.row, goal)], [away])
