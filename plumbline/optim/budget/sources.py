@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.answer import HandEye
+from plumbline.optim.hand_eye.constants import LONGEST
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.registration.constants import COARSEST
 from plumbline.optim.registration.target import TargetError
 
 FEWEST = 4  # rows of a closed loop: a covariance of three axes needs them
@@ -75,8 +77,7 @@ class Source:
     @classmethod
     def of_rms(cls, name: str, rms: float, *, dof: float = np.inf, origin: str = "") -> Self:
         """A link of which only its RMS in space [m] is known: alike along all axes."""
-        if not (np.isfinite(rms) and rms >= 0.0):
-            raise fault(f"source {name}, rms", f"{rms}", "a length of at least 0", "give it in m")
+        size_of(f"source {name}, rms", rms)
         return cls.of(name, covariance=rms**2 / 3.0, dof=dof, origin=origin)
 
     @classmethod
@@ -84,7 +85,8 @@ class Source:
         cls, name: str, length: float, *, dof: float = np.inf, origin: str = ""
     ) -> Self:
         """A link of which the mean length of its error [m] is told, which is less than its RMS."""
-        return cls.of_rms(name, MEAN_TO_RMS * length, dof=dof, origin=origin)
+        rms = MEAN_TO_RMS * size_of(f"source {name}, mean length", length)
+        return cls.of(name, covariance=rms**2 / 3.0, dof=dof, origin=origin)
 
     @classmethod
     def of_target(cls, name: str, error: TargetError) -> Self:
@@ -115,14 +117,29 @@ class Source:
         Raises:
             PlumblineError: A range that is none.
         """
-        if not (np.isfinite(distance) and distance > 0.0):
-            raise fault(f"source {name}, range", f"{distance}", "a range above 0", "give it in m")
         c = found.calibration
+        return cls.of_beam(name, c.covariance, len(c.readings), len(c.planes), distance, R)
+
+    @classmethod
+    def of_beam(
+        cls,
+        name: str,
+        covariance: ArrayLike,
+        readings: int,
+        boards: int,
+        distance: float,
+        R: ArrayLike | None = None,
+    ) -> Self:
+        """The same by a beam's covariance (6, 6) [m, 1], of so many readings on so many boards."""
+        if not 0.0 < distance <= LONGEST:
+            expected = f"a range above 0, at most {LONGEST:g} m"
+            mend = "looks like mm: divide by 1000" if distance > LONGEST else "give it in m"
+            raise fault(f"source {name}, range", f"{distance:g}", expected, mend)
         turn = np.eye(3) if R is None else np.asarray(R, dtype=float)
         J = turn @ np.hstack([np.eye(3), distance * np.eye(3)])  # r + d v
-        spread = J @ c.covariance @ np.swapaxes(J, -1, -2)
+        spread = J @ np.asarray(covariance, dtype=float) @ np.swapaxes(J, -1, -2)
         # Five unknowns of the beam, three of each board.
-        dof = max(len(c.readings) - 5 - 3 * len(c.planes), 1)
+        dof = max(readings - 5 - 3 * boards, 1)
         even = (spread + np.swapaxes(spread, -1, -2)) / 2.0
         return cls.of(name, covariance=even, dof=float(dof), origin="hand-eye calibration")
 
@@ -184,6 +201,20 @@ class Source:
     def points(self) -> int:
         """At how many points it is told; one that is the same everywhere counts one."""
         return max(len(self.mean), len(self.covariance), len(self.mean_covariance))
+
+
+def size_of(where: str, length: float) -> float:
+    """A length that someone wrote down as the size of an error [m].
+
+    Raises:
+        PlumblineError: It is none, or so large that it was not meant in m.
+    """
+    if not (np.isfinite(length) and length >= 0.0):
+        raise fault(where, f"{length}", "a length of at least 0", "give it in m")
+    if length > COARSEST:
+        mend = "looks like mm: divide by 1000" if length <= 1e3 * COARSEST else "give it in m"
+        raise fault(where, f"{length:g}", f"at most {COARSEST:g} m", mend)
+    return length
 
 
 def _independent(e: Array) -> float:

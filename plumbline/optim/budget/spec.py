@@ -9,25 +9,29 @@ cured = 0.4e-3             # its RMS once mended [m]
 
 [[link]]
 name = "hand-eye"
-answer = "handeye.json"    # what an answer's save wrote, named from where the spec lies
+answer = "handeye.json"    # what save or --json wrote, named from where the spec lies
 range = 0.35               # m
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from plumbline.errors import PlumblineError, did_you_mean, fault, shown
+from plumbline.errors import PlumblineError, did_you_mean, fault, listed, shown
 from plumbline.kinematics.files import is_file
 from plumbline.optim.budget.answer import Budget
 from plumbline.optim.budget.shares import add_up
-from plumbline.optim.budget.sources import Source
+from plumbline.optim.budget.sources import Source, size_of
+from plumbline.optim.budget.told import told
+from plumbline.optim.core.problem import Array
 from plumbline.optim.loading import load
 from plumbline.optim.recording.settings import Section, read_settings_file
 
+T = TypeVar("T")
 FIGURES = ("rms", "mean_length", "mean", "std")
 COMMON = ("name", "origin", "cured")
 MOST_LINKS = 100  # a chain has ten
@@ -67,11 +71,11 @@ def _source(link: Section, file: Path) -> Source:
     name = link.word("name")
     if name is None:
         raise fault(link.where("name"), "a link without one", "a name", 'write name = "..."')
-    told = [key for key in ("answer", *FIGURES) if key in link.values]
-    if not told:
+    given = [key for key in ("answer", *FIGURES) if key in link.values]
+    if not given:
         known = f"answer, or one of {', '.join(FIGURES)}"
         raise fault(f"{file.name}, link {shown(name)}", "no figure", known, "add one")
-    source = _stored(name, link, file) if told[0] == "answer" else _plain(name, link)
+    source = _stored(name, link, file) if given[0] == "answer" else _plain(name, link)
     if "cured" not in link.values:
         return source
     return source.mended(_named(link, "cured", lambda: Source.of_rms(name, _number(link, "cured"))))
@@ -95,6 +99,8 @@ def _plain(name: str, link: Section) -> Source:
     if std < 0.0:
         raise link.fault("std", "at least 0", "give one axis' standard deviation, m")
     where = np.zeros(3) if mean is None else mean
+    for key, size in (("mean", float(np.abs(where).max())), ("std", std)):
+        _named(link, key, partial(size_of, f"source {name}, {key}", size))
     return _named(link, kind, lambda: Source.of(name, mean=where, covariance=std**2, **known))
 
 
@@ -104,10 +110,10 @@ def _stored(name: str, link: Section, file: Path) -> Source:
     if not is_file(file.parent / named):
         expected = "the file of an answer that was saved, or of a model"
         raise fault(link.where("answer"), shown(named), expected, "check the path")
-    found = load(file.parent / named)
+    found = told(file.parent / named) or load(file.parent / named)
     kind = type(found).__name__
     if kind not in STORED:
-        known = ", ".join(STORED)
+        known = ", ".join(READABLE)
         raise fault(link.where("answer"), f"a {kind}", f"one of {known}", "name another file")
     keys, make = STORED[kind]
     _refuse_unknown(link, ("answer", *COMMON, *keys))
@@ -115,11 +121,24 @@ def _stored(name: str, link: Section, file: Path) -> Source:
     return replace(source, origin=link.word("origin") or f"{source.origin}, {named}")
 
 
-def _registration(name: str, found: Any, link: Section) -> Source:
+def _target(link: Section) -> str | Array:
+    """A target by its label, or by its place in CT (3,) [m]."""
+    if isinstance(link.values.get("target"), str):
+        return link.word("target") or ""
     target = link.vector("target")
     if target is None:
-        mend = "write target = [x, y, z]"
+        mend = 'write target = [x, y, z], or "its label"'
         raise fault(link.where("target"), "nothing", "a place in CT, m", mend)
+    return target
+
+
+def _registration(name: str, found: Any, link: Section) -> Source:
+    target, targets = _target(link), found.recording.targets
+    if isinstance(target, str):
+        if target not in targets.labels:
+            known = f"one of {listed(targets.labels) or 'none'}"
+            raise link.fault("target", known, "write target = [x, y, z]")
+        target = targets.ct[targets.labels.index(target)]
     return Source.of_target(name, found.tre(target, None))
 
 
@@ -144,8 +163,11 @@ CONTEXT = ("direction",)  # of a stored row that is not the same all the time
 STORED: Mapping[str, tuple[tuple[str, ...], Callable[[str, Any, Section], Source]]] = {
     "Registration": (("target",), _registration),
     "HandEye": (("range",), _hand_eye),
+    "Targets": (("target",), lambda name, found, link: found.source(name, _target(link))),
+    "Beam": (("range",), lambda name, found, link: found.source(name, _number(link, "range"))),
     "Model": (("q",), _arm),
 }
+READABLE = ("Registration", "HandEye", "Model")
 
 
 def _number(link: Section, key: str) -> float:
@@ -155,8 +177,8 @@ def _number(link: Section, key: str) -> float:
     return value
 
 
-def _named(link: Section, key: str, make: Callable[[], Source]) -> Source:
-    """The source, its error told with the file and the row, if it has none of its own."""
+def _named(link: Section, key: str, make: Callable[[], T]) -> T:
+    """What is made, its error told with the file and the row, if it has none of its own."""
     try:
         return make()
     except PlumblineError as error:

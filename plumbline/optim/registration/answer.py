@@ -221,6 +221,7 @@ class Registration(Answer):
             "ct": targets.ct[k].tolist(),
             "robot": error.robot.tolist(),
             "tre_rms": error.rms if known else None,
+            "mean": error.mean.tolist() if known else None,
             "covariance": error.covariance.tolist() if known else None,
             "semi_axes95": error.semi_axes().tolist() if known else None,
             "unknown": error.unknown or None,

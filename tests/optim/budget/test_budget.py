@@ -112,11 +112,11 @@ def test_a_budget_keeps_the_contract_of_every_answer(tmp_path):
     ("ask", "words"),
     [
         (lambda: add_up([]), "no link, expected at least one"),
-        (lambda: add_up([Source.of_rms("a", 1.0)] * 2), "two links 'a'"),
+        (lambda: add_up([Source.of_rms("a", 1e-3)] * 2), "two links 'a'"),
         (lambda: Source.of_rms("a", -1.0), "a length of at least 0"),
         (lambda: Source.of("a", covariance=-np.eye(3)), "a negative variance"),
         (lambda: Source.of("a", mean=[1.0, 2.0]), r"expected \(3,\) or \(N, 3\)"),
-        (lambda: add_up([Source.of_rms("a", 1.0)], {("a", "b"): np.eye(3)}), "expected two of a"),
+        (lambda: add_up([Source.of_rms("a", 1e-3)], {("a", "b"): np.eye(3)}), "expected two of a"),
         (
             lambda: add_up([Source.of(n, mean=np.zeros((k, 3))) for n, k in (("a", 2), ("b", 3))]),
             "links at 2 and 3 points",

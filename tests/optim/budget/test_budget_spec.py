@@ -49,11 +49,13 @@ def beam(tmp_path_factory):
     return found, home
 
 
+CT = 1e-3 * np.array([(10, 20, 147), (110, 120, 147), (60, -10, 80), (20, 150, 147)])
+
+
 def markers():
     """A registration of four markers."""
-    ct = 1e-3 * np.array([(10, 20, 147), (110, 120, 147), (60, -10, 80), (20, 150, 147)])
     noise = plumbline.MarkerNoise.from_resolution(1e-3 * np.ones(3), 1e-4)
-    return plumbline.register(plumbline.build_fiducials(ct, ct + 0.1, noise=noise))
+    return plumbline.register(plumbline.build_fiducials(CT, CT + 0.1, noise=noise))
 
 
 def test_a_mean_length_is_less_than_the_rms_by_the_normal_law_s_factor():
@@ -129,6 +131,61 @@ def test_a_file_takes_stored_answers(beam):
     assert "handeye.json" in parts[1].origin
 
 
+def test_a_file_takes_what_commands_wrote_as_json(beam, tmp_path):
+    """The same links as by the saved answers, to the last digit but one."""
+    _, home = beam
+    folder = tmp_path / "head"
+    folder.mkdir()
+    noise = "[noise]\nct_resolution = [0.001, 0.0005, 0.0005]\nrobot_std = 0.0001\n"
+    (folder / "dataset.toml").write_text(f'name = "head"\nobservation = "fiducials"\n{noise}')
+    rows = ["label,role,ct_x,ct_y,ct_z,robot_x,robot_y,robot_z"]
+    for label, p in zip("ABCD", CT, strict=True):
+        rows.append(f"{label},marker,{','.join(map(str, [*p, *(p + 0.1)]))}")
+    (folder / "samples.csv").write_text("\n".join([*rows, "lesion,target,0.05,0.1,0.1,,,", ""]))
+    assert run(["register", str(folder), "--json", str(tmp_path / "r.json"), "--quiet"]) == 0
+    plumbline.register(folder).save(tmp_path / "saved.json")
+    ask = ["handeye", str(home / "rows"), "--next", "0", "--quiet"]
+    assert run([*ask, "--json", str(tmp_path / "h.json")]) == 0
+    beam[0].save(tmp_path / "beam.json")
+    links = [("r.json", '"lesion"'), ("r.json", "[0.05, 0.1, 0.1]"), ("saved.json", '"lesion"')]
+    text = "".join(f'[[link]]\nname = "{k}"\nanswer = "{file}"\ntarget = {target}\n'
+                   for k, (file, target) in enumerate(links))  # fmt: skip
+    text += "".join(f'[[link]]\nname = "{file}"\nanswer = "{file}"\nrange = 0.35\n'
+                    for file in ("h.json", "beam.json"))  # fmt: skip
+    (tmp_path / "chain.toml").write_text(text)
+    rms = [part.rms for part in plumbline.budget.read_budget(tmp_path / "chain.toml").parts]
+    np.testing.assert_allclose(rms[:3], rms[2], rtol=1e-9)
+    np.testing.assert_allclose(rms[3], rms[4], rtol=1e-9)
+
+
+def test_figures_of_a_command_that_are_damaged_are_refused(tmp_path):
+    told = {"T_RC": 0, "noise": {"dof": None}, "targets": [{"label": "a", "unknown": None}]}
+    (tmp_path / "r.json").write_text(json.dumps(told))
+    (tmp_path / "c.toml").write_text('[[link]]\nname = "a"\nanswer = "r.json"\ntarget = "a"\n')
+    with pytest.raises(PlumblineError, match="damaged figures"):
+        plumbline.budget.read_budget(tmp_path / "c.toml")
+    told["targets"] = [{"label": "a", "ct": [0, 0, 0], "unknown": "three on a line"}]
+    (tmp_path / "r.json").write_text(json.dumps(told))
+    with pytest.raises(PlumblineError, match="three on a line"):
+        plumbline.budget.read_budget(tmp_path / "c.toml")
+
+
+@pytest.mark.parametrize(
+    "figure", ["rms = {}", "mean_length = {}", "mean = [0, {}, 0]", "std = {}"]
+)
+def test_an_error_that_was_meant_in_mm_is_refused_in_one_line(figure, tmp_path, capsys):
+    """Five centimetres are more than any link errs by; the next number above is refused."""
+    chain = tmp_path / "chain.toml"
+    for size, code in ((0.05, 0), (0.0501, 2), (1.1, 2)):
+        chain.write_text('[[link]]\nname = "needle"\n' + figure.format(size))
+        assert run(["budget", str(chain), "--quiet"]) == code
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 2
+    words = "found 1.1, expected at most 0.05 m; looks like mm: divide by 1000"
+    assert said[1].startswith("plumbline: chain.toml, row 3, [link]")
+    assert said[1].endswith(words)
+
+
 def test_the_command_tells_what_to_mend_and_replaces_nothing_but_its_own(spec, tmp_path, capsys):
     out, page = tmp_path / "budget.json", tmp_path / "budget.html"
     words = ["budget", str(spec), "--json", str(out), "--report", str(page)]
@@ -155,7 +212,7 @@ def test_the_command_tells_what_to_mend_and_replaces_nothing_but_its_own(spec, t
         ("[[link]]\nrms = 1e-3", "a link without one"),
         ('[[link]]\nname = "a"', "no figure"),
         ('[[link]]\nname = "a"\nrms = "x"', "plumbline: chain.toml, row 3, [link] rms: found 'x'"),
-        ('[[link]]\nname = "a"\nrms = 1\n[[link]]\nname = "b"\nrms = -1.0', "row 6, [link] rms"),
+        ('[[link]]\nname = "a"\nrms = 1e-3\n[[link]]\nname = "b"\nrms = -1.0', "row 6, [link] rms"),
         ('[[link]]\nname = "a"\nrms = 1e-3\nsdt = 1.0', "row 4, [link] sdt"),
         ('[[link]]\nname = "a"\nrms = 1e-3\ndof = 0', "a number above 0"),
         ('[[link]]\nname = "a"\nrms = 1e-3\nmean = [0, 0, 0]', "not beside rms"),
@@ -166,18 +223,21 @@ def test_the_command_tells_what_to_mend_and_replaces_nothing_but_its_own(spec, t
         ('[[link]]\nname = "a"\nanswer = "broken.toml"', "broken.toml"),
         ('[[link]]\nname = "a"\nanswer = "budget.json"', "a Budget, expected"),
         ('[[link]]\nname = "a"\nanswer = "markers.json"', "a place in CT"),
+        ('[[link]]\nname = "a"\nanswer = "markers.json"\ntarget = "b"', "expected one of none"),
+        ('[[link]]\nname = "a"\nanswer = "beam.json"\nrange = 350', "found 350, expected a range"),
         ('[[link]]\nname = "a"\nanswer = "markers.json"\nrms = 1.0', "nothing reads"),
         ("[[link]\n", "broken TOML"),
         ("\x00", "chain.toml"),
     ],
 )
-def test_a_damaged_chain_is_refused_in_one_line(text, words, tmp_path, capsys):
+def test_a_damaged_chain_is_refused_in_one_line(text, words, beam, tmp_path, capsys):
     (tmp_path / "chain.toml").write_text(text)
     (tmp_path / "broken.json").write_text('{"format": ')
     (tmp_path / "broken.toml").write_text("[gap\n")
     add_up([Source.of_rms("a", 1e-3)]).save(tmp_path / "budget.json")
     if "markers" in text:
         markers().save(tmp_path / "markers.json")
+    beam[0].save(tmp_path / "beam.json")
     assert run(["budget", str(tmp_path / "chain.toml")]) == 2
     said = capsys.readouterr().err
     assert words in said
