@@ -42,12 +42,8 @@ def save(drives: Driven, path: str | Path, *, overwrite: bool = False) -> None:
     """Store drives.
 
     Raises:
-        PlumblineError: There is a file already, or it cannot be written, or the robot came from a
-            file that is not kept (MJCF).
+        PlumblineError: There is a file already, or it cannot be written.
     """
-    if drives.robot.urdf is None and drives.robot.dh is None:
-        raise fault(drives.robot.name, "a robot from MJCF", "one from a URDF or DH rows",
-                    "export it at once: answer.model().as_mjcf()")  # fmt: skip
     new_file(path, text_of(drives), overwrite=overwrite)
 
 

@@ -80,15 +80,17 @@ def robot_of(section: Section) -> tuple[Robot, str]:
     """
     tip, name = word_of(section, "tip_frame"), word_of(section, "name")
     gravity = array_of(section, "gravity", (3,))
-    urdf, rows = section.word("urdf"), section.values.get("dh")
+    urdf, mjcf, rows = section.word("urdf"), section.word("mjcf"), section.values.get("dh")
     try:
         if urdf is not None:
             robot = Robot.from_urdf(urdf.lstrip(), name=name, gravity=gravity)
+        elif mjcf is not None:
+            robot = Robot.from_mjcf(mjcf.lstrip(), name=name, gravity=gravity)
         elif isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
             last = word_of(section, "last_frame")
             robot = Robot.from_dh(rows, name=name, tip_frame=last, gravity=gravity)
         else:
-            raise section.fault("dh", "urdf or [[robot.dh]]", SAVE_IT)
+            raise section.fault("dh", "urdf, mjcf or [[robot.dh]]", SAVE_IT)
         chain = robot.chain(tip)
     except PlumblineError as error:
         raise PlumblineError(one_line(f"{section.file}, [robot]: {error}")) from None

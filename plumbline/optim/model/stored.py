@@ -19,6 +19,7 @@ from plumbline.optim.model.known import Known
 
 FORMAT = "plumbline model"
 VERSION = 1
+MAKE_IT = "make it by Robot.from_urdf, from_mjcf or from_dh"
 
 
 def save(model: Fitted, path: str | Path, *, overwrite: bool = False) -> None:
@@ -68,13 +69,16 @@ def _held(model: Fitted) -> list[str]:
 
 
 def robot_blocks(robot: Robot, tip_frame: str) -> Iterator[list[str]]:
-    """A robot as blocks of lines: its URDF whole, or its DH rows."""
+    """A robot as blocks of lines: its URDF or MJCF whole, or its DH rows."""
     head = {"name": robot.name, "tip_frame": tip_frame, "gravity": robot.gravity}
-    if robot.urdf is not None:
-        yield ["[robot]", *pairs(head), f"urdf = {_text(robot.urdf)}"]
-        return
+    for kind, text in (("urdf", robot.urdf), ("mjcf", robot.mjcf)):
+        if text is not None:
+            yield ["[robot]", *pairs(head), f"{kind} = {_text(text)}"]
+            return
+    if robot.dh is None:
+        raise fault(robot.name, "a robot made of no file", "URDF, MJCF or DH rows", MAKE_IT)
     yield ["[robot]", *pairs(head | {"last_frame": robot.default_tip})]
-    for row in robot.dh or ():
+    for row in robot.dh:
         values = {f.name: getattr(row, f.name) for f in fields(row)}
         limits = np.isfinite([row.lower, row.upper])
         for key, kept in zip(("lower", "upper"), limits, strict=True):
