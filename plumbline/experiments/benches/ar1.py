@@ -13,8 +13,6 @@ Where nothing is wrong nothing may be told. Copies are also made of arms with on
 of a reading know what the reading knows, and the answer must be the same.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """How the benches of the diagnosis ask it, and what they read in its answer: the verdict's JSON."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, TypeVar

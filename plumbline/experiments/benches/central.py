@@ -5,8 +5,6 @@ the arrays to the verdict (median of several runs, and the first, with nothing c
 most memory that the process held. The target is a ratio, since machines differ.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import resource
 import statistics

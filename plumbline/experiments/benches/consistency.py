@@ -12,8 +12,6 @@ whose root mean square is 1 where the stated errors hold from one recording to t
 could show it; where the other says that it cannot tell it from what it names, that is said apart.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass

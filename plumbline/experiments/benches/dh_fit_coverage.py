@@ -7,8 +7,6 @@ its other axes, joints that give way under the arm's weight, and a few gross row
 the fit's model. Each reported sum's interval of 95 % is held against the truth of that sum.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import replace
 from typing import Annotated, Any

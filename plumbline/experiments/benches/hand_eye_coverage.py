@@ -8,8 +8,6 @@ set-up. In how many of the set-ups does the truth lie within 1.96 stated standar
 beam, across it, and for the beam's direction?
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -8,8 +8,6 @@ and only those that are present are there at all. What is timed is the solver al
 HPIPM's ``d_ocp_qp_ipm_solve``, and ``BandedQp.solve``, which hands its arrays to ``banded_qp.c``.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ HPIPM and piqp are driven through CasADi, which has no soft rows: every slack is
 What our own solver gains is measured against HPIPM with soft rows of its own (:mod:`.hpipm`).
 """
 
-from __future__ import annotations
-
 import os
 import platform
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ ones do? One reading of a dozen rows is mostly luck, so each is read several tim
 drawn anew each time. Intervals are those of a bootstrap over the cases.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

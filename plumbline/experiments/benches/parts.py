@@ -9,8 +9,6 @@ every other case whose flaw is not the arm's; fiducials of eight markers touched
 of ten touched once.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path

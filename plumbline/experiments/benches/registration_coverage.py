@@ -10,8 +10,6 @@ reading in CT included, is held against the region, the noise stated rightly, 1.
 or not at all.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import Annotated, Any, NamedTuple

@@ -11,8 +11,6 @@ sure and wrong if it gives another one more than 0.95.
 that were left out.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from pathlib import Path

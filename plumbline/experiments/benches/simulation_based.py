@@ -14,8 +14,6 @@ One parameter and one statement a case, so that all are independent. The band ho
 of uniform ranks in 95 %.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache

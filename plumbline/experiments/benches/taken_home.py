@@ -10,8 +10,6 @@ error, by what readings tell, against that of what they were drawn from. *Real r
 model on its other series, by the exported file alone too; the SO-101's file alone, in MuJoCo.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from functools import partial

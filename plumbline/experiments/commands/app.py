@@ -5,8 +5,6 @@ mend it; an interrupt ends it with 130, a reader that has gone away with 1. What
 imported when it runs.
 """
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Callable, Sequence

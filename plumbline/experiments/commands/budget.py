@@ -1,7 +1,5 @@
 """``plumbline budget SPEC.toml``: what each link of a chain contributes to the error at a point."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

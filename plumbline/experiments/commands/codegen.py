@@ -1,7 +1,5 @@
 """``plumbline codegen FOLDER``: a step of the capsule controller in C."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

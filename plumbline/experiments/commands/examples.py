@@ -1,7 +1,5 @@
 """Examples of every command, shown below its ``--help``; the tests see that each still parses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 EXAMPLES: Mapping[str, tuple[str, ...]] = {

@@ -1,7 +1,5 @@
 """``plumbline export MODEL``: what was found as URDF, MJCF, DH rows, a table or C."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any

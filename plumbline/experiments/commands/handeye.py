@@ -1,7 +1,5 @@
 """``plumbline handeye FOLDER``: where a range finder's beam sits on the flange."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

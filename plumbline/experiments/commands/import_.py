@@ -1,7 +1,5 @@
 """``plumbline import FILE... --to FOLDER``: what a laboratory has on disk becomes a recording."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated, Any

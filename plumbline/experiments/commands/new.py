@@ -1,7 +1,5 @@
 """``plumbline new FOLDER``: a recording's folder to fill in."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Annotated

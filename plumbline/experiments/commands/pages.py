@@ -1,7 +1,5 @@
 """What a command says of its answer: its page on a terminal, or as a report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

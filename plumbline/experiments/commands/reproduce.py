@@ -1,7 +1,5 @@
 """``plumbline reproduce PAPER``: a published method's figures beside ours."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

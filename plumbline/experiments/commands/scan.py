@@ -1,7 +1,5 @@
 """``plumbline scan FOLDER``: a block's face angles, and a scan laid on the surface of CT."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

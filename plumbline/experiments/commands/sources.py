@@ -3,8 +3,6 @@
 ``plumbline list --effects`` lists the library of effects instead.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import asdict
 from pathlib import Path

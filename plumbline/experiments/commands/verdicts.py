@@ -1,7 +1,5 @@
 """Where a verdict goes, whatever was recorded: JSON, a report, a model, words."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``python -m plumbline.experiments.compare``: every way of every contest, and the page."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

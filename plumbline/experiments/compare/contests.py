@@ -1,7 +1,5 @@
 """What is set beside whom, and on which data."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

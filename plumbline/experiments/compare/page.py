@@ -1,7 +1,5 @@
 """What was found as a page of the documents, and as a table of text."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Sequence

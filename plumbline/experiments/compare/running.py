@@ -1,7 +1,5 @@
 """One way in an environment and a process of its own; a cell that stays empty says why."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What was measured: tables and figures by their names, printed or written as JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass
 from time import perf_counter

@@ -6,8 +6,6 @@ report take the place of what plumbline wrote there before; any other file stays
 ``--overwrite`` is said.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """A recording's folder, made whole or not at all where nothing is yet, and its settings as TOML."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable, Iterator, Mapping

@@ -4,8 +4,6 @@ An encoding that lacks a character gets ``?``. Where nobody reads any more, or a
 command goes on, since files may have been asked for too; that its words were lost is said last.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import sys

@@ -4,8 +4,6 @@ What a process is asked is ended at once where the caller is interrupted; where 
 killed, and can end nothing, every process sees that its parent has changed and ends by itself.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 import time

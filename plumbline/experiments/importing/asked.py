@@ -4,8 +4,6 @@ The TOML file is ``dataset.toml`` as it shall be, with a table ``[columns]`` and
 ``units``, ``gap``, ``derive``, ``still``, ``rotation`` and ``[shift]``; an option goes before it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ its fields, ``pose.position.x``; a joint state by the names of its joints, ``pos
 whatever their order; transforms by the frame that they place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path

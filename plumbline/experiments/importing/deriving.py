@@ -7,8 +7,6 @@ of half-width w that the joint drags along: it turns only once the joint has mov
 Hysteresis, sec. III.1).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

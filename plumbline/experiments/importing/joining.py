@@ -8,8 +8,6 @@ with a stated shift c of its clock; a row without such a partner is left out. No
 interpolated: what is written was read.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

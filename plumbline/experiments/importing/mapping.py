@@ -5,8 +5,6 @@ turns the sign: ``q2=-J2``. What is mapped goes before what a name says, and a n
 a column that no name tells is left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A matrix lies with its rows along time, whichever way it was stored; ``rec.pos``
 ``rec.pos.1`` to ``rec.pos.6``. Objects and functions are left alone; nothing is run.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -5,8 +5,6 @@ one name in ``action`` and in ``observation.state`` is a joint, but for grippers
 pose: the data sets say neither which parts are joints nor in which unit.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping

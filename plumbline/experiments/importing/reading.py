@@ -1,7 +1,5 @@
 """Which reader a file is for, by its ending."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from plumbline.errors import fault, listed, shown

@@ -1,7 +1,5 @@
 """The first rows as they were understood, in words, before anything is written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from plumbline.errors import MOST_LISTED, listed

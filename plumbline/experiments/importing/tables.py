@@ -3,8 +3,6 @@
 A cell may still be text, since only a column that is used must hold numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

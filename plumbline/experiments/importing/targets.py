@@ -1,7 +1,5 @@
 """The columns that a recording knows, what each measures, and which kind of recording they make."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 

@@ -3,8 +3,6 @@
 Every key stands there, those that are optional behind ``#``; without its ``# `` each is valid TOML.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

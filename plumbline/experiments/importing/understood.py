@@ -4,8 +4,6 @@ The rows are those of the table that holds what was measured; other tables give 
 nearest in time. A row that lacks anything is left out, and counted.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ pound agreement (1959), the pound-force and the kilogram-force with standard gra
 (3rd CGPM, 1901), degrees Fahrenheit by 32 degF = 0 degC.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The folder: ``dataset.toml``, ``samples.csv``, the robot's file; whole and checked, or none."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -11,8 +11,6 @@ and coal, in mm, how near any capsule of one arm comes to any of the other, to t
 those of its own arm that it does not meet in a joint.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

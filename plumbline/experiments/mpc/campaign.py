@@ -12,8 +12,6 @@ Where arithmetic finds a pair nearest, in contact, or at a moment chosen beforeh
 see :mod:`plumbline.experiments.reality.touch`.
 """
 
-from __future__ import annotations
-
 import csv
 import fcntl
 from collections.abc import Callable, Iterator, Sequence

@@ -7,8 +7,6 @@ trocars. What is recorded of a run is enough to judge it: least clearance, goals
 step, and the whole motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import thread_time

@@ -13,8 +13,6 @@ One step is the controller's default as long as the horizon does not do at least
 of these tasks: behind the guide both do as many.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any

@@ -8,8 +8,6 @@ first step is carried out as it is, without the safety net, so that formulations
 nothing else.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

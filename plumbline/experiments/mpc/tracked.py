@@ -11,8 +11,6 @@ the faults add, the share that is gone:
 ``python -m plumbline.experiments.mpc.tracked --seed 0``
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -9,8 +9,6 @@
 - LBR: KUKA LBR iiwa 14 R820, seven joints; masses from its public URDF, rounded.
 """
 
-from __future__ import annotations
-
 import tomllib
 from functools import partial
 from importlib import resources

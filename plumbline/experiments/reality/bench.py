@@ -5,8 +5,6 @@
 A UR5 on a bench, 90 readings of its tip, and one thing wrong with it. The folder does not say what.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

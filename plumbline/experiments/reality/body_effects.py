@@ -1,7 +1,5 @@
 """What goes wrong between the joints: links, base and tool."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 The logger writes the same columns whatever is wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

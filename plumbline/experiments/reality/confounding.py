@@ -10,8 +10,6 @@ ratio, and the price of a rival that is richer than the truth (Schwarz, 1978). B
 can be blamed for naming the rival: the truth file lists it as confounded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

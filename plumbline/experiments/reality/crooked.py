@@ -8,8 +8,6 @@ beta about the third direction; the joints give way under the arm's weight,
 the device sees depth worse than its other two axes, and some readings are of another point.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

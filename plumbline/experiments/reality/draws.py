@@ -4,8 +4,6 @@ A draw fixes everything about a mechanism but its strength, which the unabsorbed
 afterwards.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ The strength of what is wrong is drawn as drives show it; the noise then follows
 it makes at its joint and the ratio asked for, sigma = gap / ratio.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

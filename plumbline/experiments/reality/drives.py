@@ -10,8 +10,6 @@ Mechanisms that no library lists: breakaway (the joint sticks until the error is
 close), cogging, a drive that weakens as it warms, packets that are lost, a loop that rings.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ A holds the device frame (6) and the tool (3) for readings in a device's frame; 
 sockets' places for a tip that rests in sockets; nothing for a second encoder.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -11,8 +11,6 @@ drives are weak, :math:`|\dot v| \le a_{max}`. The tip moves; the shaft passes t
 so its other end follows, and (L - r) / r times as fast where the tip is at the depth r.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

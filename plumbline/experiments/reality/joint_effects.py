@@ -5,8 +5,6 @@
 Sizes are in rad (m for a slide) unless said otherwise.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 

@@ -9,8 +9,6 @@ with T_end the arm's temperature when the session broke off. The readings taken 
 were, digit by digit.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

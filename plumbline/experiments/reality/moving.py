@@ -5,8 +5,6 @@ makes and the ratio asked for, sigma = gap / ratio. Payload and tissue act on dr
 alike; the controller allows for the arm's own weight.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

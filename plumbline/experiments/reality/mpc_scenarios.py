@@ -11,8 +11,6 @@ One that is faster than any tip cannot be evaded by whoever sees it late, so its
 clear of the straight way of the shafts too: it may pass as near as anything else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from zlib import crc32

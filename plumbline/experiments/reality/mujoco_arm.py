@@ -6,8 +6,6 @@ The motor's encoder reads q_motor; a link-side encoder, and the tip, see q_link.
 standard Denavit-Hartenberg rows: the hinge of joint i turns about z of frame i - 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Each says on what it truly depends (`depends_on`), so that a diagnosis which onl
 else" can still be held to where that something lives.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From a case to a recording: numbers with noise, a samples table, and the truth about them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What goes wrong in the device that looks on: scale, distortion, and a patient who breathes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

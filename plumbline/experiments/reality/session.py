@@ -5,8 +5,6 @@ space). Some joints hold still between readings, some poses are visited twice, t
 unevenly, and the arm warms up.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

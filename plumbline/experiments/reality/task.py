@@ -5,8 +5,6 @@ An obstacle that moves drifts, swings, or both,
 .. math:: O(t) = O_0 + v\, t + A \sin(\omega t + \varphi)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

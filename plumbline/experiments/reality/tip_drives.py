@@ -5,8 +5,6 @@ dry friction F in the slide takes F / kv of every rate and holds what is slower;
 queue. Lengths outside of MuJoCo are in mm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What goes wrong with the tool: a clamp that slips, a needle that hangs or is pushed aside."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

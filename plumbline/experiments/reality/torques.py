@@ -4,8 +4,6 @@ A mechanism is worked out at the strength that the ratio of its own gap to the n
 mean square over the joints that it moves, each in units of its own noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial

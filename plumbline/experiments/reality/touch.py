@@ -14,8 +14,6 @@ capsules shorter than 2 cm are wrong by up to half a millimetre. In mm the same 
 long arithmetic to 1e-5 mm where shafts are nearly parallel, and to 1e-12 mm elsewhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import coal

@@ -1,7 +1,5 @@
 """The pictures of an answer by their names: what ``answer.plot("joints")`` draws."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, TypeAlias

@@ -1,7 +1,5 @@
 """A reproduced paper on a page, the MPC's among them: its tables, sorted by a click, and notes."""
 
-from __future__ import annotations
-
 from plumbline.experiments.report.page.page import Grid, Page, Part
 from plumbline.experiments.reproduce import Reproduction
 

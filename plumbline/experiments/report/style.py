@@ -5,8 +5,6 @@ that become CSS colours of the page when a picture is put into it; data colours 
 and Ito (2008), Color Universal Design.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Each file has ``run(seed, progress=None)``, which returns a :class:`Reproduction
 one file and one line in :data:`PAPERS`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module

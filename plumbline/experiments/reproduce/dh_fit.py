@@ -5,8 +5,6 @@ with the fit: an arm with manufacturing errors whose size is set so that the mea
 the fit is the paper's, group by group. What follows is then measured, not set.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -6,8 +6,6 @@ is lost so is measured on the same arm with all, half, a quarter and none of its
 scaled to the paper's misfit before the fit, and with bounds ten times as wide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The simulated sessions of the link fit's paper: its figures before the fit set their size."""
 
-from __future__ import annotations
-
 from plumbline.experiments.reality.tip_readings import Box, Session, draw_session
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import DHOptions, Misfit, Readings

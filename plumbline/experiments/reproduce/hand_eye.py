@@ -4,8 +4,6 @@ The paper's instruments, simulated: 200 set-ups of a VS060-like arm before three
 a board. Every method gets the same readings and is judged on marks that it has not seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

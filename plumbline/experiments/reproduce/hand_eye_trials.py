@@ -5,8 +5,6 @@ the ranges, and the arm's model. Marks for choosing an iterate and marks for jud
 ones, drawn anew for each set-up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -8,8 +8,6 @@ the same guide and without it. ``python -m plumbline.experiments.mpc.campaign`` 
 tasks, and ``python -m plumbline.experiments.mpc.foresight`` more of the comparison.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -7,8 +7,6 @@ budget adds up what is independent:
 .. math:: e^2 = e_{calculation}^2 + e_{control}^2 + e_{needle}^2 + e_{breathing}^2
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Sweeps of the needle about the published lesion M, planned for bundled arms."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from time import perf_counter, process_time
 

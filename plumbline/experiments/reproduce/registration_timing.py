@@ -5,8 +5,6 @@ can be; all at once they are the library's own. Rounds alternate between the met
 machine slows all alike; the median of the rounds counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter

@@ -4,8 +4,6 @@ The header says along which axes, ``# CoordinateSystem = LPS``; before Slicer 4.
 for RAS and 1 for LPS. ``# columns = ...`` names the columns. Lengths are in mm.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Points of either Slicer format by the file's name, and two lists as a recording of fiducials."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

@@ -5,8 +5,6 @@ did not touch is a target. A recording and one list: the list's points are furth
 transform is one that was found elsewhere, to be judged by the same markers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -5,8 +5,6 @@
 :mod:`plumbline.experiments.slicer.tfm`.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path

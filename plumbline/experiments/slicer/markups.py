@@ -6,8 +6,6 @@ and, in later versions, ``coordinateUnits`` (mm if it says nothing); its ``contr
 and is left out.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -6,8 +6,6 @@ The table has the columns ``label, x, y, z, description``, one row a point, in m
 that were asked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

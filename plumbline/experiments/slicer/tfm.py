@@ -12,8 +12,6 @@ moves what it holds, the CT, into the robot's frame. The robot's own axes are ta
 same way as CT's.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

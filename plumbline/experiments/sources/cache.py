@@ -5,8 +5,6 @@ operating system keeps for caches. A file `F` of source folder `D` lies at `<cac
 hashed before every use and downloaded at most once; a file already there is never replaced.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Iterator

@@ -7,8 +7,6 @@ A file is pinned twice, by the commit in its address and by the SHA-256 of its c
 so a recording is the same bytes for everyone, whoever moves a branch in the meantime.
 """
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 from importlib import resources

@@ -5,8 +5,6 @@ says in the language of pickles what they are called. That language can call any
 is only taken apart (``pickletools``), and names and storages are read off.
 """
 
-from __future__ import annotations
-
 import pickletools
 import zipfile
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ A folder appears whole or not at all: it is written beside its place under anoth
 renamed. Nothing that is already there is ever overwritten.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ Jacobi, P., A Hybrid Error Compensation Method for Enhancing the Pose Accuracy o
 Robots, Master's thesis, Tsinghua University, 2025.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -11,8 +11,6 @@ Franzese, G. et al., MUKCa: Accurate and Affordable Cobot Calibration Without Ex
 Devices, arXiv:2503.12584, 2025.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ their stamps, so that they are had at the times of the readings,
 .. math:: u(t_k) = u_i + (t_k - t_i)\, (u_{i+1} - u_i) / (t_{i+1} - t_i).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

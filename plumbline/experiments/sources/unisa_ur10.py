@@ -4,8 +4,6 @@ A bag of ROS 2 (SQLite) with one topic of ``sensor_msgs/msg/JointState``; effort
 controller makes of motor currents [N m]. The last 40 % of the time are kept from every fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -12,8 +12,6 @@ Weigand, J., Ulmen, J., Janot, A., Ruskowski, M., Real-time nonlinear parameter 
 an industrial robot, 2021.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

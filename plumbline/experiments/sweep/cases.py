@@ -5,8 +5,6 @@ them; each further line is one case's options and outcome. A line is there whole
 end of the process, and one that was cut short is diagnosed again.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

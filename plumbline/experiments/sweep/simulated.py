@@ -6,8 +6,6 @@ What simulates shares no code with what is asked, and nothing of the truth is in
 Figures are in SI units.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import tempfile

@@ -1,7 +1,5 @@
 """What a sweep is asked for, as a TOML file says: a recording or a reality, a grid, a design."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a diagnosis answered, as its verdict file says."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass

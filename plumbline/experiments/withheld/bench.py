@@ -4,8 +4,6 @@ A set is a folder; what is there already is kept, so a run that was interrupted 
 is Markdown: the figures with their intervals, and the command and the seed that they come from.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

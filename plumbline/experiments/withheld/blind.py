@@ -8,8 +8,6 @@ beside that. Nothing else passes between the two sides but the names of effects 
 seed, and one line when it is done.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

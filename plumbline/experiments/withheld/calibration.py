@@ -9,8 +9,6 @@ Hauskrecht, 2015) is
 Statements of one case are not independent, so its interval is a bootstrap over cases.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ A level is a range of the unabsorbed gap over the noise and of the number of row
 The draw of case k depends on the seed and on k alone, so a set can be continued.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ What was begun can be continued: the same design adds the cases that are missing
 differs is refused.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -9,8 +9,6 @@ many as possible are right,
           \text{added} = |\text{named}| - \text{found}.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -5,8 +5,6 @@ a key ends in ``_or_twin``, an effect that the recording cannot tell from the tr
 right.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from operator import lt

@@ -1,7 +1,5 @@
 """A score as a page or a picture: what was taken for what, can probabilities be believed."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

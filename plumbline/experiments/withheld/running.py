@@ -5,8 +5,6 @@ project's variables, and that folder to stand in. A verdict appears whole or not
 that was interrupted goes on where it stopped.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -6,8 +6,6 @@ they cannot be taken down again. Where Linux has Landlock (kernel 5.13 and later
 refuses the same files to compiled code as well.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

@@ -5,8 +5,6 @@ r"""The score of a run: hashes first, then the truth, then every figure with its
 with b and a the held-out residual before and after, and f what noise alone would leave.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass

@@ -9,8 +9,6 @@ agree. Its own hash, published before the run, seals the whole set. A truth carr
 that it was drawn with, so its hash cannot be guessed from the few causes that there are.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

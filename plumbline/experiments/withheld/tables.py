@@ -1,7 +1,5 @@
 """A score in words: figures with their intervals, by difficulty."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from plumbline.experiments.withheld.calibration import Calibration

@@ -1,7 +1,5 @@
 """What is really wrong with a case, as its truth file says."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Seconds are the processor's, which a machine shared with others does not stretch
 and the least of those after it. Memory is the largest that the process ever had, imports included.
 """
 
-from __future__ import annotations
-
 import json
 import resource
 import sys

@@ -1,7 +1,5 @@
 """figaroh as its examples have it: base parameters of all links, friction, rotors and zeros."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any

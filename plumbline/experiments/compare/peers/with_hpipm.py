@@ -1,7 +1,5 @@
 """HPIPM asked directly, in the library that CasADi brings: the same programmes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

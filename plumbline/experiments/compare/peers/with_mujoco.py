@@ -6,8 +6,6 @@ predicted signal, as sysid has them; every window is a sequence that begins at i
 Of efforts MuJoCo's inverse dynamics stand in place of its roll-out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """OpenCV: Umeyama's registration with the rotation forced, and hand-eye by Park and Martin."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import cv2

@@ -1,7 +1,5 @@
 """pybotics as its documentation has it: all of chain, tool and world frame by SciPy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

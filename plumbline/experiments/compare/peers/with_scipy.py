@@ -1,7 +1,5 @@
 """As one would type it: NumPy, and SciPy with finite differences; all markers count alike."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -4,8 +4,6 @@ The size of what is wrong is set by what it leaves once beam and planes, or the 
 fitted again: so many times the noise, by a linear fit of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ What is wrong with CT changes c before it is written down; what moves while the 
 changes y. Breathing is the cube of half a sine: long at one end, short at the other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ Boards may carry a spherical cap of height h and foot radius c about a point of 
 sphere of radius :math:`(c^2 + h^2) / 2h` is met by the beam exactly; h may be negative.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ what no library lists: a phase finder's cyclic error, a cold finder that warms u
 comes to lean, stripes of paint, a tilt that tells left from right by its cube.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

@@ -9,8 +9,6 @@ psi about the normal:
 with s the stand-off. Many (u, psi, s) are tried at once; the first that the arm reaches is taken.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ over a board of half sides w and l: what a plate does that was bent or bolted do
 the largest. Shift and tilt (i + j < 2) are the board's pose and no unflatness.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,8 +8,6 @@ its pose with noise:
 with b the base, f the flange, c the camera, t the target, and delta a small random motion.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from plumbline.experiments.reality.arm import Array, forward, rotations

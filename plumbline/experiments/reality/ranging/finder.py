@@ -8,8 +8,6 @@ s tan(theta): a share g of them is noise, a share k of the spot's growth is bias
 readings of something else: a second reflection, a speck, an edge.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ The head is star-shaped about its middle, an ellipsoid with a brow, a nose, a ch
 Beams meet it where :math:`|x| - \rho(x / |x|)` changes sign along them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,8 +8,6 @@ A built arm besides differs from its drawing: every link and joint zero is a lit
 much that the flange errs by a given root mean square over the workspace.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -10,8 +10,6 @@ stand-off by a decimetre (`LEAN`, `STAND`) are chosen so that the closed form on
 near the paper's 1.37 mm; a few readings are poor, as its selection loop must have met.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

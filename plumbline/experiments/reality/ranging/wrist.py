@@ -12,8 +12,6 @@ cosines solves, elbow up or down; what remains of the orientation is z-y-z,
 Two shoulders, two elbows and two wrists make eight postures.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Surveys and scans as recordings, of kind ``plane_range`` and ``surface_scan``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ Each is one class: its formula, where it is known from, how it is drawn, and on 
 depends. Their forms are not those of `outside_effects`, nor sums of the library's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

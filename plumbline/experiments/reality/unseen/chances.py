@@ -1,7 +1,5 @@
 """What every draw of an unseen mechanism asks for: a joint, a load, a direction."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from plumbline.experiments.reality.arm import Array, load_torque

@@ -1,7 +1,5 @@
 """A gap budget on a page: the error now and after, the waterfall, link by link."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

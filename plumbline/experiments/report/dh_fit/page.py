@@ -1,7 +1,5 @@
 """What is said of a fit of links: misfits, what the readings tell, what they do not, worst rows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

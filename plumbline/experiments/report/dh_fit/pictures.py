@@ -1,7 +1,5 @@
 """Pictures of a link fit: where it errs, what it cannot tell apart, which poses tell most."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

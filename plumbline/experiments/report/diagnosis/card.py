@@ -1,7 +1,5 @@
 """A verdict as a notebook shows it: a compact card of HTML, every word of the data escaped."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from html import escape
 

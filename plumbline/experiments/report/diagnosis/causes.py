@@ -1,7 +1,5 @@
 """What is to blame: the ranking of causes, the staircase that they make, and where they sit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ figures of one panel or two, so that a page can set them side by side or, on a p
 other.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of a motion: command, actual, nominal and corrected over time, the residual below."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

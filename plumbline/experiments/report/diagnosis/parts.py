@@ -1,7 +1,5 @@
 """Pictures of ranges and fiducials: residuals over the beam, on each plane, by marker."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable

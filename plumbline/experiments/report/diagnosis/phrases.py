@@ -1,7 +1,5 @@
 """Sentences that the terminal and the page share."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

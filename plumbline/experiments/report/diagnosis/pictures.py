@@ -1,7 +1,5 @@
 """Every picture of a report, with the finding it shows as its title and a sentence or two."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ripples of joints as curves over the joint's angle, each with a band of two standard errors."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -1,7 +1,5 @@
 """Tables of a diagnosis's report: the rows that are missed most, what is always fitted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

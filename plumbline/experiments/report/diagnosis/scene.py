@@ -1,7 +1,5 @@
 """The arm, its tips and what is left of each row, as data of a scene that a reader can turn."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Several recordings under one verdict: what each leaves, and what carries over, as tables."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """A verdict in plain words on a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

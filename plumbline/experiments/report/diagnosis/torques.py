@@ -1,7 +1,5 @@
 """Efforts of drives: friction over the speed with its band, and the torque of joints over time."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray

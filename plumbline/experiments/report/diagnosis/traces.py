@@ -1,7 +1,5 @@
 """What a joint was expected to do, did, and is foretold to do over time; what is left below."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """The scene of a verdict in a notebook: a page of its own in a frame, nothing fetched."""
 
-from __future__ import annotations
-
 import html
 from dataclasses import dataclass
 

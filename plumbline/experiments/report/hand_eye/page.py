@@ -1,7 +1,5 @@
 """A hand-eye calibration on a page: beam and errors, planes, worst readings, next poses."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -3,8 +3,6 @@
 Lengths are drawn in mm. Every function returns one figure.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

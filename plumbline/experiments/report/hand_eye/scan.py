@@ -1,7 +1,5 @@
 """What is said of a scan: angles between faces, where it lies on a surface, its points."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -5,8 +5,6 @@ each tip's way stays behind it. The lower panel runs along with the least cleara
 d_s that is asked for.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 What comes from the data is shown as it stands: no markup of a console's, nothing unprintable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from rich.console import Console

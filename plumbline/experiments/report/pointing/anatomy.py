@@ -4,8 +4,6 @@ The section is the plane through the lesion and the CT's z axis at one azimuth; 
 point of a grid how far it is from each solid, and the line at zero is drawn.
 """
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 from matplotlib.axes import Axes

@@ -1,7 +1,5 @@
 """Needles in pictures: which angles are safe, the cone about the lesion, the path of the joints."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

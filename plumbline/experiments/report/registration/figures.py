@@ -3,8 +3,6 @@
 Coordinates are drawn in mm, in the frame that an axis names.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

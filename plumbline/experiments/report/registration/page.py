@@ -1,7 +1,5 @@
 """What is said of a registration: targets and how far to trust them, markers, the transform."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
