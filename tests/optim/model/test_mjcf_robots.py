@@ -37,7 +37,8 @@ def arm(bare):
     effects = (REGISTRY["joint_offset"](joint=3), REGISTRY["joint_compliance"](joint=2))
     return replace(
         bare, robot=Robot.from_mjcf(twin()), tip_frame="ltip", effects=effects, samples={"q": q},
-        values=np.array([3e-3, 2e-4]), covariance=1e-12 * np.eye(2), ranges={"q": np.array([q.min(axis=0), q.max(axis=0)])},
+        values=np.array([3e-3, 2e-4]), covariance=1e-12 * np.eye(2),
+        ranges={"q": np.array([q.min(axis=0), q.max(axis=0)])},
     )  # fmt: skip
 
 
