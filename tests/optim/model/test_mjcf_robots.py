@@ -70,3 +70,15 @@ def test_a_robot_made_of_no_file_is_not_kept(arm, tmp_path):
     with pytest.raises(PlumblineError, match=r"made of no file.*from_mjcf"):
         replace(arm, robot=replace(arm.robot, mjcf=None)).save(tmp_path / "arm.toml")
     assert not (tmp_path / "arm.toml").exists()
+
+
+@pytest.mark.parametrize("made", ["as_urdf", "as_dh"])
+def test_files_of_one_joint_behind_the_other_refuse_limbs_and_name_the_way_out(arm, made):
+    q = np.zeros((3, 7))
+    efforts = replace(
+        arm, observation="joint_torque", effects=(), values=np.empty(0),
+        covariance=np.empty((0, 0)), samples={"q": q}, ranges={"q": np.array([q[0] - 1, q[0] + 1])},
+    )  # fmt: skip
+    with pytest.raises(PlumblineError, match="found limbs of 7 joints, expected one arm; export M"):
+        getattr(efforts, made)()
+    assert efforts.as_mjcf().error < 1e-9

@@ -7,7 +7,13 @@ import numpy as np
 from plumbline.kinematics.link_export import dh_toml
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.export.exported import Exported, head, lacking, must_agree
+from plumbline.optim.model.export.exported import (
+    Exported,
+    head,
+    lacking,
+    must_agree,
+    must_be_one_arm,
+)
 from plumbline.optim.model.export.geometry import corrected_table, fixed_part, fixed_pose, tool_of
 
 
@@ -17,6 +23,7 @@ def dh(arm: Arm) -> Exported:
     Raises:
         PlumblineError: Read again, they do not stand where the model has them.
     """
+    must_be_one_arm(arm, "DH rows")
     missing = lacking(arm, fixed_part(arm))
     tool = ", ".join(f"{v:.12g}" for v in tool_of(arm)[:3, 3])
     text = dh_toml(

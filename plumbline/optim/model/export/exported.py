@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.errors import PlumblineError, listed
+from plumbline.errors import PlumblineError, fault, listed
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
@@ -130,6 +130,13 @@ def must_agree(recording: str, said: str, error: float, of: str = "") -> None:
             f"{recording}: the exported {said} by {error:.1e}{of}, at most {AGREES:.0e} allowed; "
             "nothing was written"
         )
+
+
+def must_be_one_arm(arm: Arm, said: str) -> None:
+    """Refuse a robot with limbs (PlumblineError) where a file holds one joint behind the other."""
+    n = arm.chain.n
+    if list(arm.chain.hangs) != list(range(-1, n - 1)):
+        raise fault(f"{arm.recording}, {said}", f"limbs of {n} joints", "one arm", "export MJCF")
 
 
 def samples_of(arm: Arm) -> tuple[Array, dict[str, Array]]:

@@ -16,7 +16,14 @@ from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.efforts import MOTION, tau
 from plumbline.optim.model.export.bodies import URDF, bodies_of, drives_of, held_by
-from plumbline.optim.model.export.exported import Exported, head, lacking, must_agree, samples_of
+from plumbline.optim.model.export.exported import (
+    Exported,
+    head,
+    lacking,
+    must_agree,
+    must_be_one_arm,
+    samples_of,
+)
 from plumbline.optim.model.export.geometry import (
     corrected_table,
     fixed_part,
@@ -35,8 +42,11 @@ def urdf(arm: Arm) -> Exported:
     """The model as URDF, read again by Pinocchio.
 
     Raises:
-        PlumblineError: Read again, it does not stand where the model has it.
+        PlumblineError: Read again, it does not stand where the model has it; or it has limbs, and
+            came as MJCF.
     """
+    if arm.robot.urdf is None:
+        must_be_one_arm(arm, "URDF of a robot from MJCF")
     fixed, held = fixed_part(arm), held_by(arm, URDF, gravity=False)
     kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or e in held.effects]
     missing = lacking(arm, arm.of(kept))
