@@ -13,6 +13,7 @@ from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import percent, quantity
 
 ROUNDING = 1e-9  # of a root that is real
+COLUMNS = ("link", "alone", "share", "95 %", "cured", "share then", "95 % then", "its cure gains")
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Part:
     rms: float  # RMS of its own error, were it alone [m]
     rms_after: float  # the same after the cure [m]
     share_after: float  # its share after all cures
+    interval_after: tuple[float, float]  # 95 % of that
     # by how much the RMS falls if this link alone is mended, or taken away where nothing mends it
     # [m]
     gain: float
@@ -100,11 +102,10 @@ class Budget(Answer):
 
     def table(self) -> str:
         """The links as lines of plain text."""
-        head = ("link", "alone", "share", "95 %", "after", "mending it gains")
-        rows = [head, *(_row(part) for part in self.parts)]
-        total = (quantity(self.rms, "m"), "100 %", "", quantity(self.rms_after, "m"), "")
-        rows.append(("all", *total))
-        widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
+        rows = [COLUMNS, *(row_of(part) for part in self.parts)]
+        whole = (quantity(self.rms, "m"), "100 %", "", quantity(self.rms_after, "m"), "100 %")
+        rows.append(("all", *whole, "", ""))
+        widths = [max(len(row[k]) for row in rows) for k in range(len(COLUMNS))]
         return "\n".join(
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
@@ -134,8 +135,9 @@ def _scale(part: Part, rms: float, length: float) -> float | None:
     return max(fit, default=None)
 
 
-def _row(part: Part) -> tuple[str, ...]:
-    low, high = (percent(v) for v in part.interval)
+def row_of(part: Part) -> tuple[str, ...]:
+    """A link as the cells of :data:`COLUMNS`."""
+    now, then = (" to ".join(map(percent, v)) for v in (part.interval, part.interval_after))
     after = quantity(part.rms_after, "m") if part.curable else "no cure"
-    own = (part.name, quantity(part.rms, "m"), percent(part.share), f"{low} to {high}")
-    return (*own, after, quantity(part.gain, "m"))
+    own = (part.name, quantity(part.rms, "m"), percent(part.share), now, after)
+    return (*own, percent(part.share_after), then, quantity(part.gain, "m"))

@@ -52,16 +52,26 @@ def add_up(
     after = _Sum(cured, lasting)
     rng = np.random.default_rng(seed)
     drawn, squares = now.drawn(rng)
-    _, squares_after = after.drawn(rng)
-    low, high = np.percentile(drawn, LEVEL, axis=0)
+    drawn_after, squares_after = after.drawn(rng)
+    spans, spans_after = (np.percentile(d, LEVEL, axis=0).T for d in (drawn, drawn_after))
     square, square_after = now.parts().sum(), after.parts().sum()
     shares, shares_after = now.parts() / _some(square), after.parts() / _some(square_after)
     gains = [_gain(sources, cross, k) for k in range(len(sources))]
     parts = tuple(
-        Part(name, float(shares[k]), (float(low[k]), float(high[k])), now.alone(k), after.alone(k),
-             float(shares_after[k]), gains[k], sources[k].cured is not None, sources[k].origin)
+        Part(
+            name=name,
+            share=float(shares[k]),
+            interval=(float(spans[k, 0]), float(spans[k, 1])),
+            rms=now.alone(k),
+            rms_after=after.alone(k),
+            share_after=float(shares_after[k]),
+            interval_after=(float(spans_after[k, 0]), float(spans_after[k, 1])),
+            gain=gains[k],
+            curable=sources[k].cured is not None,
+            origin=sources[k].origin,
+        )
         for k, name in enumerate(names)
-    )  # fmt: skip
+    )
     return Budget(
         parts=parts,
         rms=_root(square),

@@ -30,6 +30,18 @@ def test_shares_sum_to_one_and_squares_to_the_whole():
     assert budget.parts[0].share == pytest.approx(1.43**2 / (1.43**2 + 0.01 + 0.25))
 
 
+def test_shares_after_the_cure_have_intervals_too():
+    budget = add_up(paper())
+    whole = 0.4**2 + 0.1**2 + 0.5**2
+    for part, own in zip(budget.parts, (0.16, 0.01, 0.25), strict=True):
+        low, high = part.interval_after
+        assert part.share_after == pytest.approx(own / whole)
+        assert low < part.share_after < high
+    assert sum(part.share_after for part in budget.parts) == pytest.approx(1.0)
+    exact = add_up([Source.of_rms("a", 1e-3), Source.of_rms("b", 1e-3)])
+    assert exact.parts[0].interval_after == pytest.approx((0.5, 0.5))
+
+
 def test_systematic_errors_add_as_lengths_do():
     push = [1e-3, 0.0, 0.0]
     both = add_up([Source.of("a", mean=push), Source.of("b", mean=push)])

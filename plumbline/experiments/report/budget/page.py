@@ -6,15 +6,21 @@ from matplotlib.figure import Figure
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
 from plumbline.experiments.report.style import AFTER, GUILTY, MUTED, house_style, new_figure
 from plumbline.optim.budget import Budget
-from plumbline.optim.core.quantities import percent, quantity
+from plumbline.optim.budget.answer import COLUMNS, row_of
+from plumbline.optim.core.quantities import quantity
+
+LONGEST = 40  # characters of a label beside the waterfall
 
 
 def page(answer: Budget) -> Page:
     """The page of a budget."""
-    low, high = (quantity(v, "m") for v in answer.interval)
+    now, then = (
+        " to ".join(quantity(v, "m") for v in span)
+        for span in (answer.interval, answer.interval_after)
+    )
     tiles = [
-        Tile("now", quantity(answer.rms, "m"), f"RMS; 95 %: {low} to {high}"),
-        Tile("after all cures", quantity(answer.rms_after, "m"), "RMS"),
+        Tile("now", quantity(answer.rms, "m"), f"RMS; 95 %: {now}"),
+        Tile("after all cures", quantity(answer.rms_after, "m"), f"RMS; 95 %: {then}"),
         Tile("mend first", answer.first[0].name, f"gains {quantity(answer.first[0].gain, 'm')}"),
     ]
     picture = Picture(
@@ -28,27 +34,15 @@ def page(answer: Budget) -> Page:
         name="Gap budget",
         verdict=f"{quantity(answer.rms, 'm')}, mostly {answer.first[0].name}",
         tone="explained",
-        lead=(answer.headline + ".", answer.next_step()),
+        lead=(answer.headline.replace("->", "→") + ".", answer.next_step()),
         tiles=tiles,
         parts=(picture, _links(answer)),
     )
 
 
 def _links(answer: Budget) -> Part:
-    rows = [
-        [
-            part.name,
-            quantity(part.rms, "m"),
-            percent(part.share),
-            " to ".join(percent(v) for v in part.interval),
-            quantity(part.rms_after, "m") if part.curable else "no cure",
-            quantity(part.gain, "m"),
-            part.origin,
-        ]
-        for part in answer.parts
-    ]
-    columns = ("link", "alone", "share", "95 %", "after", "mending it gains", "from")
-    return Part("The links", (), Grid(columns, rows, (1, 2, 4, 5)))
+    rows = [[*row_of(part), part.origin] for part in answer.parts]
+    return Part("The links", (), Grid((*COLUMNS, "from"), rows, range(1, len(COLUMNS))))
 
 
 def waterfall(budget: Budget) -> Figure:
@@ -69,7 +63,10 @@ def waterfall(budget: Budget) -> Figure:
             axes.barh(k, 1e6 * step, left=1e6 * (top - step), color=GUILTY if step > 0 else AFTER)
         axes.barh(len(steps), 1e6 * after, color=MUTED)
         labels = [*names, f"left: {1e3 * budget.rms_after:.3g} mm"]
-        axes.set_yticks(range(len(labels)), [label[:40] for label in labels])
+        axes.set_yticks(
+            range(len(labels)),
+            [label if len(label) <= LONGEST else f"{label[: LONGEST - 1]}…" for label in labels],
+        )
         axes.invert_yaxis()
         axes.set_xlabel(f"mean square error [mm²]; now {1e3 * budget.rms:.3g} mm RMS")
     return figure
