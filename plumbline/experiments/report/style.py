@@ -9,14 +9,17 @@ import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from html import escape
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
 INK, MUTED, FAINT, PAPER = "#22262b", "#6f757d", "#b9bec5", "#fdfdfc"
@@ -30,6 +33,8 @@ DPI = 192  # of those pixels
 ROWS = "rows-"  # begins the id of a cloud whose points are rows
 USE = re.compile(r"(<use\b[^>]*?)/>")
 CLOUD = re.compile(rf'<g id="{ROWS}([\d-]+)">(.*?</g>)\s*</g>', re.DOTALL)
+SAID = "said-"  # begins the id of a part that says something, in UTF-8 as hexadecimal digits
+TITLED = re.compile(rf'<g id="{SAID}([\da-f]+)">')
 SCREEN = 96  # [dpi]: pictures that a notebook carries stay small
 
 _SETTINGS: dict[Any, Any] = {
@@ -111,7 +116,7 @@ def svg(figure: Figure, key: str, label: str) -> str:
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = _own_ids(_with_rows(text), key)
+    text = _own_ids(_with_words(_with_rows(text)), key)
     for colour, name in CSS.items():
         text = text.replace(colour, name)
     text = re.sub(r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", text, count=1)
@@ -126,6 +131,24 @@ def numbered(points: PathCollection, rows: NDArray[np.int64]) -> None:
         rows: Numbers (N,) of the rows, in the order of the points.
     """
     points.set_gid(ROWS + "-".join(map(str, rows)))
+
+
+def by_depth(axes: Any, places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The order in which points (N, 3) of axes in space are drawn: the farthest first."""
+    depth: NDArray[np.float64] = np.asarray(proj_transform(*places.T, axes.get_proj())[2])
+    return np.argsort(depth)[::-1]
+
+
+def says(artist: Artist, words: str) -> None:
+    """Have a part of a picture say something when the pointer rests on it."""
+    artist.set_gid(SAID + words.encode().hex())
+
+
+def _with_words(text: str) -> str:
+    """Parts with the title that their id holds."""
+    return TITLED.sub(
+        lambda found: f"<g><title>{escape(bytes.fromhex(found[1]).decode())}</title>", text
+    )
 
 
 def _with_rows(text: str) -> str:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from plumbline import PlumblineError, fit_dh, load, register, write_report
 from plumbline.experiments.commands.app import run
@@ -18,7 +19,8 @@ from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.diagnosis.turned import turned
 from plumbline.experiments.report.named import of_diagnosis
 from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
-from plumbline.experiments.report.style import house_style, new_figure, numbered, svg
+from plumbline.experiments.report.registration.figures import misfits_and_targets
+from plumbline.experiments.report.style import by_depth, house_style, new_figure, numbered, svg
 from plumbline.experiments.report.writing import PAGES, report_html
 from plumbline.experiments.reproduce import Reproduction, Table
 from plumbline.optim.hand_eye.answer import HandEye
@@ -126,6 +128,34 @@ def test_points_say_their_row_when_the_pointer_rests_on_them():
     diagnosis = made_up()
     said = set(re.findall(r"<title>row (\d+)</title>", report_html(diagnosis)))
     assert said == {str(k + 1) for k in np.flatnonzero(diagnosis.trusted)}
+
+
+def test_points_in_space_say_their_row_whichever_is_drawn_first():
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-1.0, 1.0, (20, 3)) * [3.0, 1.0, 0.5]
+    with house_style():
+        figure = new_figure(4, 4)
+        axes = figure.add_subplot(projection="3d")
+        cloud = axes.scatter(*places.T)
+        axes.set_aspect("equal")
+        order = by_depth(axes, places)
+        numbered(cloud, order)
+    drawn = re.findall(r'<use [^>]*x="([-.\d]+)" y="([-.\d]+)"[^>]*><title>row (\d+)',
+                       svg(figure, "k", "l"))  # fmt: skip
+    x, y = np.array([[float(a), float(b)] for a, b, _ in drawn]).T
+    rows = [int(row) for *_, row in drawn]
+    assert sorted(rows) == list(range(20)) != rows
+    flat = np.array(proj_transform(*places[rows].T, axes.get_proj())[:2])
+    assert np.corrcoef(x, flat[0])[0, 1] > 1.0 - 1e-9
+    assert np.corrcoef(y, flat[1])[0, 1] < -1.0 + 1e-9
+
+
+def test_a_bar_says_what_it_is_and_keeps_hostile_words_as_text():
+    (text,) = [svg(figure, "k", "l") for figure in (misfits_and_targets(a_registration()),)]
+    said = re.findall(r"<title>(.*?)</title>", text)
+    assert [words.partition(": ")[0] for words in said][::2] == ["A", "C"]
+    assert html.unescape(said[1]).startswith(f"{HOSTILE}: ")
+    assert not tags(text).open
 
 
 def test_the_scene_s_arrows_lead_from_the_model_s_tips_to_the_measured_ones():

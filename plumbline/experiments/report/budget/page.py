@@ -4,7 +4,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
-from plumbline.experiments.report.style import AFTER, GUILTY, MUTED, house_style, new_figure
+from plumbline.experiments.report.style import (
+    AFTER,
+    GUILTY,
+    MUTED,
+    house_style,
+    new_figure,
+    says,
+)
 from plumbline.optim.budget import Budget
 from plumbline.optim.budget.answer import COLUMNS, row_of
 from plumbline.optim.core.quantities import quantity
@@ -60,7 +67,10 @@ def waterfall(budget: Budget) -> Figure:
         figure = new_figure(6.4, 0.9 + 0.3 * (len(steps) + 1))
         axes = figure.subplots()
         for k, (step, top) in enumerate(zip(steps, tops, strict=True)):
-            axes.barh(k, 1e6 * step, left=1e6 * (top - step), color=GUILTY if step > 0 else AFTER)
+            (bar,) = axes.barh(
+                k, 1e6 * step, left=1e6 * (top - step), color=GUILTY if step > 0 else AFTER
+            )
+            says(bar, f"{names[k]}: {1e6 * step:+.3g} mm²")
         axes.barh(len(steps), 1e6 * after, color=MUTED)
         labels = [*names, f"left: {1e3 * budget.rms_after:.3g} mm"]
         axes.set_yticks(

@@ -9,7 +9,14 @@ from matplotlib.ticker import MaxNLocator
 
 from plumbline.experiments.report.diagnosis.figures import BRIGHTEST, drawn_pair, top_of
 from plumbline.experiments.report.diagnosis.subject import Array, Subject
-from plumbline.experiments.report.style import AFTER, BEFORE, calm, house_style, new_figure
+from plumbline.experiments.report.style import (
+    AFTER,
+    BEFORE,
+    calm,
+    house_style,
+    new_figure,
+    numbered,
+)
 from plumbline.optim.measurement.parts import cosines_at_start, spots_at_start
 
 SIGNED = "RdBu_r"  # of residuals with their sign, pale where they are none
@@ -58,10 +65,11 @@ def _plane(subject: Subject, plane: int, scale: Normalize) -> Figure:
     axes = figure.subplots(2, 1)
     pairs = ((subject.before, "before"), (subject.after, "after"))
     for ax, (residuals, when) in zip(axes, pairs, strict=True):
-        ax.scatter(
+        dots = ax.scatter(
             *places.T, c=residuals[mine, 0], cmap=SIGNED, norm=scale, s=16.0, linewidths=0.2,
             edgecolors="#888",
         )  # fmt: skip
+        numbered(dots, subject.rows[mine])
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_title(f"plane {plane}{named}, {when}")
         ax.set_ylabel("y [mm]")
@@ -94,7 +102,8 @@ def by_marker(subject: Subject) -> tuple[Figure, ...]:
             subject.sizes, (BEFORE, AFTER), ("before", "after"), (-0.2, 0.2), strict=True
         ):
             x = recording.element + shift + 0.6 * beside
-            axes.scatter(x, sizes, color=colour, s=14.0, alpha=0.8, linewidths=0, label=label)
+            dots = axes.scatter(x, sizes, color=colour, s=14.0, alpha=0.8, lw=0, label=label)
+            numbered(dots, subject.rows)
         axes.set_xlim(0.5, count + 0.5)
         axes.set_ylim(0.0, top_of(subject.sizes[0]))
         if count <= MOST_PARTS:

@@ -133,6 +133,7 @@ def bows(calibration: Calibration) -> Figure:
             rows = index == k
             places = MM * (points[rows] - c.frames.c[k]) @ c.frames.B[k][:, :2]
             drawn = _dots(axes, places, heights[rows], top)
+            numbered(drawn, c.readings.row[rows])
             axes.set_title(f"plane {c.readings.planes[k]}")
             axes.set_xlabel("on the board [mm]")
         panels[0].set_ylabel("[mm]")

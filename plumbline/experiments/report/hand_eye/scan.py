@@ -8,9 +8,10 @@ from matplotlib.figure import Figure
 
 from plumbline.experiments.report.hand_eye.pictures import BOARDS, MM
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
-from plumbline.experiments.report.style import SIZES, house_style, new_figure
+from plumbline.experiments.report.style import SIZES, by_depth, house_style, new_figure, numbered
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
+from plumbline.optim.dh_fit.answer import FIRST_ROW
 from plumbline.optim.hand_eye.scan import ScanAnswer
 
 
@@ -101,18 +102,21 @@ def _picture(answer: ScanAnswer) -> Picture:
 def scan_picture(answer: ScanAnswer) -> Figure:
     """The rebuilt points: by face, or by their distance from the surface [mm]."""
     points, face = MM * answer.points, answer.recording.face
+    clouds = []
     with house_style():
         figure = new_figure(5.4, 4.4)
         axes: Any = figure.add_subplot(projection="3d")
         if answer.laid is not None:
             colours = MM * answer.laid.distances
             drawn = axes.scatter(*points.T, c=colours, cmap=SIZES, s=6, linewidths=0)
+            clouds.append((drawn, np.arange(len(points))))
             figure.colorbar(drawn, ax=axes, shrink=0.6, label="from the surface [mm]")
         elif face is not None:
             for i, k in enumerate(np.unique(face)):
                 colour = BOARDS[i % len(BOARDS)]
                 label = answer.recording.labels[i]
-                axes.scatter(*points[face == k].T, s=9, color=colour, label=label)
+                drawn = axes.scatter(*points[face == k].T, s=9, color=colour, label=label)
+                clouds.append((drawn, np.flatnonzero(face == k)))
             axes.legend(loc="upper left")
         axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
         axes.locator_params(nbins=5)
@@ -120,4 +124,6 @@ def scan_picture(answer: ScanAnswer) -> Figure:
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.labelpad = 10.0  # points, past the numbers
         axes.set_box_aspect(None, zoom=0.85)
+        for cloud, rows in clouds:
+            numbered(cloud, rows[by_depth(axes, points[rows])] + FIRST_ROW)
     return figure

@@ -25,6 +25,7 @@ from plumbline.experiments.report.style import (
     calm,
     house_style,
     new_figure,
+    says,
 )
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import Box
@@ -97,16 +98,20 @@ def misfits_and_targets(answer: Registration) -> Figure:
     """How far each marker is from where the transform puts it, and how far targets may be [mm]."""
     recording, used = answer.recording, set(answer.used)
     errors = [answer.tre(place, None) for place in recording.targets.ct]
+    names = [*answer.labels, *recording.targets.labels]
     with house_style():
         figure = new_figure(6.4, 0.3 * (len(answer.labels) + len(errors)) + 1.4)
         axes = figure.add_subplot()
         for k, misfit in enumerate(MM * answer.misfits):
-            axes.barh(k, misfit, color=AFTER if k in used else PAPER, edgecolor=AFTER, height=0.6)
+            ink = AFTER if k in used else PAPER
+            (bar,) = axes.barh(k, misfit, color=ink, edgecolor=AFTER, height=0.6)
+            says(bar, f"{names[k]}: {misfit:.3g} mm")
         for k, error in enumerate(errors, start=len(answer.labels)):
             if error.unknown:
                 axes.text(0.0, k, " not known", va="center", color=MUTED)
                 continue
-            axes.barh(k, MM * error.rms, color=GUILTY, edgecolor=GUILTY, height=0.6)
+            (bar,) = axes.barh(k, MM * error.rms, color=GUILTY, edgecolor=GUILTY, height=0.6)
+            says(bar, f"{names[k]}: {MM * error.rms:.3g} mm RMS, {MM * error.reach:.3g} mm at most")
             axes.plot([0.0, MM * error.reach], [k, k], "|-", color=INK, markersize=9)
         for label, ink, edge, there in (
             ("misfit of a marker used", AFTER, AFTER, True),
@@ -116,7 +121,6 @@ def misfits_and_targets(answer: Registration) -> Figure:
             axes.barh(0, 0, color=ink, edgecolor=edge, label=label if there else None)
         if errors:
             axes.plot([], [], "|-", color=INK, label="95 of 100 such targets are nearer")
-        names = [*answer.labels, *recording.targets.labels]
         axes.set_yticks(range(len(names)), labels=names)
         axes.invert_yaxis()
         axes.set_xlabel("mm")
