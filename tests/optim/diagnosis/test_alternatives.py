@@ -263,6 +263,26 @@ def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, ask
     assert linear.tt == pytest.approx(rest @ rest, rel=1e-6)
 
 
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_what_a_joint_may_do_is_gone_where_it_moves_nothing_and_what_others_do_is_not(asked, joint):
+    """Whatever it does, row by row; of a place that may move anything nothing is left."""
+    problem = asked.problem
+    rest = problem.shared.beyond(frozenset({asked.places.index(("joint", joint))}))
+    none = problem.shared.beyond(frozenset({asked.places.index(("sensor", None))}))
+    before, after, last = (np.diag(each.G) for each in (problem.linear, rest, none))
+    others = []
+    for term in problem.terms[: asked.library]:
+        seen = before[term.columns].sum()
+        left = after[term.columns].sum() / max(seen, 1e-300)
+        if (str(term.effect.stage), term.effect.element) == ("joint", joint):
+            assert left < 1e-9
+        elif seen and term.effect.name == "joint_scale":
+            others.append(left)
+        assert last[term.columns].sum() <= 1e-9 * seen
+    assert np.median(others) > 0.1  # of joints whose axes meet there, nothing
+    assert rest.n == pytest.approx(problem.linear.n - 2 * len(asked.rows), abs=6)
+
+
 def test_a_gross_row_s_columns_move_that_row_alone(place, asked):
     term = asked.problem.terms[asked.gross_rows[7]]
     assert isinstance(term, GrossRow)

@@ -30,6 +30,7 @@ from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.predict.held_out import evaluate
+from plumbline.optim.diagnosis.prior import PART_OF_UNLISTED
 from plumbline.optim.diagnosis.verdict import judge as judge_module
 from plumbline.optim.diagnosis.verdict.explanation import (
     Explanation,
@@ -147,6 +148,20 @@ def test_sensitivity_holds_the_probability_itself():
     told = _told(*sampled())
     assert told.sensitive[SCALE] == pytest.approx((0.3, 0.6))
     assert told.sensitive[OFFSET] == pytest.approx((0.2, 0.6))
+
+
+@pytest.mark.parametrize(("moved", "part"), [(11.0, PART_OF_UNLISTED), (11.3, 0.0)])
+def test_what_is_named_may_be_a_part_of_what_is_missing_unless_it_is_far_larger(moved, part):
+    """As beside an unlisted mechanism that is told, which leaves nothing missing."""
+    told = made(probabilities={SCALE: 0.9}, sensitive={SCALE: (0.8, 1.0)})
+    doubted = told.doubted(1.0, 1.0, {SCALE: moved})
+    assert doubted.probabilities[SCALE] == pytest.approx(0.9 * (1.0 - part))
+    assert doubted.sensitive[SCALE] == pytest.approx((0.8 * (1.0 - part), 1.0 - part))
+    assert told.doubted(0.0, 1.0, {SCALE: moved}).probabilities[SCALE] == 0.9
+    known = replace(told, beside=1.0).doubted(1.0, 1.0, {SCALE: moved})
+    assert known.probabilities[SCALE] == pytest.approx(0.9)
+    mechanism = next(m for m in told.mechanisms if m[3] == SCALE[0])
+    assert doubted.mechanisms[mechanism] == pytest.approx(told.mechanisms[mechanism] * (1.0 - part))
 
 
 @pytest.mark.parametrize(("lacked", "told"), [(0.35, False), (0.45, True)])
@@ -294,6 +309,12 @@ def kind(parts, **changed):
     noise = replace(noise, **changed.pop("noise", {}))
     lacking = lack_of_fit(noise, selected)
     return judge(recording, selected, seen, told, noise, EFFECTS, 0, lacking)
+
+
+@pytest.mark.parametrize(("ratio", "part"), [(1.0, 0.0), (3.0, PART_OF_UNLISTED)])
+def test_a_verdict_is_not_sure_of_a_cause_beside_which_as_much_is_missing(judged, ratio, part):
+    [cause] = kind(judged, noise={"ratio": ratio}).causes
+    assert cause.probability == pytest.approx(0.99 * (1.0 - part), abs=0.01)
 
 
 def test_a_gap_down_to_a_known_noise_is_explained(judged):

@@ -13,6 +13,7 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot
 from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coarsened, one_by_one
+from plumbline.optim.diagnosis.posterior.parts import Parts
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     DEVIATIONS,
@@ -98,7 +99,7 @@ def by_enumeration(asked, most=4):
         for level, total in zip(asked.labels, found, strict=True):
             total[np.unique(level[mine])] += weight
         for label in {asked.labels[0][i] for i in mine if _may_be_part(asked, i, mine)}:
-            found[0][label] -= asked.part * weight
+            found[0][label] -= asked.shared.prior * weight
     return found, gross
 
 
@@ -147,7 +148,7 @@ def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
 def test_beside_what_is_unlisted_a_listed_term_may_be_a_part_of_it(seed, of_place, first):
     """Chains and the sum of all sets take it for that with the same probability, and it matters."""
     plain = problem(*drawn(seed, strength=6.0), labels=[np.arange(7), of_place])
-    asked = replace(plain, unlisted=np.arange(7) % 2 == first, part=PART_OF_UNLISTED)
+    asked = replace(plain, unlisted=np.arange(7) % 2 == first, shared=Parts(PART_OF_UNLISTED))
     found, expected = sample(asked, STARTS, seed), by_enumeration(asked)[0]
     for ours, theirs in zip(found.marginals, expected, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=0.01)
@@ -165,11 +166,42 @@ def test_beside_one_only_what_is_far_larger_elsewhere_is_sure(asked_how, places,
     X, _ = drawn(0, strength=40.0, mixed=0.1)
     t = size * X[:, 0] + X[:, 1] + np.random.default_rng(0).normal(0.0, SIGMA, N)
     plain = problem(X, t, labels=labels)
-    asked = replace(plain, unlisted=np.arange(7) == 1, part=PART_OF_UNLISTED)
+    asked = replace(plain, unlisted=np.arange(7) == 1, shared=Parts(PART_OF_UNLISTED))
     first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
     least, most = (0.95, 1.01) if sure else (0.55, 0.65)
     assert least < first.marginals[0][0] < most
     assert first.marginals[1][0] > 0.95  # its place is as sure as ever
+
+
+@pytest.mark.parametrize("asked_how", [sample, one_by_one])
+@pytest.mark.parametrize(
+    ("moves", "drivers", "sure"),
+    [
+        ("elsewhere", "", True),
+        ("there", "", False),
+        ("elsewhere", "load", False),
+        ("hardly elsewhere", "", False),
+    ],
+)
+def test_what_speaks_for_a_cause_where_the_unlisted_moves_nothing_makes_it_no_part(
+    asked_how, moves, drivers, sure
+):
+    """Not of one driven by what drives the unlisted too: that may be at work in several joints."""
+    X, _ = drawn(0, strength=40.0, mixed=0.0)
+    there = np.arange(N) < N // 2  # what the unlisted mechanism's place can move
+    X[~there, 1] = 0.0
+    X[there if moves == "elsewhere" else ~there, 0] *= 0.1 if moves == "hardly elsewhere" else 0.0
+    t = X[:, 0] + X[:, 1] + np.random.default_rng(0).normal(0.0, SIGMA, N)
+    if moves == "hardly elsewhere":  # where less is seen of it than chance may hide
+        t[~there] -= X[~there, 0]
+    plain = problem(X, t, labels=[np.arange(7), np.arange(7)])
+    drive = (frozenset({"load"}), frozenset({drivers}), *[frozenset[str]()] * 5)
+    parts = Parts(PART_OF_UNLISTED, lambda _: statistics(X[~there], t[~there]), drive)
+    asked = replace(plain, unlisted=np.arange(7) == 1, shared=parts)
+    start = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
+    first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
+    least, most = (0.99, 1.01) if sure else (0.55, 0.65)
+    assert least < first.marginals[0][0] < most
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -30,6 +30,7 @@ from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, orthonor
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
+from plumbline.optim.diagnosis.posterior.parts import Parts
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
@@ -49,6 +50,9 @@ from plumbline.optim.recording.recording import Recording
 
 Mechanism = tuple[str, int | None, str, str | None]  # stage, element, on what it depends, effect
 Names = tuple[tuple[Mechanism, ...], tuple[tuple[str, int | None], ...], tuple[str, ...]]
+# What a mechanism depends on that is of one joint, and what goes along with what in a recording.
+OWN_DRIVERS = frozenset({"own angle", "two angles", "another joint's angle", "angle", "nothing"})
+SAME_DRIVER = {"velocity": "direction", "history": "direction", "temperature": "time"}
 GROSS: Mechanism = ("", None, "", None)  # a row on its own, which has no place
 
 
@@ -143,7 +147,7 @@ def alternatives(
     terms = _terms(pool, found, columns, rows[np.flatnonzero(ports.gross)])
     names, numbers = _labels(terms)
     priors = _log_priors(pool, shares, len(terms), unlisted)
-    problem = _problem(pool, linear, terms, priors, numbers)
+    problem = _problem(pool, linear, terms, priors, numbers, _parts(design, ports, names))
     asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
     return Alternatives(problem, *names, len(pool.candidates), rows, *asked)
 
@@ -184,16 +188,35 @@ def _log_priors(pool: Pool, shares: Array, count: int, unlisted: float) -> Array
 
 
 def _problem(
-    pool: Pool, linear: Linear, terms: Sequence[AnyTerm], priors: Array, numbers: NDArray[np.intp]
+    pool: Pool,
+    linear: Linear,
+    terms: Sequence[AnyTerm],
+    priors: Array,
+    numbers: NDArray[np.intp],
+    parts: Parts,
 ) -> JointProblem:
     """The joint problem; its last label is whether a term is of no effect of the library."""
     lacked, gross = (
         np.array([isinstance(t, kind) for t in terms], dtype=bool) for kind in (Unlisted, GrossRow)
     )
     labels = np.vstack([numbers, lacked])
-    return JointProblem(
-        linear, tuple(terms), priors, gross, labels, pool.noise, lacked, PART_OF_UNLISTED
-    )
+    return JointProblem(linear, tuple(terms), priors, gross, labels, pool.noise, lacked, parts)
+
+
+def _parts(design: Design, ports: Ports, names: Names) -> Parts:
+    """What tells parts of an unlisted mechanism from causes of their own."""
+    mechanisms, places, _ = names
+
+    def beyond(where: frozenset[int]) -> Linear:
+        moved = np.concatenate([ports.at(*places[p]) for p in sorted(where)])
+        return design.beyond(moved).with_more([])[0]
+
+    return Parts(PART_OF_UNLISTED, beyond, tuple(_drivers(on) for _, _, on, _ in mechanisms))
+
+
+def _drivers(on: str) -> frozenset[str]:
+    """What drives a mechanism that several joints share; a joint's angle is its own."""
+    return frozenset(SAME_DRIVER.get(word, word) for word in on.split(" and ")) - OWN_DRIVERS
 
 
 def _labels(terms: Sequence[AnyTerm]) -> tuple[Names, NDArray[np.intp]]:

@@ -3,7 +3,7 @@ r"""The columns of what may be at work, dense, row by row, and the linear proble
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -27,7 +27,11 @@ from plumbline.optim.diagnosis.posterior.agreement import agreement
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Term, block_evidence
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
-from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, MANY_CAUSES, MOST_FAMILIES
+from plumbline.optim.diagnosis.prior import (
+    LOG_SCALE_WEIGHTS,
+    MANY_CAUSES,
+    MOST_FAMILIES,
+)
 from plumbline.optim.measurement.correlated import Whitening
 
 
@@ -45,6 +49,7 @@ class Design:
         plain: The columns before rows that know of each other were told apart (P, N, m).
         measured: The target before (N, m).
         white: How that is done.
+        gone: How many residuals count no more, since a row's own displacement takes them.
     """
 
     base: Array
@@ -56,6 +61,7 @@ class Design:
     plain: Array
     measured: Array
     white: Whitening
+    gone: float = 0.0
 
     @classmethod
     def of(
@@ -75,6 +81,27 @@ class Design:
             divided.base,
             divided.target,
             white,
+        )
+
+    def beyond(self, moved: Array) -> Design:
+        """What no displacement along given directions (k, N, m), a row's own of any size, moves."""
+        unit, sizes, _ = np.linalg.svd(np.moveaxis(moved / self.spread, 0, 2), full_matrices=False)
+        there = sizes > 1e-10 * sizes.max(initial=np.finfo(float).tiny)  # as of rounding
+        basis = unit * there[:, None, :]
+
+        def rest(block: Array) -> Array:
+            held = np.einsum("nmr,pnm->pnr", basis, block)
+            return np.asarray(block - np.einsum("nmr,pnr->pnm", basis, held))
+
+        plain, target = rest(self.plain), rest(self.measured[None])[0]
+        base, seen = self.white(plain), self.white(target[None])
+        return replace(
+            self,
+            base=_kept(base, self.live),
+            target=_kept(seen, self.live)[0],
+            plain=plain,
+            measured=target,
+            gone=self.gone + float(self.white.root**2 @ there.sum(axis=1)),
         )
 
     def _flat(self, block: Array) -> Array:
@@ -136,7 +163,7 @@ class Design:
         G[:P, :P] += self.shared.G
         b[:P] += self.shared.b
         tt = float(self.target @ self.target) + self.shared.tt
-        count = self.white.count(self.live) + self.shared.n
+        count = self.white.count(self.live) - self.gone + self.shared.n
         whole = Linear(G, b, tt, count)
         sizes = np.cumsum([P, *(len(block) for block in more)])
         columns = [np.arange(a, z) - self.always for a, z in pairwise(sizes.tolist())]

@@ -78,6 +78,21 @@ class Ports:
     # which residuals the rows have (N, m): all, but of rows of several kinds
     live: NDArray[np.bool_]
 
+    def at(self, stage: str, element: int | None) -> Array:
+        """What a mechanism at a place can move (k, N, m): all, if the place has no port.
+
+        A joint can turn across its axis too, as its bearing gives way.
+        """
+        if stage in ("joint", "actuation") and element is not None:
+            own = self.joint[[element - 1]]
+            return np.concatenate([own, self.link[element - 1, 3:]]) if len(self.link) else own
+        if stage == "link" and element is not None and len(self.link):
+            return self.link[element - 1]
+        if stage == "base" and len(self.body):
+            return self.body
+        N, m = self.target.shape
+        return np.tile(np.eye(m)[:, None, :], (1, N, 1))
+
     def own_shifts(self) -> Array:
         """Columns (R, m, N, m) that shift each of the distrusted rows by the usual size."""
         rows = np.flatnonzero(self.gross)

@@ -281,6 +281,6 @@ def _marginals(
         for level, total in zip(levels, found, strict=True):
             for label in {level[i] for i in mine}:
                 total[label] += weight
-        for label in problem.parts(mine):
-            found[0][label] -= problem.part * weight
+        for label, part in problem.parts(mine).items():
+            found[0][label] -= part * weight
     return tuple(np.minimum(total, 1.0) for total in found), np.minimum(gross, 1.0)

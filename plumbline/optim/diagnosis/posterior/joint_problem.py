@@ -11,7 +11,7 @@ where the noise variance and the widths weigh each other until both have settled
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -30,9 +30,9 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     batches,
     scan,
 )
+from plumbline.optim.diagnosis.posterior.parts import Parts
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
 from plumbline.optim.diagnosis.prior import (
-    DEVIATIONS,
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     LOG_SCALE_WEIGHTS,
@@ -77,9 +77,8 @@ class JointProblem:
     noise: NoisePrior  # the prior of the noise
     # which terms are of no effect of the library (C,); none if not given
     unlisted: NDArray[np.bool_] | None = None
-    # probability that listed terms are parts of an unlisted mechanism, which need not be one term,
-    # where they may be: at its place, the second level, or where it is no small share of them
-    part: float = 0.0
+    # which listed terms may be parts of an unlisted mechanism, which need not be one term
+    shared: Parts | None = None
 
     @cached_property
     def gathered(self) -> list[Batch]:
@@ -99,56 +98,14 @@ class JointProblem:
             found[self.labels[0][~self.unlisted & ~self.gross]] = True
         return found
 
-    def parts(self, indices: Iterable[int]) -> frozenset[int]:
-        """Labels of these terms, of the first level, that may be parts of what is unlisted.
+    def parts(self, indices: Iterable[int]) -> Mapping[int, float]:
+        """Labels of these terms that may be parts of what is unlisted, with the probability."""
+        return self.shared.of(self, indices) if self.shared else {}
 
-        Those at a place of it, and those that move so little that all of it may be how what is at
-        work deviates from them: our forms are not its own, and other columns take up the rest.
-        """
-        key = frozenset(i for i in indices if not self.gross[i])
-        if key not in self._parts:
-            self._parts[key] = self._parts_of(sorted(key))
-        return self._parts[key]
-
-    @cached_property
-    def _parts(self) -> dict[frozenset[int], frozenset[int]]:
-        return {}
-
-    def _parts_of(self, indices: list[int]) -> frozenset[int]:
-        if self.unlisted is None or not self.unlisted[indices].any():
-            return frozenset()
-        label, place, lacking = self.labels[0], self.labels[1], self.unlisted
-        lacked = [i for i in indices if lacking[i]]
-        places = {int(place[i]) for i in lacked}
-        mine = {int(label[i]): int(place[i]) for i in indices if not lacking[i]}
-        if places.issuperset(mine.values()):
-            return frozenset(mine)
-        moved = self.moved(indices)
-        whole = moved(lacked)
-        each = {k: moved([i for i in indices if label[i] == k]) for k in mine}
-        small = {k for k in mine if DEVIATIONS[0] ** 2 * each[k] <= whole}
-        return frozenset(k for k in mine if mine[k] in places or k in small)
-
-    def moved(self, indices: Sequence[int]) -> Callable[[Sequence[int]], float]:
-        """The square that some of these terms move, at their fit together and usual widths."""
-        columns = np.concatenate([self.terms[i].columns for i in indices])
-        ends = np.cumsum([0, *(len(self.terms[i].columns) for i in indices)])
-        own = {i: np.arange(a, z) for i, (a, z) in zip(indices, pairwise(ends), strict=True)}
-        G, b = self.linear.G[np.ix_(columns, columns)], self.linear.b[columns]
-        base = float(self.noise.variance(self.linear.tt, self.linear.n))
-        z = np.zeros(len(b))
-        for _ in range(VARIANCE_ROUNDS):
-            z = np.linalg.lstsq(G + base * np.eye(len(b)), b, rcond=None)[0]
-            left = max(float(self.linear.tt - 2.0 * z @ b + z @ G @ z), 0.0)
-            before, base = base, float(self.noise.variance(left, self.linear.n))
-            if base > SETTLED_VARIANCE * before:
-                break
-
-        def square(some: Sequence[int]) -> float:
-            k = np.concatenate([own[i] for i in some])
-            return float(z[k] @ G[np.ix_(k, k)] @ z[k])
-
-        return square
+    def evidence(self, indices: Sequence[int], linear: Linear) -> float:
+        """Log evidence of some terms together, against none, in another problem of the columns."""
+        own = replace(self, linear=linear).only(indices)
+        return weighed(own)[0] - own.log_prior(range(len(indices)))
 
     def only(self, indices: Sequence[int]) -> JointProblem:
         """The same problem of some of its terms alone."""

@@ -157,8 +157,7 @@ def _about(problem: JointProblem, reduced: Reduced) -> Sampled:
     asked = [problem.odds(reduced)[0], *(problem.odds(reduced.without(t))[0] for t in slots)]
     tilts = (0.0, -float(np.log(TILT)), float(np.log(TILT)))
     held = [t.index for t in slots]
-    large = frozenset(problem.labels[0][held].tolist()) - problem.parts(held)
-    found, *tilted = (_marginals(problem, [log + tilt for log in asked], large) for tilt in tilts)
+    found, *tilted = (_marginals(problem, [log + tilt for log in asked], held) for tilt in tilts)
     gross = np.zeros(len(problem.terms))
     gross[[t.index for t in reduced.chosen if problem.gross[t.index]]] = 1.0
     states = ((stated(problem, reduced.chosen), reduced.chosen),)
@@ -166,18 +165,18 @@ def _about(problem: JointProblem, reduced: Reduced) -> Sampled:
 
 
 def _marginals(
-    problem: JointProblem, asked: Sequence[Array], large: frozenset[int]
+    problem: JointProblem, asked: Sequence[Array], held: Sequence[int]
 ) -> tuple[Array, ...]:
     """Probability of every label, level by level, that any slot holds it.
 
     Args:
         problem: What was asked.
         asked: Log odds of every term in each slot.
-        large: Labels of the state of which what is unlisted there is a small share.
+        held: Terms of the state.
     """
     shares = np.stack([shares_of(log_odds) for log_odds in asked])
     found = [_any(_summed(shares, *of)) for of in zip(problem.labels, problem.sizes, strict=True)]
-    if problem.unlisted is None:
+    if problem.unlisted is None or problem.shared is None:
         return tuple(found)
     # What a listed label holds beside an unlisted term may be a part of that: one of its place, and
     # any that the state does not show to be far larger.
@@ -185,11 +184,14 @@ def _marginals(
     place = problem.labels[1]
     own = _elsewhere(_summed(lacked, place, problem.sizes[1]))[:, place]
     all_ = _elsewhere(lacked.sum(axis=1, keepdims=True))
+    part = np.full(problem.sizes[0], problem.shared.prior)
+    parts = problem.parts(held)
+    part[list(parts)] = list(parts.values())
+    large = set(problem.labels[0][list(held)].tolist()) - set(parts)
     far_larger = np.isin(problem.labels[0], list(large))
     apart = shares * (1.0 - np.where(far_larger, own, all_))
     alone = _any(_summed(apart, problem.labels[0], problem.sizes[0]))
-    parts = (1.0 - problem.part) * found[0] + problem.part * alone
-    found[0] = np.where(problem.listed, parts, found[0])
+    found[0] = np.where(problem.listed, (1.0 - part) * found[0] + part * alone, found[0])
     return tuple(found)
 
 

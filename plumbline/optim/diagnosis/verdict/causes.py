@@ -62,13 +62,13 @@ def cause_of(
     )
 
 
-def by_importance(selected: SelectedModel, seed: int) -> list[Key]:
-    """Causes by the square that they explain."""
+def by_importance(selected: SelectedModel, seed: int) -> dict[Key, float]:
+    """Causes with the square that they explain, the largest first."""
     if not selected.chosen:
-        return []
+        return {}
     keys = [selected.selection.candidates[c.index].key for c in selected.chosen]
     drops = explained_by(selected.selection, selected.chosen, [str(k) for k in keys], seed)
-    return sorted(set(keys), key=lambda k: -drops[str(k)])
+    return {k: drops[str(k)] for k in sorted(set(keys), key=lambda k: -drops[str(k)])}
 
 
 def _of(selected: SelectedModel, keys: Sequence[Key]) -> list[SelectedTerm]:

@@ -21,15 +21,18 @@ from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.joint import Sampled, sample
 from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coarsened, one_by_one
+from plumbline.optim.diagnosis.posterior.parts import moved_by
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import restricted
 from plumbline.optim.diagnosis.posterior.task import Task
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
+    DEVIATIONS,
     EARNED,
     MANY_CAUSES,
     MOST_COMPARED_ROWS,
+    PART_OF_UNLISTED,
     UNLISTED,
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
@@ -71,6 +74,28 @@ class Explanation:
     def is_open(self) -> bool:
         """Whether something may be missing in the model, so that rows near each other err alike."""
         return self.one_by_one or self.unlisted >= UNLISTED
+
+    def doubted(self, lacking: float, missing: float, moved: Mapping[Key, float]) -> Explanation:
+        """The same where what is named leaves more than noise, and no term says what that is.
+
+        It is unlisted, at a place that nobody knows, and what is named may be a part of it: what
+        moves no more than some times as much as is left.
+
+        Args:
+            lacking: Probability that more than noise is left.
+            missing: Square of what is.
+            moved: Squares that the causes move.
+        """
+        part = PART_OF_UNLISTED * lacking * (1.0 - self.beside)
+        parts = {k for k, square in moved.items() if DEVIATIONS[0] ** 2 * square <= missing}
+        less: dict[Key | None, float] = dict.fromkeys(self.probabilities, 1.0)
+        less |= dict.fromkeys(parts, 1.0 - part)
+        return replace(
+            self,
+            probabilities={k: p * less[k] for k, p in self.probabilities.items()},
+            sensitive={k: (a * less[k], b * less[k]) for k, (a, b) in self.sensitive.items()},
+            mechanisms={m: p * less.get(key_of(m), 1.0) for m, p in self.mechanisms.items()},
+        )
 
     @cached_property
     def tree(self) -> tuple[dict[str, Any], ...]:
@@ -216,7 +241,9 @@ def _lacked_at(alt: Alternatives, found: Sampled) -> dict[Place, float]:
         for term in _unlisted(alt, state):
             own.setdefault(_place(alt, term.index), []).append(term.index)
         if own:
-            moved = alt.problem.moved([t.index for t in state if not alt.problem.gross[t.index]])
+            moved = moved_by(
+                alt.problem, [t.index for t in state if not alt.problem.gross[t.index]]
+            )
             squares = {place: moved(indices) for place, indices in own.items()}
             total = sum(squares.values())
             return {place: square / total for place, square in squares.items() if square > 0.0}
