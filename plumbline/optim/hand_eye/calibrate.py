@@ -15,6 +15,7 @@ from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, stdtrit
 
 from plumbline.errors import PlumblineError, fault
 from plumbline.optim.core.judged import Judgement, judged
@@ -31,9 +32,11 @@ from plumbline.optim.hand_eye.constants import (
     LARGEST_NOISE,
     LEAST_FREE,
     LEAST_ON_PLANE,
+    MAD_EFFICIENCY,
     MANY_GROSS,
     MOST_MISFIT,
     MOST_POSES,
+    NORMAL_95,
     POSES,
     SHAPES,
     SPARE,
@@ -136,7 +139,7 @@ class Calibration:
         planes, biased = len(self.frames.c), self.bias > 0.0
         arm = self.rows.shape[1] - direct.FIXED - planes - self.shapes - biased
         symbols = direct.symbols(planes, self.shapes, arm, biased)
-        problem = direct.stated(symbols, self.rows, self.fit.weights)
+        problem = direct.stated(symbols, self.rows, self.fit.relative)
         return Solution(problem, self.x, self.iterations, self.message)
 
     @property
@@ -176,7 +179,7 @@ def calibrate(readings: Readings, options: HandEyeOptions | None = None) -> Cali
         # Before any reading is called gross: where the beam is open, a fit may end anywhere.
         _seen(kept, frames, fit, fit.x, incidence, given)
         beam = frames.beam(fit.x)
-        gross = _gross(fit, incidence, given.gross)
+        gross = _gross(fit, incidence, _student(given.gross, _freedom(kept)))
         if not gross.any():
             break
         kept = kept.select(~gross)
@@ -193,7 +196,18 @@ def _robust(readings: Readings, given: HandEyeOptions) -> tuple[Beam, float, Fla
             f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
             f"{MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and its frame"
         )
-    return beam, sigma, np.abs(errors) <= given.gross * sigma
+    limit = _student(given.gross, MAD_EFFICIENCY * _freedom(readings))
+    return beam, sigma, np.abs(errors) <= limit * sigma
+
+
+def _freedom(readings: Readings) -> int:
+    """How many readings there are beyond the unknowns of beam and planes."""
+    return len(readings) - 5 - 3 * len(readings.planes)
+
+
+def _student(sigmas: float, freedom: float) -> float:
+    """What is as rare of Student's t, of a scale that so many residuals tell, as a normal's."""
+    return float(-stdtrit(freedom, float(ndtr(-sigmas))))
 
 
 def _likely(
@@ -261,7 +275,7 @@ def _answer(
     incidence: Array,
     given: HandEyeOptions,
 ) -> Calibration:
-    solution = given.solver.solve(replace(problem, weights=fit.weights), fit.x)
+    solution = given.solver.solve(replace(problem, weights=fit.relative), fit.x)
     beam = frames.beam(solution.x)
     seen, covariance = _seen(kept, frames, fit, solution.x, incidence, given)
     gross = np.setdiff1d(readings.row, kept.row)
@@ -298,9 +312,13 @@ def _seen(
     incidence: Array,
     given: HandEyeOptions,
 ) -> tuple[Observability, Array]:
-    """What the poses see, and the beam's covariance (6, 6); refused where the beam is open."""
+    """What the poses see, and the beam's covariance (6, 6); refused where the beam is open.
+
+    Its standard errors are such that 1.96 of them hold 95 %, few as the readings may be.
+    """
     beam = frames.beam(x)
     covariance = direct.beam_covariance(fit.beam, x, frames)
+    covariance *= (_student(NORMAL_95, _freedom(kept)) / NORMAL_95) ** 2
     seen = observability(kept, frames, beam, covariance, incidence, _bias(given))
     refuse_lost(seen, kept, beam, covariance, incidence)
     return seen, covariance

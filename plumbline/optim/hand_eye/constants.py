@@ -48,6 +48,8 @@ BETTER = 5.0  # times less scatter that shows how the poses were meant
 # Statement and variances
 SHAPES, ARM_SHAPES = 16, 48  # smooth shapes of a board, of the arm: chosen
 GROSS = 4.5  # sigmas: one good reading of 150,000 lies beyond
+MAD_EFFICIENCY = 0.37  # of a normal's median absolute deviation (Rousseeuw and Croux 1993)
+NORMAL_95 = 1.96  # sigmas of a normal that hold 95 %
 GROSS_ROUNDS = 3  # of fit and of gross readings left out
 LEAST_FREE = 0.05  # share of a reading that its fit leaves over, at the least
 # A quarter of a spot of 1.6 mm: a slanted beam is read from somewhere within its spot. At 30 deg
@@ -61,7 +63,6 @@ READINGS_A_SHAPE = 4  # of the arm, at the least
 VARIANCE_ROUNDS = 8
 VARIANCE_FLOOR = 0.05  # of the variance at normal incidence, and of the mean
 LEAST_SLANT = 1e-3  # of sin^2 of the largest incidence: below, no slope is told
-LEAST_FOR_SLOPE = 20  # readings that tell a variance's slope
 LINEAR_ROUNDS, LIKELY_ROUNDS = 3, 15
 VARIANCE_SETTLED = 1e-3  # relative change of a variance that ends the rounds
 

@@ -35,7 +35,6 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.hand_eye.constants import (
     CAUCHY,
-    LEAST_FOR_SLOPE,
     LEAST_SLANT,
     LIKELY_ROUNDS,
     LINEAR_ROUNDS,
@@ -84,12 +83,14 @@ def fit_variance(squares: Array, incidence: Array) -> Variance:
     """The variance of largest likelihood, given expected squares of errors (N,) [m^2].
 
     Fisher scoring: least squares of the squares over (1, sin^2), weighted by the inverse variance
-    squared, and no less than a twentieth of the mean at either end.
+    squared, and no less than a twentieth of the mean at either end. It has a slope where twice the
+    gain in log-likelihood is more than log N (Schwarz 1978, Ann. Statist. 6(2)): weights by one
+    that 40 readings do not tell follow their noise, and errors stated of them held 88 %.
     """
     slope = np.sin(incidence) ** 2
     mean = max(float(np.mean(squares)), np.finfo(float).tiny)
     most = float(slope.max(initial=0.0))
-    if most < LEAST_SLANT or len(squares) < LEAST_FOR_SLOPE:
+    if most < LEAST_SLANT:
         return Variance(mean)
     A = np.column_stack([np.ones_like(slope), slope])
     found = np.array([mean, 0.0])
@@ -101,7 +102,10 @@ def fit_variance(squares: Array, incidence: Array) -> Variance:
         a = max(found[0], low)
         far = max(a + most * found[1], low)
         found = np.array([a, (far - a) / most])
-    return Variance(float(found[0]), float(found[1]))
+    sloped = A @ found
+    gain = np.sum(np.log(mean / sloped) + squares / mean - squares / sloped)
+    told = gain > np.log(len(squares))
+    return Variance(float(found[0]), float(found[1])) if told else Variance(mean)
 
 
 FREE = (BOW, ARM)  # kinds whose spread the readings tell
@@ -113,7 +117,8 @@ class LikelyFit:
     """Where the rounds ended."""
 
     x: Array  # the unknowns (P,)
-    weights: Array  # weights of all rows [1/m^2], or relative ones of the robust rounds
+    weights: Array  # weights of all rows [1/m^2]
+    relative: Array  # the same over the readings' mean: what is weighted by them stays in m
     errors: Array  # residuals of all rows [m]
     leverage: Array  # share of each row that the fit takes up (N,)
     beam: Array  # covariance of the beam's unknowns (5, 5), all others eliminated
@@ -160,7 +165,8 @@ def likely_fit(
     covariance = _inverse(problem, J, w)
     leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
     beam = marginal_covariance(problem, J, w)
-    return LikelyFit(x, w, e, leverage, beam, covariance, variance, spreads)
+    relative = w / w[: len(incidence)].mean()
+    return LikelyFit(x, w, relative, e, leverage, beam, covariance, variance, spreads)
 
 
 def _turns(

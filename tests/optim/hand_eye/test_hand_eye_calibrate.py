@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm, t
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.ranging.finder import spoil
@@ -15,7 +16,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt, TrustRegion
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.accuracy import leave_one_out, moved, repeatability
-from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
+from plumbline.optim.hand_eye.calibrate import HandEyeOptions, _student, calibrate
 from plumbline.optim.hand_eye.design import _equations, candidates, greedy, next_poses, point_std
 from plumbline.optim.hand_eye.planes import Frames
 from plumbline.optim.hand_eye.readings import Readings
@@ -392,3 +393,20 @@ def test_frames_follow_the_beams_sense():
     for B, board in zip(frames.B, scene.boards, strict=True):
         assert B[:, 2] @ board.normal < -0.99
         assert np.linalg.det(B) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("instrument", [CLEAN, PAPER])
+def test_a_fit_that_ended_where_it_should_says_so_whatever_its_readings_noise(instrument):
+    """Weights are over the readings' mean: judged in m, not in standard errors of a micrometre."""
+    _, _, readings = surveyed(instrument=instrument)
+    assert calibrate(readings.select(np.arange(0, len(readings), 4))).judged.converged
+
+
+def test_few_readings_widen_what_is_stated_and_what_is_gross():
+    """Of 31 residuals 1.96 standard errors hold 95 %: Student's t takes 2.04 sigmas."""
+    _, _, readings = surveyed()
+    few = readings.select(np.arange(0, len(readings), 4))
+    own, freedom = calibrate(few), len(few) - 5 - 9
+    plain = np.sqrt(np.diag(direct.beam_covariance(own.fit.beam, own.x, own.frames)))
+    np.testing.assert_allclose(own.std / plain, t.ppf(0.975, freedom) / 1.96, rtol=1e-4)
+    assert _student(4.5, freedom) == pytest.approx(t.isf(norm.sf(4.5), freedom))

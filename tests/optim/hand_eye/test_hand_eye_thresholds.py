@@ -264,14 +264,20 @@ def test_a_variance_never_falls_below_a_twentieth():
     assert Variance(1.0, -2.0).at(np.array([np.pi / 2]))[0] == 0.05
 
 
-@pytest.mark.parametrize(
-    ("rows", "slant", "told"), [(40, 0.75e-3, False), (40, 1.5e-3, True), (19, 0.5, False),
-                                (20, 0.5, True)]
-)  # fmt: skip
-def test_a_variance_s_slope_takes_slant_and_twenty_readings(rows, slant, told):
-    incidence = np.arcsin(np.sqrt(np.linspace(0.0, slant, rows)))
-    found = fit_variance(np.linspace(1.0, 3.0, rows), incidence)
+@pytest.mark.parametrize(("slant", "told"), [(0.75e-3, False), (1.5e-3, True)])
+def test_a_variance_s_slope_takes_slant(slant, told):
+    incidence = np.arcsin(np.sqrt(np.linspace(0.0, slant, 40)))
+    found = fit_variance(np.linspace(0.2, 5.0, 40), incidence)
     assert bool(found.slant) is told
+
+
+def test_a_slope_is_told_where_the_readings_show_it_and_not_by_their_noise():
+    rng, incidence = np.random.default_rng(1), np.linspace(0.0, 0.6, 40)
+    even = [fit_variance(rng.standard_normal(40) ** 2, incidence).slant for _ in range(200)]
+    grown = 1.0 + 24.0 * np.sin(incidence) ** 2 / np.sin(0.6) ** 2
+    steep = [fit_variance(grown * rng.standard_normal(40) ** 2, incidence) for _ in range(200)]
+    assert np.count_nonzero(even) < 0.1 * 200
+    assert sum(found.slant > 0.0 for found in steep) > 0.9 * 200
 
 
 # What is said and refused
