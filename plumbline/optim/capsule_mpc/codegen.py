@@ -10,8 +10,8 @@ are affine in u, and T is read off :meth:`.statement.Statement.stages`, so that 
 version of it. ``banded_qp.c`` solves the program as it does here. A page of C keeps path and last
 step between two calls. All memory is in one structure whose size is known when it is compiled.
 
-The net below the planner is not part of it, nor is what is believed of fast obstacles: a step that
-is not solved says so, and whoever calls it has to stop.
+What :mod:`.controller` does before and below the plan is not part of it, and the header says so: a
+step that is not solved returns an error, and whoever calls it has to stop.
 """
 
 from __future__ import annotations
@@ -43,6 +43,12 @@ HEADER = """\
  * a point at {far:g}. It returns 0, and the rate of every state; or another number if there is no
  * plan: then the rate is zero, and the caller has to see to a stop. Nothing is allocated, and
  * nothing is global.
+ *
+ * The plan alone is here. Not here, and the caller's to see to:
+ * - the net that tries a rate and the stop after it, and limits of acceleration and jerk;
+ * - obstacles that move otherwise than stated, turn back, or come faster than a tip;
+ * - delay, lag, gain and dead band of what carries rates out, told or not;
+ * - measurements, goals and obstacles that are no numbers.
  */
 #ifndef CAPSULE_STEP_H
 #define CAPSULE_STEP_H

@@ -66,6 +66,14 @@ MOST_OF_A_STOP = 60  # steps that a stop may take at most
 NO_WAY = 1e-30  # below which a squared way is none; rounding
 EXACT = 1e-6  # [mm] to which what is held is; rounding
 CREEP = 0.1  # of the band: a rate below that gets its share of the way across it, against chatter
+# How late rates act beyond what is told
+GRAIN = 0.01  # [s] between two latenesses that are tried; at 60 mm/s a parabola leaves 0.1 mm
+LATEST = 0.2  # [s] that are looked for beyond what is told: what waits longer is no servo loop
+LATE = 0.1  # [s], 1 sigma of what is not told, before anything is seen
+GAINS = 0.1  # 1 sigma of a gain, before anything is seen
+LEARNT = 60.0  # [mm] of way by which e-fold is forgotten: a second at the largest speed
+SEEN_FROM = 0.01  # [mm], 1 sigma of noise that is not stated; rounding
+STANDARD = 3.0  # sigmas within which a lateness may be true
 NO_SEAT = 1e6  # [mm] of gap where there is nothing
 
 # What a smooth command and its horizon are tuned to

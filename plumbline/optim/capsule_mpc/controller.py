@@ -60,17 +60,19 @@ from plumbline.optim.capsule_mpc.events import (
     left_out,
     margins_function,
     moves_otherwise,
+    not_evaded,
     shortfalls,
 )
 from plumbline.optim.capsule_mpc.linearised import norms
 from plumbline.optim.capsule_mpc.net import Net, Verdict
 from plumbline.optim.capsule_mpc.planning import OneStep, Plan, Planner, Ready, shifted
-from plumbline.optim.capsule_mpc.plant import Safety, Underway
+from plumbline.optim.capsule_mpc.plant import Safety
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated, Seating
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.capsule_mpc.stopping import Stop, held_exactly, how_far_off, limited_function
 from plumbline.optim.capsule_mpc.sweeps import Looks, Sweeps, tip_speed
+from plumbline.optim.capsule_mpc.underway import Underway
 from plumbline.optim.core.problem import Array
 
 
@@ -117,7 +119,8 @@ class Controller:
         self._impossible = impossible(statement)
         dt, plant = statement.settings.dt, self.safety.plant
         late = replace(plant, delay=np.asarray(plant.delay) + self.safety.delay * dt)
-        self._underway = Underway(late, dt, statement.n)
+        self._underway = Underway(late, statement)
+        self._stray = 0.0
         self.reset()
 
     @property
@@ -177,14 +180,18 @@ class Controller:
             return self._stopped(begun, events)
         dt = self.statement.settings.dt
         x0 = present + self._underway.way()
+        self._stray = self._underway.stray(present)
+        events += self._underway.said()
         believed, otherwise = self._looks.believed(obstacles)
         events += [moves_otherwise(k, believed[k], obstacles[k]) for k in otherwise]
         seated = self._seen(self._underway.moved(believed), x0, events)
         wanted = self._wanted(goal, events)
         if obstacles:
-            straight, speed = self._sweeps.straight, self.statement.speed
-            wanted = self._evasion.goal(x0, wanted, self._swept, straight, speed)
-        stages = self.statement.stages(wanted, seated.kept, dt * self._rates[0])
+            straight, rate = self._sweeps.straight, self._rates[0]
+            wanted = self._evasion.goal(x0, rate, wanted, self._swept, straight)
+            over = self._evasion.overlap
+            events += [not_evaded(k, over[k]) for k in np.flatnonzero(over).tolist()]
+        stages = self.statement.stages(wanted, seated.kept, dt * self._rates[0], self._stray)
         self._stage = stages[0]
         path = self._path
         if path is None:
@@ -215,6 +222,7 @@ class Controller:
         if values.shape == (self.statement.n,) and np.isfinite(values).all():
             self._blind = 0
             self._present = values
+            self._underway.seen(values)
             return values
         self._blind += 1
         words = f"state not usable {self._blind} times in a row, at most {self.safety.patience}"
@@ -259,7 +267,7 @@ class Controller:
 
     def _believe(self, found: list[Obstacle]) -> list[Obstacle]:
         """Fast ones by all that they sweep, as long as there are slots for capsules."""
-        believed = self._sweeps.ahead(self._swept)
+        believed = list(self._swept)
         free = self.statement.slots - sum(o.a != o.b for o in found)
         for k, (old, new) in enumerate(zip(found, believed, strict=True)):
             if old.a == old.b and new.a != new.b:
@@ -273,7 +281,7 @@ class Controller:
         if not own:
             return here
         seen = [own.get(id(obstacle), obstacle) for obstacle in kept]
-        stages = self.statement.stages(here[: self.statement.goals], seen)
+        stages = self.statement.stages(here[: self.statement.goals], seen, stray=self._stray)
         return self.statement.present(stages)
 
     def _report_off(self, x: Array, stage: Array, events: list[Event]) -> None:

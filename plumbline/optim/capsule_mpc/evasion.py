@@ -10,6 +10,7 @@ for every instrument it is asked whether it could stand where it is, in the obst
 and if not, it is sent on to its goal if that keeps clear, or else at a constant rate u that does:
 one outside of the velocity obstacle (Fiorini, Shiller 1998, Int. J. Robotics Research 17(7)), of
 those the nearest to the way to its goal; where none keeps clear, the one that comes nearest to it.
+Where that one touches, it is said at once.
 A rate that kept clear keeps clear at the next step as well, while obstacles go straight on.
 
 How far ahead (:math:`\tau`) an obstacle is believed to do so, it shows: as long as it last did.
@@ -53,14 +54,16 @@ class Evasion:
     def reset(self) -> None:
         """Forget what was seen."""
         self._out: list[Array | None] = [None] * len(self._bodies)
+        self.overlap = np.zeros(len(self._bodies))  # that the best way out comes to (I,) [mm]
 
     def goal(
-        self, x0: Array, goal: Array, obstacles: Sequence[Obstacle], believed: Array, pace: Array
+        self, x0: Array, rate: Array, goal: Array, obstacles: Sequence[Obstacle], believed: Array
     ) -> Array:
         """The goal, (g,) or (p, g) [mm], with a way out in it for whom something comes at.
 
-        Obstacles are believed to go straight on for (K,) [s]; pace (n,) bounds every group [mm/s].
+        Obstacles are believed to go straight on for (K,) [s]; tips move at a rate (n,) [mm/s] now.
         """
+        self.overlap[:] = 0.0
         if not self._bodies or all(o.velocity == STILL for o in obstacles):
             return goal
         table = np.array([(*o.a, *o.b, *o.velocity, o.radius) for o in obstacles])
@@ -75,7 +78,7 @@ class Evasion:
             own = slice(3 * i, 3 * i + 3)
             ahead, radii = self._ahead(i, shafts, table, believed)
             place = goal[..., own].reshape(-1, 3)[-1]
-            out = self._way(i, tips[i], place, ahead, radii, float(pace[3 * i]))
+            out = self._way(i, tips[i], rate[own], place, ahead, radii)
             self._out[i] = out
             if out is not None:
                 found[..., own] = tips[i] + AHEAD * out
@@ -126,19 +129,22 @@ class Evasion:
         return found
 
     def _way(
-        self, i: int, tip: Array, goal: Array, ahead: Array, radii: Array, speed: float
+        self, i: int, tip: Array, rate: Array, goal: Array, ahead: Array, radii: Array
     ) -> Array | None:
         """A rate (3,) that keeps clear; None if the way to the goal does."""
         body, way = self._bodies[i], goal - tip
-        t = np.maximum(self._times - speed / body.a_max / 2, 0.0)[:, None]
+        speed = body.v_max
+        ramp = np.minimum(self._times, speed / body.a_max / 2)[:, None]
+        t = self._times[:, None] - ramp
         far = float(np.linalg.norm(way))
         straight = tip + way * np.minimum(1.0, t * speed / max(far, 1e-9))
         last = self._out[i]
         rates = np.concatenate([share * speed * AROUND for share in SHARES])
         if last is not None:
             rates = np.concatenate([last[None], rates])
-        tips = np.concatenate([straight[None], tip + t * rates[:, None]])
+        tips = np.concatenate([straight[None], tip + t * rates[:, None] + ramp * rate])
         gaps = _gaps(body, tips, ahead, radii)
+        self.overlap[i] = max(-float(gaps.max() + self._margins[1]), 0.0)
         enough = gaps >= min(ROOM, float(gaps.max()))
         if enough[0]:
             return None

@@ -46,6 +46,7 @@ class Trouble(Enum):
     OVER_BUDGET = "over-budget"
     FAULT = "fault"
     HELD_BACK = "held-back"
+    LATE = "late"
     OFF_HOLD = "off-hold"
     STOPPED = "stopped"
 
@@ -134,6 +135,18 @@ def moves_otherwise(k: int, seen: Obstacle, stated: Obstacle) -> Event:
     speed, said = (float(np.linalg.norm(o.velocity)) for o in (seen, stated))
     words = f"obstacle {k + 1}: its places move by {speed:.0f} mm/s, {said:.0f} stated; as seen"
     return Event(Trouble.BAD_OBSTACLE, words, speed)
+
+
+def acts_late(k: int, later: float) -> Event:
+    """Rates of a body, from 0, act otherwise than was told [s]."""
+    words = f"instrument {k + 1}: rates act {1e3 * later:+.0f} ms beside what was told; as seen"
+    return Event(Trouble.LATE, words, later)
+
+
+def not_evaded(k: int, overlap: float) -> Event:
+    """Every known way of a body, from 0, ends in what comes [mm]."""
+    words = f"instrument {k + 1}: no way out of what comes, {overlap:.3f} mm of overlap at best"
+    return Event(Trouble.CANNOT_BE_MET, words, overlap)
 
 
 def impossible(statement: Statement) -> list[Event]:

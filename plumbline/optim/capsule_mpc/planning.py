@@ -144,11 +144,14 @@ class OneStep:
         linearised = Linearised(one, self.compiled)
         linearised.prepare()
         BandedQp().prepare()
-        return _OneStepReady(self, statement, linearised, Compiled(_tracked(one.shape), False))
+        return _OneStepReady(
+            self, statement, linearised, Compiled(tracked_function(one.shape), False)
+        )
 
 
 @lru_cache(maxsize=32)
-def _tracked(shape: Shape) -> cs.Function:
+def tracked_function(shape: Shape) -> cs.Function:
+    """``(x, stage) -> (g,)``: what is compared with the goals [mm]."""
     x, _, stage = shape.statement.symbols
     return cs.Function("tracked", [x, stage], [cs.densify(shape.statement.tracked)])
 

@@ -17,8 +17,7 @@ d + T later, and the tip follows z that much later but for curvature, :math:`T^2
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +25,6 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.constants import CREEP, MM
-from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.core.problem import Array
 
 if TYPE_CHECKING:
@@ -94,68 +92,6 @@ class Plant:
         """
         late = np.asarray(self.delay) + np.asarray(self.lag)
         return float(np.max(self.lag) ** 2 * acceleration / 2 + speed * (late.max() - late.min()))
-
-
-class Underway:
-    """Rates that were sent and are not yet carried out, by what is known of the plant."""
-
-    def __init__(self, plant: Plant, dt: float, n: int) -> None:
-        """For a state (n,) and steps of dt [s]."""
-        self.plant, self.dt = plant, dt
-        self.delay, self.lag = (
-            np.broadcast_to(np.asarray(v, float), n) for v in (plant.delay, plant.lag)
-        )
-        self.late: Array = np.asarray(self.delay + self.lag)
-        steps = int(np.ceil(self.delay.max() / dt - 1e-9))
-        before = dt * np.arange(steps + 1)[:, None]  # how long ago each rate's step ended
-        self._left = np.clip(self.delay - before, 0.0, dt)
-        # A rate acts from some moment of a step to another; a lag keeps the more of it the later.
-        first, last = (
-            np.clip(self.delay - before, 0.0, dt),
-            np.clip(self.delay + dt - before, 0.0, dt),
-        )
-        with np.errstate(divide="ignore", invalid="ignore"):
-            kept = [np.where(end < dt, np.exp((end - dt) / self.lag), 1.0) for end in (first, last)]
-            self._stays = np.exp(-dt / self.lag)
-        self._acts = kept[1] - kept[0]
-        self.reset()
-
-    def reset(self) -> None:
-        """Nothing was sent."""
-        self._sent = np.zeros_like(self._left)  # newest first
-        self._speed = np.zeros_like(self.lag)
-
-    def way(self) -> Array:
-        """How far (n,) the state still goes by itself [mm]."""
-        return np.asarray((self._left * self._sent).sum(axis=0) + self.lag * self._speed)
-
-    def sent(self, rate: Array) -> None:
-        """One step on, at whose beginning a rate (n,) was sent."""
-        self._sent = np.concatenate([rate[None], self._sent[:-1]])
-        self._speed = (self._acts * self._sent).sum(axis=0) + self._stays * self._speed
-
-    def then(self, goal: Array, p: int) -> Array:
-        """A goal as it will be when the state is there: (g,), or of a path (m, g) p points."""
-        if goal.ndim == 1:
-            return goal
-        late = (
-            self.late
-            if goal.shape[1] == len(self.late)
-            else np.full(goal.shape[1], self.late.max())
-        )
-        known, wanted = np.arange(len(goal)), np.arange(p)
-        columns = zip(goal.T, late / self.dt, strict=True)
-        return np.column_stack([np.interp(wanted + more, known, g) for g, more in columns])
-
-    def moved(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
-        """Obstacles as they will be by then."""
-        late = float(self.late.max())
-        return [_later(o, late) if late and o.usable and any(o.velocity) else o for o in obstacles]
-
-
-def _later(o: Obstacle, seconds: float) -> Obstacle:
-    a, b = (np.add(end, np.multiply(seconds, o.velocity)) for end in (o.a, o.b))
-    return replace(o, a=(a[0], a[1], a[2]), b=(b[0], b[1], b[2]))
 
 
 @dataclass(frozen=True)

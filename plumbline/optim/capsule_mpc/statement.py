@@ -298,7 +298,11 @@ class Statement:
         return slice(self.width - 2 * self.n - 2, self.width - self.n - 2)
 
     def stages(
-        self, goal: ArrayLike, obstacles: Sequence[Obstacle], move: ArrayLike | None = None
+        self,
+        goal: ArrayLike,
+        obstacles: Sequence[Obstacle],
+        move: ArrayLike | None = None,
+        stray: float = 0.0,
     ) -> Array:
         """Parameters of all stages (p, t).
 
@@ -306,6 +310,7 @@ class Statement:
             goal: What is to be reached (g,), or a path of it (p, g) [mm].
             obstacles: At most ``slots``.
             move: The step (n,) that was last commanded, dt u [mm, or units]; none from rest.
+            stray: Bias beyond what is stated [mm].
 
         Raises:
             PlumblineError: More obstacles than slots, or a goal of another size.
@@ -330,6 +335,7 @@ class Statement:
         size = OBSTACLE * len(capsules)
         out[:, g : g + size] = found[:, :size]
         out[:, c : c + found.shape[1] - size] = found[:, size:]
+        out[:, -self.n - 2 : -self.n] += (2 * stray, stray)
         if move is not None:
             out[:, self.moved] = out[:, self.stepped] = move
         return out
@@ -341,6 +347,11 @@ class Statement:
         table[:, :3] -= table[:, 7:]
         table[:, 3:6] -= table[:, 7:]
         return out
+
+    @cached_property
+    def blank(self) -> Array:
+        """Parameters of a stage (t,) with nothing there."""
+        return self._template[0]
 
     @cached_property
     def _template(self) -> Array:

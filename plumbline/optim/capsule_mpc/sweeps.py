@@ -16,12 +16,13 @@ order what swings is on a spring, and its speed v at the places s of a line is
 
 .. math:: v^2 = \omega^2 \big(A^2 - (s - s_0)^2\big)
 
-so three looks say where v is zero. And what does neither goes straight on, as long as it last did:
-it is replaced by the capsule about its way until then. All of these stand still. The stop at hand
-keeps clear of what stands still (:mod:`.controller`), so who is outside stays outside at any speed
-of the obstacle; who is inside when they become known is pushed out the shortest way, across their
-axis and not along it, and is told where to by :mod:`.evasion`. Between two looks an obstacle is on
+so three looks say where v is zero. These stand still. The stop at hand keeps clear of what stands
+still (:mod:`.controller`), so who is outside stays outside at any speed of the obstacle; who is
+inside when they become known is pushed out the shortest way. Between two looks an obstacle is on
 the cubic that has its places and velocities at both (Hermite), so no turning point is missed.
+
+What does neither goes straight on, as long as it last did. Who stands in its way is told where to
+by :mod:`.evasion`, and is held up by nothing: to be within a way is not to be near an obstacle.
 """
 
 from __future__ import annotations
@@ -102,16 +103,6 @@ class Sweeps:
         for k in np.flatnonzero(peak > self._speed).tolist():
             capsule = self._about_all(k)
             found[k] = about(found[k], *capsule) if capsule else found[k]
-        return found
-
-    def ahead(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
-        """Of these as well, fast ones that move by their way ahead."""
-        found = list(obstacles)
-        for k, obstacle in enumerate(found):
-            rate = np.array(obstacle.velocity)
-            if rate @ rate > self._speed**2:
-                middle = (np.array(obstacle.a) + obstacle.b) / 2
-                found[k] = about(obstacle, middle, middle + self.straight[k] * rate)
         return found
 
     def _watch(self, table: Array) -> None:

@@ -14,6 +14,7 @@ from plumbline.optim.capsule_mpc import (
     Settings,
     Statement,
     TipInstrument,
+    Trouble,
     evasion,
     sweeps,
 )
@@ -24,7 +25,7 @@ BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
 BALL = Obstacle.sphere((-70.0, 0.0, -70.0), 5.0, (55.0, 0.0, 0.0))
 ROD = replace(BALL, a=(-70.0, -15.0, -70.0), b=(-70.0, 15.0, -70.0))
-PACE, FOR = np.full(6, 60.0), np.array([1.2])  # [mm/s] of a tip, [s] that it goes straight on
+REST, FOR = np.zeros(6), np.array([1.2])  # [mm/s] of the tips, [s] that it goes straight on
 WHITHER = {"where it is": START, "ahead of it": START + np.array([40.0, 0, 0, 0, 0, 0])}
 
 
@@ -62,6 +63,30 @@ def test_who_is_overtaken_leaves_the_way_in_time(obstacle, goal):
     assert clearance > 1.95
 
 
+def head_on(way, seconds, radius=5.0):
+    """A sphere at 400 mm/s that is to hit the first shaft in the middle after some time [s]."""
+    rate = 400.0 * np.array(way) / np.linalg.norm(way)
+    return Obstacle.sphere(tuple([0.0, 0.0, -70.0] - seconds * rate), radius, tuple(rate))
+
+
+@pytest.mark.parametrize("way", [(1, 0, 0), (0, 1, 0), (-1, 2, 0), (1, 1, 2), (2, -1, -1)])
+@pytest.mark.parametrize("seconds", [0.5, 1.1])
+def test_what_is_faster_than_a_tip_is_evaded_where_there_is_time(way, seconds):
+    """The tip has time for 26 mm and more; pushed out of all of the way ahead it came to 12."""
+    clearance, _ = least(head_on(way, seconds), START, 60)
+    assert clearance > 1.9
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(0.15, True), (0.6, False)])
+def test_what_cannot_be_evaded_is_said_at_once(seconds, said):
+    own = Controller(
+        Statement(BODIES, 1, Settings(p=5)), OneStep(compiled=False), Safety(budget=9.0)
+    )
+    events = own.step(START, START, [head_on((1, 1, 0), seconds)]).events
+    words = [event.words for event in events if event.trouble is Trouble.CANNOT_BE_MET]
+    assert any("instrument 1: no way out" in line for line in words) == said
+
+
 def test_who_has_made_way_comes_back():
     _, x = least(BALL, START, 220)
     np.testing.assert_allclose(x, START, atol=1.0)
@@ -78,7 +103,7 @@ def test_who_has_made_way_comes_back():
 )
 def test_nobody_makes_way_for_what_does_not_come(obstacle):
     own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
-    assert own.goal(START, START, [obstacle], FOR, PACE) is START
+    assert own.goal(START, REST, START, [obstacle], FOR) is START
 
 
 @pytest.mark.parametrize("rod", [0.0, 12.0])
@@ -89,23 +114,23 @@ def test_what_is_fast_is_not_missed_between_two_looks(off, rod):
     flier = Obstacle((place[0], -rod, -70.0), (place[0], rod, -70.0), 3.0, (700.0, 0.0, 0.0))
     own = evasion.Evasion(Statement(BODIES[:1], 1, Settings(p=5)))
     goal = START[:3] + np.array([1.0, 0.0, 0.0])
-    found = own.goal(START[:3], goal, [flier], FOR, PACE[:3])
+    found = own.goal(START[:3], REST[:3], goal, [flier], FOR)
     assert np.linalg.norm(found - START[:3]) > 30.0
 
 
 def test_a_rod_that_comes_end_foremost_past_a_shaft_is_no_reason_to_leave():
     rod = Obstacle((-90.0, 14.0, -70.0), (-50.0, 14.0, -70.0), 3.0, (55.0, 0.0, 0.0))
     own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
-    assert own.goal(START, START, [rod], FOR, PACE) is START
+    assert own.goal(START, REST, START, [rod], FOR) is START
 
 
 def test_a_way_out_is_kept_while_it_keeps_clear():
     own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
-    first = own.goal(START, START, [BALL], FOR, PACE)
+    first = own.goal(START, REST, START, [BALL], FOR)
     way = (first - START) / evasion.AHEAD
     assert np.linalg.norm(way[:3]) == pytest.approx(60.0)
     assert not way[3:].any()
-    on = own.goal(START + 0.02 * way, START, [later(BALL, 0.02)], FOR, PACE)
+    on = own.goal(START + 0.02 * way, REST, START, [later(BALL, 0.02)], FOR)
     np.testing.assert_allclose(on - START - 0.02 * way, first - START)
 
 

@@ -12,14 +12,15 @@ from plumbline.experiments.mpc.tracked import followed
 from plumbline.experiments.reality.tip_drives import Slides, SlidingTips
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import ActuationLag
-from plumbline.optim.capsule_mpc import OneStep, Plant
-from plumbline.optim.capsule_mpc.plant import Underway
+from plumbline.optim.capsule_mpc import OneStep, Plant, Statement, TipInstrument
+from plumbline.optim.capsule_mpc.underway import Underway
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion.rollout import roll_out
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import recorded
 
 DT, NOISE = 0.02, 0.05  # [s], [mm]
+ONE = Statement((TipInstrument((0.0, 0.0, 0.0)),), 0)
 WRONG = Slides(delay=0.05, lag=0.04, gain=np.array([0.05, -0.04, 0]), band=np.array([3.0, 0, 0]))
 
 
@@ -173,7 +174,7 @@ def test_the_way_that_is_left_is_what_the_plant_still_goes():
     """With rates that no longer come, a late and lagging plant goes on by just so much."""
     wrong = Slides(delay=0.05, lag=0.04)
     tips = SlidingTips(np.zeros((1, 3)), wrong, DT, 100, np.random.default_rng(0))
-    own = Underway(Plant(delay=0.05, lag=0.04), DT, 3)
+    own = Underway(Plant(delay=0.05, lag=0.04), ONE)
     for rate in np.random.default_rng(1).uniform(-60.0, 60.0, (40, 3)):
         tips.move(rate[None])
         own.sent(rate)
@@ -184,7 +185,7 @@ def test_the_way_that_is_left_is_what_the_plant_still_goes():
     assert np.abs(tips.tips - before - left).max() < 0.02
 
 
-def test_a_controller_that_is_told_follows_as_if_nothing_were_wrong():
+def test_a_controller_follows_as_if_nothing_were_wrong_told_or_not():
     wrong = Slides(delay=0.06, lag=0.04, gain=-0.05, band=3.0, measured=0.02)
     told = Plant(delay=0.06, lag=0.04, gain=-0.05, band=3.0, less=1.0)
     planner = OneStep(compiled=False)
@@ -192,15 +193,17 @@ def test_a_controller_that_is_told_follows_as_if_nothing_were_wrong():
         followed(planner, slides, plant, 0, 3.0)
         for slides, plant in ((Slides(measured=0.02), Plant()), (wrong, Plant()), (wrong, told))
     )
-    assert untold.error > 5 * ideal.error
-    assert knowing.error - ideal.error < 0.2 * (untold.error - ideal.error)
-    assert knowing.clearance > 2.0
+    # Behind by 100 ms of 15 mm/s it would be 1.5 mm off: what nobody told is learnt.
+    assert untold.error < 0.3
+    assert abs(knowing.error - ideal.error) < 0.05
+    assert min(untold.clearance, knowing.clearance) > 2.0
 
 
 def test_later_points_of_a_path_are_led_and_a_single_goal_stays():
-    own = Underway(Plant(delay=[0.04, 0.0]), DT, 2)
-    path = np.arange(12.0)[:, None] * [1.0, 10.0]
-    assert np.array_equal(own.then(path, 8), np.column_stack([np.arange(2, 10), 10 * np.arange(8)]))
+    own = Underway(Plant(delay=[0.04, 0.0, 0.0]), ONE)
+    path = np.arange(12.0)[:, None] * [1.0, 10.0, 0.0]
+    then = np.column_stack([np.arange(2, 10), 10 * np.arange(8), np.zeros(8)])
+    assert np.array_equal(own.then(path, 8), then)
     assert np.array_equal(own.then(path[0], 8), path[0])
 
 

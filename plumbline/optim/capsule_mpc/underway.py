@@ -1,0 +1,187 @@
+r"""What was sent and is not yet carried out: by what is known of the plant, and by what is seen.
+
+Rates r that are sent sum up to places z; through what is known of the plant's lag they come to
+:math:`p = z - T v`. What is measured is, with an origin c that wanders as the stated noise lets it,
+
+.. math:: y_k = c_k + \gamma\, p(t_k - d - \tau) + e_k
+
+so the state comes to rest :math:`\gamma\, (z - p(t_k - d - \tau))` beyond y, if nothing more is
+sent. The delay d is what was told; :math:`\tau`, one for every body, is how much later it is, or
+sooner, and :math:`\gamma` is an axis' gain. Both are looked for as the loop runs. The innovations
+of y and of p, by the same Kalman filter of c, are :math:`\tilde y` and
+:math:`\tilde p_\tau`, and
+
+.. math:: J(\tau) = \min_\gamma \sum_k \frac{(\tilde y_k - \gamma\, \tilde p_{\tau, k})^2}{s_k^2}
+          + \frac{(\gamma - 1)^2}{\sigma_\gamma^2} + \frac{\tau^2}{\sigma_\tau^2}
+
+on a grid, refined by a parabola. The sum forgets by the way gone: nothing is learnt at rest, and
+nothing lost. Every :math:`\tau` with :math:`J - \min J \le 9\, \max(1, \min J / N)` may be true;
+how far the state may come to rest from where it is thought to, by any of them, is a bias that the
+distances are widened for. At the beginning that is all that was sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from plumbline.optim.capsule_mpc.compiled import Compiled
+from plumbline.optim.capsule_mpc.constants import (
+    GAINS,
+    GRAIN,
+    LATE,
+    LATEST,
+    LEARNT,
+    SEEN_FROM,
+    STANDARD,
+)
+from plumbline.optim.capsule_mpc.events import Event, acts_late
+from plumbline.optim.capsule_mpc.planning import tracked_function
+from plumbline.optim.capsule_mpc.plant import Plant
+from plumbline.optim.capsule_mpc.scene import Obstacle
+from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.core.problem import Array
+
+
+class Underway:
+    """Rates that were sent and are not yet carried out."""
+
+    def __init__(self, plant: Plant, statement: Statement) -> None:
+        """For what a statement moves."""
+        self.statement, self._parts = statement, statement.parts
+        n, parts, noise = statement.n, statement.parts, statement.settings.noise
+        self.dt = dt = statement.settings.dt
+        self._tracked = Compiled(tracked_function(statement.shape), False)
+        self._owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
+        delay, self._lag = (np.broadcast_to(np.asarray(v), n) for v in (plant.delay, plant.lag))
+        sooner = int(delay.min() / GRAIN + 1e-9)
+        self._later = GRAIN * np.arange(-sooner, round(LATEST / GRAIN) + 1)
+        self._told, self._known = sooner, np.asarray(delay + self._lag)
+        back = (delay + self._later[:, None]) / dt  # (T, n), in steps
+        self._whole, self._axes = np.floor(back + 1e-9).astype(int), np.arange(n)
+        # How far into the step that ended so many whole ones ago, and what a lag keeps of it.
+        self._into = dt * np.minimum(1.0 + self._whole - back, 1.0)
+        lag = np.maximum(self._lag, np.finfo(float).tiny)
+        self._kept, self._stays = -lag * np.expm1(-self._into / lag), np.exp(-dt / lag)
+        self._measured = noise.measured**2 + SEEN_FROM**2
+        self._wanders = (noise.step**2 + SEEN_FROM**2) / self._measured
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing was sent, and nothing seen."""
+        n, count = len(self._lag), len(self._later)
+        self._sent = np.zeros(n)
+        # Rate, and place and speed through the lag after it, of every step; newest first.
+        self._past = np.zeros((int(self._whole.max()) + 2, 3, n))
+        self._then = np.zeros((count, n))
+        self._origin: Array | None = None  # of y, then of p
+        self._spread = 0.0
+        self._sums = np.zeros((3, count, n))  # of squares of y, of products, of squares of p
+        self._count = np.zeros(n)
+        self._gain = np.ones((count, n))
+        self.later = np.zeros(len(self._parts))
+        self._may = np.ones((count, len(self._parts)), dtype=bool)
+        self._weigh()
+
+    @property
+    def late(self) -> Array:
+        """How late (n,) rates act [s]."""
+        return np.asarray(self._known + self.later[self._owner])
+
+    def sent(self, rate: Array) -> None:
+        """One step on, at whose beginning a rate (n,) was sent."""
+        speed = rate + (self._past[0, 2] - rate) * self._stays
+        self._sent = self._sent + self.dt * rate
+        fresh = np.stack([rate, self._sent - self._lag * speed, speed])
+        self._past = np.concatenate([fresh[None], self._past[:-1]])
+        rates = self._past[self._whole, 0, self._axes]
+        places, speeds = (self._past[self._whole + 1, k, self._axes] for k in (1, 2))
+        self._then = places + rates * (self._into - self._kept) + speeds * self._kept
+
+    def seen(self, state: Array) -> None:
+        """The state (n,) as it was measured."""
+        now = np.concatenate([state[None], self._then])
+        if self._origin is None:
+            self._origin, self._spread = now, 1.0 + self._wanders
+            return
+        off = now - self._origin
+        share, size = self._spread / (self._spread + 1.0), self._measured * (self._spread + 1.0)
+        self._origin = self._origin + share * off
+        self._spread = share + self._wanders
+        y, p = off[0], off[1:]
+        moves = (np.abs(p) > self._measured**0.5).any(axis=0)
+        if not moves.any():
+            return
+        kept = np.where(moves, np.exp(-np.abs(p[self._told]) / LEARNT), 1.0)
+        fresh = np.stack([np.broadcast_to(y * y, p.shape), y * p, p * p]) / size
+        self._sums = kept * self._sums + moves * fresh
+        self._count = kept * self._count + moves
+        self._weigh()
+
+    def _weigh(self) -> None:
+        """What is now most likely, and what is possible."""
+        yy, yp, pp = self._sums
+        gain = (yp + 1 / GAINS**2) / (pp + 1 / GAINS**2)
+        self._gain = gain
+        each = yy - 2 * gain * yp + gain**2 * pp + ((gain - 1) / GAINS) ** 2
+        for b, part in enumerate(self._parts):
+            J = each[:, part].sum(axis=1) + (self._later / LATE) ** 2
+            k = int(J.argmin())
+            scale = max(1.0, J[k] / max(self._count[part].sum(), 1.0))
+            self._may[:, b] = J - J[k] <= STANDARD**2 * scale
+            self.later[b] = self._later[k]
+            if 0 < k < len(J) - 1:
+                before, after = J[k - 1] - J[k], J[k + 1] - J[k]
+                self.later[b] += GRAIN / 2 * (before - after) / max(before + after, 1e-12)
+
+    def way(self) -> Array:
+        """How far (n,) the state still goes by itself [mm]."""
+        at = self.later[self._owner] / GRAIN + self._told
+        k = np.minimum(at.astype(int), len(self._later) - 2)
+        ways = self._ways()
+        return np.asarray(ways[k, self._axes] * (1 - at + k) + ways[k + 1, self._axes] * (at - k))
+
+    def said(self) -> list[Event]:
+        """Bodies that are for certain later or sooner than told by more than a bias stated."""
+        if self._may[self._told].all():
+            return []
+        off = np.where(self._may, np.abs(self._later)[:, None], np.inf).min(axis=0)
+        stated = self.statement.settings.noise.bias / self.statement.speed.max()
+        return [acts_late(k, self.later[k]) for k in np.flatnonzero(off > stated).tolist()]
+
+    def stray(self, state: Array) -> float:
+        """How far a tip may come to rest from where it is thought to, beyond a bias stated [mm]."""
+        ways, may = self._ways(), self._may[:, self._owner]
+        soon, late = may.argmax(axis=0), len(may) - 1 - may[::-1].argmax(axis=0)
+        ends = [self.way(), ways[soon, self._axes], ways[late, self._axes]]
+        tips = [self._tracked(state + way, self.statement.blank)[0].copy() for way in ends]
+        off = np.subtract(tips[1:], tips[0])
+        points = off.reshape(-1, 3 if off.shape[1] % 3 == 0 else 1)
+        most = float(np.linalg.norm(points, axis=1).max())
+        return max(most - self.statement.settings.noise.bias, 0.0)
+
+    def _ways(self) -> Array:
+        """How far (T, n) it still goes, by every lateness [mm]."""
+        return np.asarray(self._gain * (self._sent - self._then))
+
+    def then(self, goal: Array, p: int) -> Array:
+        """A goal as it will be when the state is there: (g,), or of a path (m, g) p points."""
+        if goal.ndim == 1:
+            return goal
+        own = self.late
+        late = own if goal.shape[1] == len(own) else np.full(goal.shape[1], own.max())
+        known, wanted = np.arange(len(goal)), np.arange(p)
+        columns = zip(goal.T, late / self.dt, strict=True)
+        return np.column_stack([np.interp(wanted + more, known, g) for g, more in columns])
+
+    def moved(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+        """Obstacles as they will be by then."""
+        late = float(self.late.max())
+        return [_later(o, late) if late and o.usable and any(o.velocity) else o for o in obstacles]
+
+
+def _later(o: Obstacle, seconds: float) -> Obstacle:
+    a, b = (np.add(end, np.multiply(seconds, o.velocity)) for end in (o.a, o.b))
+    return replace(o, a=(a[0], a[1], a[2]), b=(b[0], b[1], b[2]))

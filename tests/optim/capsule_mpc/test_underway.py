@@ -1,0 +1,95 @@
+"""How late rates act is learnt as the loop runs; until it is known, distances are wider."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plumbline.experiments.mpc.closed_loop import noise_for, run, statement_of
+from plumbline.experiments.reality.instruments import Mismatch
+from plumbline.experiments.reality.instruments import Plant as Reality
+from plumbline.experiments.reality.mpc_scenarios import STATED, draw
+from plumbline.optim.capsule_mpc import (
+    Controller,
+    Noise,
+    OneStep,
+    Plant,
+    Safety,
+    Settings,
+    Statement,
+    TipInstrument,
+)
+from plumbline.optim.capsule_mpc.underway import Underway
+
+BODIES = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+STATEMENT = Statement(BODIES, 0, Settings(p=2, noise=Noise(measured=0.1, step=0.03)))
+START = np.array([-30.0, 0.0, -120.0, 30.0, 0.0, -110.0])
+DT = 0.02
+
+
+def moved(mismatch, told=None, seed=0, rest=0):
+    """What is known after some steps; where the tips were to come to rest, truly and as thought."""
+    rng = np.random.default_rng(seed)
+    reality = Reality(START.reshape(2, 3), mismatch, DT, 20, rng)
+    own, thought = Underway(told or Plant(), STATEMENT), []
+    t = DT * np.arange(60)[:, None]
+    rates = 25.0 * np.sin(rng.uniform(2.0, 6.0, 6) * t) * np.minimum(1.0, t / 0.1)
+    for rate in [*rates, *np.zeros((rest, 6))]:
+        seen = reality.measure().ravel()
+        own.seen(seen)
+        waiting = np.sum([q.ravel() for q in reality.queue], axis=0) if reality.queue else 0.0
+        rest = reality.tips.ravel() + DT / 20 * waiting + mismatch.lag * reality.speed.ravel()
+        thought.append((rest - seen - own.way(), own.stray(seen)))
+        own.sent(rate)
+        reality.move(rate.reshape(2, 3))
+    return own, thought
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.013, 0.06, 0.1, 0.15])
+@pytest.mark.parametrize("gain", [0.0, 0.2])
+def test_a_delay_that_nobody_told_is_learnt_to_milliseconds(delay, gain):
+    own, _ = moved(Mismatch(0.1, 0.03, gain=gain, delay=delay))
+    np.testing.assert_allclose(own.later, delay, atol=6e-3)
+
+
+@pytest.mark.parametrize("told", [0.03, 0.06, 0.12])
+def test_a_delay_that_was_told_wrong_is_put_right_from_either_side(told):
+    own, _ = moved(Mismatch(0.1, 0.03, delay=0.06), told=Plant(delay=told))
+    np.testing.assert_allclose(own.late, 0.06, atol=6e-3)
+    assert bool(own.said()) == (told != 0.06)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"delay": 0.06}, {"delay": 0.15}, {"lag": 0.06}, {"delay": 0.02}]
+)
+def test_where_it_comes_to_rest_is_never_farther_off_than_what_is_still_possible(wrong):
+    for seed in range(10):
+        _, thought = moved(Mismatch(0.1, 0.03, **wrong), seed=seed)
+        for off, stray in thought:
+            assert np.abs(off).max() < stray + 5 * 0.1 + 0.3
+
+
+def test_before_anything_is_seen_all_that_was_sent_may_still_come():
+    own = Underway(Plant(), STATEMENT)
+    own.seen(START)
+    for _ in range(4):
+        own.sent(np.array([30.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert own.stray(START) == pytest.approx(4 * DT * 30.0)
+    assert np.abs(own.way()).max() == 0.0
+
+
+def test_at_rest_nothing_is_learnt_and_nothing_lost():
+    soon, late = (moved(Mismatch(0.1, 0.0, delay=0.06), rest=rest)[0] for rest in (20, 500))
+    np.testing.assert_allclose(late.later, soon.later, atol=1e-4)
+    np.testing.assert_allclose(late._count, soon._count, rtol=0.1)
+
+
+@pytest.mark.parametrize("wrong", [{"delay": 0.06}, {"delay": 0.1}, {"delay": 0.15}, {"lag": 0.08}])
+def test_a_plant_that_is_late_and_does_not_say_so_touches_nothing(wrong):
+    """Shafts that cross near their trocars; before, they met by up to 4 mm."""
+    scenario = draw("shallow", 900_003, replace(STATED, **wrong))
+    statement = statement_of(scenario, Settings(p=5, noise=noise_for(STATED, 60.0)))
+    own = Controller(statement, OneStep(compiled=False), Safety(budget=9.0))
+    found = run(scenario, own, most=120)
+    assert found.clearance > 2.0
+    assert found.events["late"] > 50
