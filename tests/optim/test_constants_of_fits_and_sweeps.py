@@ -10,7 +10,7 @@ import pytest
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.dh_fit import constants as of_links
 from plumbline.optim.model import command as of_commands
-from plumbline.optim.model import near
+from plumbline.optim.model import near, pathed
 from plumbline.optim.pointing import HalfSpace, PointingOptions, Solid, plan_sweep, sweep
 from plumbline.optim.pointing import constants as of_pointing
 from plumbline.optim.pointing.between import Between
@@ -54,11 +54,18 @@ COMMANDS = {
 NEAR_COMMANDS = {
     "LEVER": 0.1, "DAMPING": 1e-3, "NEAR_STEPS": 12, "PLACED": 1e-9, "STILL": 1e-8, "FARTHEST": 0.1,
 }  # fmt: skip
+PATHED = {"ROUNDS": 8, "NARROWEST": 1e-6}
 
 
 @pytest.mark.parametrize(
     ("module", "stand"),
-    [(of_links, LINKS), (of_pointing, POINTING), (of_commands, COMMANDS), (near, NEAR_COMMANDS)],
+    [
+        (pathed, PATHED),
+        (of_links, LINKS),
+        (of_pointing, POINTING),
+        (of_commands, COMMANDS),
+        (near, NEAR_COMMANDS),
+    ],
 )
 def test_every_number_stands_where_it_was_set_and_says_why(module, stand):
     lines = Path(module.__file__).read_text().splitlines()

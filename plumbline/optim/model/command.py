@@ -3,14 +3,13 @@ r"""The command that brings the real tool where it should be.
 .. math:: q_c = \arg\min_q\ |p(q) - p_w|^2 + \ell^2 |\log R(q)^T R_w|^2 + \lambda^2 |q - q_w|^2
           \quad\text{s.t.}\quad l \le q \le u
 
-where few steps near to it do not do (:mod:`.near`: a limit, a singular posture, a joint that
-remembers its path) by Gauss-Newton steps with the nominal arm's slope, over all postures at once, a
+where few steps near to it do not do (:mod:`.near`, :mod:`.pathed`; a limit, a singular posture) by
+Gauss-Newton steps with the nominal arm's slope, over all postures at once, a
 joint that runs into its limit held there; then a few steps on the place alone, so that where place
 and orientation cannot both be had the place is kept (Nakamura and Hanafusa 1986, J. Dyn. Sys. Meas.
 Control 108(3), sec. 3: damped least squares).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -21,7 +20,8 @@ from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.near import DAMPING, LEVER, near
+from plumbline.optim.model.near import DAMPING, LEVER, Context, near
+from plumbline.optim.model.pathed import pathed
 from plumbline.optim.model.rows import of_rows, postures
 
 FIRST_STEPS = 12  # towards both: what stays of the place is for the steps that follow
@@ -35,8 +35,6 @@ EASED = 10.0
 STARTS = 12  # postures of the recording that are tried for a pose
 REACHED = 1e-6  # [m] from its goal within which a tip has arrived: far below any arm's noise
 SLACK = 1e-9  # [rad or m] beyond a limit that rounding makes
-
-Context = Mapping[str, ArrayLike]  # of rows, by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,19 +195,27 @@ def _solved(
     far: bool = False,
 ) -> Command:
     """Commands about postures; where the orientation is ``far`` out of reach the place counts."""
-    if far or _remembers(arm):
+    remembers = _remembers(arm)
+    if far:
         q, miss, rest = wanted.copy(), np.empty((len(wanted), 6)), np.arange(len(wanted))
     else:
-        q, miss, rest = near(arm, wanted, goal, context, placed=placed)
+        q, miss, rest = (pathed if remembers else near)(arm, wanted, goal, context, placed=placed)
     if len(rest):
+        rest = np.arange(len(q)) if remembers else rest
         at, to, told = wanted[rest], goal[rest], of_rows(context, rest, len(q))
         if placed and not far:
             at = _walk(arm, at, to, told, at, LEVER, steps=FIRST_STEPS)
-        q[rest] = _walk(arm, at, to, told, None, 0.0)
-        miss[rest], _ = _misfit(arm, q[rest], to, told, 1.0)
+        at = _walk(arm, at, to, told, None, 0.0)
+        left, _ = _misfit(arm, at, to, told, 1.0)
+        if far or not remembers or _worst(left) < _worst(miss):  # of a path: all of it or nothing
+            q[rest], miss[rest] = at, left
     turned = np.linalg.norm(miss[:, 3:], axis=1) if placed else np.zeros(len(q))
     resting = (q <= arm.chain.lower + SLACK) | (q >= arm.chain.upper - SLACK)
     return Command(q, np.linalg.norm(miss[:, :3], axis=1), turned, resting)
+
+
+def _worst(miss: Array) -> float:
+    return float(np.linalg.norm(miss[:, :3], axis=1).max())
 
 
 def _remembers(arm: Arm) -> bool:

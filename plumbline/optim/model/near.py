@@ -13,6 +13,7 @@ Linear and Nonlinear Equations, sec. 7.3).
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
+from types import MappingProxyType
 
 import casadi as cs
 import numpy as np
@@ -21,9 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.rows import of_rows
+from plumbline.optim.model.rows import Columns, of_rows
 from plumbline.optim.model.statement import Statement
 
+Context = Mapping[str, ArrayLike]  # of rows, by name
 LEVER = 0.1  # [m]: a milliradian of orientation counts as much as 0.1 mm of place
 DAMPING = 1e-3  # [m/rad]: a joint of less leverage than this is not moved for a small gain
 NEAR_STEPS = 12  # each leaves some thousandths of what the last has left (cost only)
@@ -33,26 +35,32 @@ FARTHEST = 0.1  # [rad or m] that a joint may go: next to a singular posture dam
 
 
 def near(
-    arm: Arm, wanted: Array, goal: Array, context: Mapping[str, ArrayLike], *, placed: bool
+    arm: Arm,
+    wanted: Array,
+    goal: Array,
+    context: Context,
+    *,
+    placed: bool,
+    held: Columns = MappingProxyType({}),
 ) -> tuple[Array, Array, NDArray[np.intp]]:
     """Joints (N, n), what they miss (N, 6) [m, rad], and which of them did not get there.
 
     Args:
-        arm: The arm, none of whose joints remembers its path.
+        arm: The arm.
         wanted: Where the joints are wanted (N, n) [rad or m].
         goal: Where the tool is wanted (N, 4, 4) [m].
         context: Of the rows.
         placed: Whether the tool's orientation counts.
+        held: Columns (N, k) that stay as they are: all that a joint remembers of its path.
     """
     gain = over_rows(_gain(arm.nominal.statement, placed), wanted)[0].transpose(0, 2, 1)
-    goals = np.hstack([goal[:, :3, :3].transpose(0, 2, 1).reshape(-1, 9), goal[:, :3, 3]])
     q, miss = wanted.copy(), np.full((len(wanted), 6), np.nan)
     rows, steps, open_rows = np.arange(len(q)), list[Array](), np.ones(len(q), dtype=bool)
     for _ in range(NEAR_STEPS):
         if not len(rows):
             break
-        read = np.hstack([arm.rows_of(q[rows], of_rows(context, rows, len(q))), goals[rows]])
-        miss[rows] = over_rows(_away(arm.statement, placed), read)[0][:, 0]
+        told, kept = of_rows(context, rows, len(q)), {n: v[rows] for n, v in held.items()}
+        miss[rows] = missing(arm, q[rows], goal[rows], told, placed=placed, held=kept)
         with np.errstate(all="ignore"):  # what does not come to rest is told by what it misses
             step = _bettered(np.einsum("nij,nj->ni", gain[rows], miss[rows]), steps)
         there = (np.linalg.norm(miss[rows, :3], axis=1) <= PLACED) & (abs(step) <= STILL).all(1)
@@ -63,6 +71,21 @@ def near(
         rows, steps = rows[on], [one[on] for one in (*steps, step)]
         q[rows] = to[on]
     return q, miss, np.flatnonzero(open_rows)
+
+
+def missing(
+    arm: Arm,
+    q: Array,
+    goal: Array,
+    context: Context,
+    *,
+    placed: bool,
+    held: Columns = MappingProxyType({}),
+) -> Array:
+    """What is missing to goals (N, 4, 4): place [m], and turn [rad] where it counts (N, 6)."""
+    read = arm.statement.values({**arm.columns(q, context, arm.statement.used), **held})
+    goals = np.hstack([goal[:, :3, :3].transpose(0, 2, 1).reshape(-1, 9), goal[:, :3, 3]])
+    return over_rows(_away(arm.statement, placed), np.hstack([read, goals]))[0][:, 0]
 
 
 def _bettered(step: Array, steps: Sequence[Array]) -> Array:
