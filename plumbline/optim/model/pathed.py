@@ -33,9 +33,8 @@ def pathed(
         before = moved
         lags = [_lag(play, size, {**columns, "q": q}, own)
                 for (play, size), own in zip(plays, moved, strict=True)]  # fmt: skip
-        held = {name: lag for one in lags for name, lag in one.items()}
-        moved = np.array([size * np.ravel(*one.values())
-                          for (_, size), one in zip(plays, lags, strict=True)])  # fmt: skip
+        held = {name: lag[:, None] for name, lag in lags}
+        moved = np.array([size * lag for (_, size), (_, lag) in zip(plays, lags, strict=True)])
         q, miss, rest = near(arm, wanted, goal, context, placed=placed, held=held)
         if not len(rest) and np.abs(moved - before).max() <= PLACED:
             break
@@ -43,13 +42,13 @@ def pathed(
     return q, miss, np.flatnonzero(np.linalg.norm(miss[:, :3], axis=1) > 2 * PLACED)
 
 
-def _lag(play: Hysteresis, size: float, columns: Columns, moved: Array) -> dict[str, Array]:
-    """A play's lag (N, 1) where it and its reading together move its link so."""
+def _lag(play: Hysteresis, size: float, columns: Columns, moved: Array) -> tuple[str, Array]:
+    """A play's column and its lag (N,) where it and its reading together move its link so."""
     links = columns["q"].copy()
     links[:, play.joint - 1] += moved
     scale = 1.0 / max(1.0 - size / play.width, NARROWEST)
-    told = play.derive({**columns, "q": scale * links})
-    return {name: np.reshape(lag, (-1, 1)) for name, lag in told.items()}
+    ((name, lag),) = play.derive({**columns, "q": scale * links}).items()
+    return name, lag
 
 
 def _plays(arm: Arm) -> Sequence[tuple[Hysteresis, float]]:
