@@ -29,6 +29,8 @@ from plumbline.optim.recording.constants import (
 from plumbline.optim.recording.origin import Array, Origin
 
 ORDER = 3
+# Median size of third differences (1, 3, 3, 1) of white noise of one.
+THIRD_DIFFERENCE = 0.6745 * 20**0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,11 +173,15 @@ def turning(velocity: Array, noise: Array) -> Array:
 
 
 def velocity_noise(raw: Array | None, smooth: Array) -> Array:
-    """Noise of the velocities that are used (n,), and no less than a thousandth of the largest.
+    """Noise of the velocities that are used (n,); joints that never move get one.
 
-    What smoothing took away, in the part of it that stays; joints that never move get one.
+    What smoothing took away, in the part of it that stays; and a part of the largest, or what
+    third differences of readings show where that is less.
     """
     fastest = np.abs(smooth).max(axis=0)
     taken = np.zeros(smooth.shape[1]) if raw is None else np.std(raw - smooth, axis=0)
     least = np.where(fastest > 0.0, SURE_SPEED * fastest, 1.0)
+    if raw is not None and len(raw) > 3:
+        rough = np.median(np.abs(np.diff(raw, 3, axis=0)), axis=0) / THIRD_DIFFERENCE
+        least = np.where(fastest > 0.0, np.minimum(least, rough), least)
     return np.asarray(np.maximum(SURELY_TURNING * taken, least))

@@ -20,7 +20,7 @@ from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.model import apply
 from plumbline.optim.recording import derivatives
 from plumbline.optim.recording.building import build_recording
-from plumbline.optim.recording.constants import BANDWIDTH
+from plumbline.optim.recording.constants import BANDWIDTH, SURE_SPEED
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from tests.random_trees import Tree
@@ -100,6 +100,15 @@ def test_near_standstill_the_sense_of_turning_is_unsure():
     assert sense[-1] == 1
     assert sense[2] == 0
     assert abs(sense[1]) < 0.05
+
+
+def test_the_sense_of_turning_is_as_sure_as_the_velocities_are_smooth():
+    v = np.sin(np.arange(0.0, 30.0, 0.02))[:, None]
+    noisy = v + np.random.default_rng(0).normal(0.0, 1e-3, v.shape)
+    assert derivatives.velocity_noise(v, v)[0] < 1e-5
+    assert derivatives.velocity_noise(noisy, noisy)[0] == pytest.approx(1e-3, rel=0.1)
+    shuffled = np.random.default_rng(1).permutation(v)  # whose differences tell nothing
+    assert derivatives.velocity_noise(shuffled, shuffled)[0] == pytest.approx(SURE_SPEED, rel=1e-3)
 
 
 def test_a_gap_in_time_is_no_motion():
