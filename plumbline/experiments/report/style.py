@@ -51,6 +51,8 @@ _SETTINGS: dict[Any, Any] = {
     "axes.unicode_minus": True,
     "figure.facecolor": "none",
     "axes.facecolor": "none",
+    # Walls that are seen on dark paper as on light paper.
+    **dict.fromkeys([f"axes3d.{a}axis.panecolor" for a in "xyz"], (0.5, 0.5, 0.5, 0.08)),
     "savefig.facecolor": "none",
     "font.family": ["DejaVu Sans"],
     "font.size": 9,
