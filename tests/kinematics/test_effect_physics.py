@@ -416,6 +416,35 @@ def test_a_bearing_tilts_by_pinocchio_s_moment_across_its_axis(arm):
         np.testing.assert_allclose(seen, to_device(np.array(expected)), atol=EXACT)
 
 
+@pytest.mark.parametrize("arm", ARMS)
+def test_an_uneven_housing_tilts_by_a_tensor_that_does_not_turn_with_the_joint(arm):
+    recording = bench(arm, "tip_position")
+    chain, values = recording.chain, (2e-6, 1e-6, 3e-7)
+    every = moments(chain, recording.q, recording.payload)
+    [alike, *_] = REGISTRY["joint_tilt"].candidates(scope_of(recording))
+    effect, j = replace(alike, alike=False), alike.joint
+    axis, expected = chain.joints[j - 1].axis, []
+    first = np.eye(3)[np.argmin(np.abs(axis))]
+    across = np.stack([first - axis * axis[np.argmin(np.abs(axis))], np.cross(axis, first)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    for k, q in enumerate(recording.q):
+        still = np.where(np.arange(chain.n) == j - 1, 0.0, q)  # the housing: the joint not turned
+        turned = expm(np.cross(q[j - 1] * axis, np.eye(3)).T)
+        moment = across @ turned @ every[k, j - 1]
+        C = np.array([[values[0], values[2]], [values[2], values[1]]])
+        lean = across.T @ C @ moment
+        data = chain.model.createData()
+        pin.forwardKinematics(chain.model, data, chain.configuration(still))
+        housing = data.oMi[j].homogeneous
+        tilt = homogeneous(expm(np.cross(lean, np.eye(3)).T), np.zeros(3))
+        tip = housing @ tilt @ np.linalg.inv(housing) @ tip_poses(chain, [q])[0]
+        expected.append(tip[:3, :3] @ TOOL + tip[:3, 3])
+    seen = predicted(recording, effect, 1.5e-6, 0.5e-6, 3e-7)  # their mean, half their difference
+    np.testing.assert_allclose(seen, to_device(np.array(expected)), atol=EXACT)
+    same = predicted(recording, effect, 2e-6, 0.0, 0.0)
+    np.testing.assert_allclose(same, predicted(recording, alike, 2e-6), atol=EXACT)
+
+
 def test_a_level_arm_on_an_upright_second_bearing_sinks():
     """An axis along gravity feels m g L across it, so that the tip sinks by c m g L (L + tool)."""
     robot = Robot.from_dh([{"alpha": 0.0, "d": 0.5}, {"a": 0.8, "mass": 6.0}])
@@ -427,7 +456,7 @@ def test_a_level_arm_on_an_upright_second_bearing_sinks():
     centre = recording.chain.joints[1].com[0]
     expected = -1e-6 * 6.0 * G * centre * (0.8 + TOOL[0])
     np.testing.assert_allclose(sunk[:, 2], expected, rtol=1e-4)
-    [laden] = effect.neighbours(scope_of(recording))
+    [laden, _] = effect.neighbours(scope_of(recording))
     more = in_base(predicted(recording, laden, 0.0, 2e-6)) - tips(recording.chain, q)
     tip = np.array([0.8, 0.0]) + TOOL[:2]
     middle = tip - TOOL[:2] / 2  # of the tool, where its mass hangs

@@ -5,9 +5,10 @@ r"""A joint's bearing gives way across its axis, under the moment of what it car
 
 with the axis :math:`u_i` through :math:`o_i`, and the centres :math:`p_k` of all bodies from the
 joint outwards and of the payload; under a tool of unknown mass also that of a kilogram at the
-tool's middle, by a number of its own. The moment about the axis is the drive's
-(``joint_compliance``). A first joint that stands upright tilts exactly as its mounting does: that
-is ``base_compliance``.
+tool's middle, by a number of its own. A housing may be stiffer about one direction than about
+another: then :math:`c_i` is a symmetric tensor in the housing, which does not turn with the joint.
+The moment about the axis is the drive's (``joint_compliance``). A first joint that stands upright
+tilts exactly as its mounting does: that is ``base_compliance``.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects.effect import (
@@ -28,7 +30,7 @@ from plumbline.kinematics.effects.effect import (
     Stage,
     State,
 )
-from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.frames import Transform, axis_rotation, constant
 from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
 
@@ -37,9 +39,10 @@ UPRIGHT = 1e-3  # sine of the angle to gravity below which a first axis stands u
 
 @dataclass(frozen=True)
 class JointTilt(JointEffect):
-    """Tilt of one bearing across its axis, alike about all directions."""
+    """Tilt of one bearing across its axis, alike about all directions or as its housing has it."""
 
     laden: bool = False
+    alike: bool = True
     load: float = field(default=100.0, metadata=UNSAID)
 
     name = "joint_tilt"
@@ -58,21 +61,28 @@ class JointTilt(JointEffect):
         "rad/(N m)", 0.0, 1e-2, scale=1e-6, doc="tilt per moment across the axis"
     )
     carried = CARRIED.of_width(0.2)
+    uneven, mixed = Parameter("rad/(N m)", -1e-2, 1e-2, scale=3e-7, doc="by how much {}").each(
+        "the housing's first direction tilts more, and its second less",
+        "one direction tilts per moment about the other",
+    )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """In units of what bearings of this load have: they are made for their load."""
         found = (self.compliance, self.carried)[: 1 + self.laden]
+        found = found if self.alike else (self.compliance, self.uneven, self.mixed)
         return tuple(p.of_width(100.0 / self.load) for p in found)
 
     @property
     def variant(self) -> str:
-        """Whether it carries a tool that the model does not know of."""
-        return LADEN[2:] * self.laden
+        """Whether it carries a tool that the model does not know of, or its housing is uneven."""
+        return LADEN[2:] * self.laden + "not alike" * (not self.alike)
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same bearing under a tool of unknown mass."""
-        return [] if self.laden else [replace(self, laden=True)]
+        """The same bearing under a tool of unknown mass, or in an uneven housing."""
+        if self.laden or not self.alike:
+            return []
+        return [replace(self, laden=True), replace(self, alike=False)]
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -88,13 +98,31 @@ class JointTilt(JointEffect):
     def apply(self, state: State, *values: cs.SX) -> State:
         frame = state.nominal.frames[self.joint - 1]
         _, moment = weight_beyond(state.nominal, self.joint, frame.t)
-        moment *= values[0]
         if self.laden:
             lever = state.middle - frame.t
-            moment += values[1] * cs.cross(lever, constant(state.chain.gravity))
-        own, u = frame.R.T @ moment, constant(state.chain.joints[self.joint - 1].axis)
-        tilt = Transform.from_twist(cs.SX(3, 1), own - u * cs.dot(u, own))
+            carried = cs.cross(lever, constant(state.chain.gravity))
+            moment = values[0] * moment + values[1] * carried
+        elif self.alike:
+            moment *= values[0]
+        own, axis = frame.R.T @ moment, state.chain.joints[self.joint - 1].axis
+        if self.alike:
+            turn = own - constant(axis) * cs.dot(constant(axis), own)
+        else:
+            R = axis_rotation(axis, state.nominal.q[self.joint - 1])
+            E = constant(_across(axis))
+            c, d, e = values
+            C = cs.vertcat(cs.horzcat(c + d, e), cs.horzcat(e, c - d))
+            turn = R.T @ E @ C @ E.T @ R @ own
+        tilt = Transform.from_twist(cs.SX(3, 1), turn)
         return state.place_link(self.joint, tilt @ state.placements[self.joint])
+
+
+def _across(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two unit directions (3, 2) across an axis: that of the least of its components first."""
+    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = first - axis * (axis @ first)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(axis, first)], axis=1)
 
 
 def _carries(chain: Chain, joint: int) -> bool:
