@@ -111,12 +111,16 @@ class Relabelling:
 
 def best_relabelling(ct: Array, robot: Array) -> Relabelling:
     """The best other order of markers (n, 3) [m]."""
+    return relabellings(ct, robot)[0]
+
+
+def relabellings(ct: Array, robot: Array) -> list[Relabelling]:
+    """The few best other orders of markers (n, 3) [m], best first."""
     apart, wanted = _distances(ct), _distances(robot)
     orders = (_any_orders if len(ct) <= ALL_ORDERS else _exchanges)(apart, wanted)
-    tried = ct[orders]
-    left = misfits(tried, robot)
-    best = int(np.argmin(left))
-    return Relabelling(tuple(int(k) for k in orders[best]), float(left[best]))
+    left = misfits(ct[orders], robot)
+    best = np.argsort(left, kind="stable")
+    return [Relabelling(tuple(int(i) for i in orders[k]), float(left[k])) for k in best]
 
 
 def misfits(ct: Array, robot: Array) -> Array:

@@ -107,7 +107,7 @@ def register(
     answer = _judged(recording, method.name, markers, fit)
     odd = (*fit.notes, *fit.judged.failures, *remarks(markers, answer), *answer.notes)
     targets = zip(recording.targets.ct, recording.targets.labels, strict=True)
-    said = tuple(trust(answer, answer.tre(place, None), label) for place, label in targets)
+    said = tuple(trust(answer, answer.tre(place, None), label, markers) for place, label in targets)
     return replace(answer, notes=(*recording.notes, *odd), trust=said)
 
 

@@ -16,6 +16,7 @@ from plumbline.optim.registration.checks import (
     doubtful,
     exchange,
     misfit,
+    relabellings,
 )
 from plumbline.optim.registration.constants import (
     ASIDE,
@@ -34,17 +35,36 @@ from plumbline.optim.registration.target import TargetError
 from plumbline.optim.rigid import rigid_match
 
 
-def trust(answer: Registration, error: TargetError, label: str) -> str:
-    """One sentence: how far off the target may be, and what limits it."""
+def trust(
+    answer: Registration, error: TargetError, label: str, markers: Markers | None = None
+) -> str:
+    """One sentence: how far off the target may be, and what limits it; labels, of markers given."""
     if error.unknown:
         return f"{label}: not known; {error.unknown}"
     far = error.reach
+    elsewhere = _elsewhere(answer, error, markers) if markers else ""
+    grade = "doubtful" if elsewhere else _grade(answer, far)
     sentence = (
-        f"{label}: {_grade(answer, far)}; in 95 of 100 cases it lies within {far * 1e3:.2g} mm of "
+        f"{label}: {grade}{elsewhere}; in 95 of 100 cases it lies within {far * 1e3:.2g} mm of "
         f"where the transform puts it (RMS {error.rms * 1e3:.2g} mm)"
     )
     limits = _limits(answer, error)
     return f"{sentence}{'; ' if limits else ''}{' and '.join(limits)}"
+
+
+def _elsewhere(answer: Registration, error: TargetError, markers: Markers) -> str:
+    """Where labels exchanged unseen would put the target, if that is out of its region."""
+    at = answer.T_RC[:3, :3] @ error.ct + answer.T_RC[:3, 3]
+    worst, words = error.reach, ""
+    for other in relabellings(markers.ct, markers.robot):
+        if _unseen(markers, other):
+            T = rigid_match(markers.ct[list(other.order)], markers.robot)
+            away = float(np.linalg.norm(T[:3, :3] @ error.ct + T[:3, 3] - at))
+            if away > worst:
+                worst, found = away, exchange(markers, other)
+                words = f": were labels exchanged ({found}), none would notice, and it would lie "
+                words += f"{away * 1e3:.2g} mm from there; check one more point"
+    return words
 
 
 def _grade(answer: Registration, far: float) -> str:
@@ -171,15 +191,17 @@ def _unsure_labels(markers: Markers) -> Iterator[str]:
             f"other labels fit better ({other.misfit * 1e3:.2g} mm against {plain * 1e3:.2g} mm): "
             f"perhaps {exchange(markers, other)}"
         )
-    elif markers.known and _as_good(markers, other):
+    elif _unseen(markers, other):
         yield (
             f"nearly symmetric markers: that {exchange(markers, other)} would go unnoticed "
             f"({other.misfit * 1e3:.2g} mm against {plain * 1e3:.2g} mm)"
         )
 
 
-def _as_good(markers: Markers, other: Relabelling) -> bool:
-    """Whether exchanged labels, too, agree with the stated noise."""
+def _unseen(markers: Markers, other: Relabelling) -> bool:
+    """Whether exchanged labels, too, agree with the noise: as stated, or as misfits tell it."""
+    if not markers.known:
+        return other.misfit <= MUCH * misfit(markers)
     order = list(other.order)
     largest = np.linalg.eigvalsh(markers.ct_cov + markers.robot_cov)[:, -1].max()
     least = len(markers) * other.misfit**2 / (2 * largest)

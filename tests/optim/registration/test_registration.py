@@ -29,6 +29,7 @@ from plumbline.optim.registration import (
     build_fiducials,
     localisation,
     rank_triples,
+    register,
     three_point,
 )
 from plumbline.optim.registration.checks import condition_of
@@ -345,6 +346,26 @@ def test_a_nearly_collinear_triple_is_a_warning_with_its_angle_and_predicted_err
     assert good.condition.sine == pytest.approx(0.987, abs=0.01)
     assert not any("nearly on one line" in note for note in good.notes)
     assert answer.tre(LESION).rms > 4 * good.tre(LESION).rms
+
+
+SQUARE = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]])
+KITE = np.array([[0.1, 0, 0], [-0.1, 0, 0], [0, 0.1, 0], [0, -0.05, 0], [0, 0.02, 0]])
+UNEVEN = np.array([[0.0, 0.0, 0.0], [0.11, 0.01, 0.0], [0.03, 0.09, 0.02], [0.06, 0.02, 0.07]])
+ASIDE, ON_AXIS = [0.03, 0.04, -0.06], [0.05, 0.05, 0.0]
+
+
+@pytest.mark.parametrize("noise", [ALIKE, None])
+@pytest.mark.parametrize(
+    ("points", "target", "doubted"),
+    [(SQUARE, ASIDE, True), (KITE, ASIDE, True), (UNEVEN, ASIDE, False), (SQUARE, ON_AXIS, False)],
+)
+def test_a_target_that_exchanged_labels_put_elsewhere_is_doubtful(points, target, doubted, noise):
+    """In the middle of a square every exchange leaves it in place."""
+    rng = np.random.default_rng(5)
+    ct, robot = (p + rng.normal(0.0, 3e-4, p.shape) for p in (points, mapped(points)))
+    said = register(build_fiducials(ct, robot, targets={"T": target}, noise=noise)).trust[0]
+    assert said.startswith("T: doubtful: were labels exchanged (CT's") is doubted
+    assert ("none would notice" in said) is doubted
 
 
 def test_symmetric_markers_are_noted_since_exchanged_labels_would_go_unnoticed():
