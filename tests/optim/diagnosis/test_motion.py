@@ -18,6 +18,7 @@ from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
 from plumbline.optim.diagnosis.motion.rollout import WIDE, roll_out
 from plumbline.optim.diagnosis.motion.search import _with_parts
 from plumbline.optim.diagnosis.motion.signals import signals_of
+from plumbline.optim.diagnosis.motion.unlisted import Rivals
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from tests.answer_contract import keeps_the_contract
@@ -295,6 +296,17 @@ def test_more_than_a_stated_noise_is_something_unlisted_and_a_cause_may_be_a_par
         {frozenset(whole): 0.6, frozenset(rest): 0.4}
     )
     assert _with_parts({"large": 4.0}, 1.0, "time", 0.5) == [(frozenset({"large", "?time"}), 0.5)]
+
+
+def test_what_is_within_the_stated_noise_is_no_mechanism_whatever_its_form():
+    """A gain is a function of the command; so are, where a joint rests, an encoder's steps."""
+    windows, _ = windows_of(Law.POSITION)
+    fit = evaluated(windows, (), np.empty(0))
+    for stated, told in ((0.0, True), (0.5, True), (1.0, False), (2.0, False)):
+        shares = {
+            u.on: u.share for u in Rivals(windows, fit, 100.0, 0.0, stated * fit.square).beside()
+        }
+        assert shares["command"] == pytest.approx(1 - max(stated, 1e-3) if told else 0.0, abs=1e-2)
 
 
 def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():

@@ -131,6 +131,7 @@ def _weights(
     each = float(np.log(prior / (1 - prior) / len(VARIABLES)))
     resembles = float(np.log(RESEMBLES / len(models.odds)))
     best, own = models.score(key, time), models.found[key]
+    stated = 0.0 if sigma is None else sigma**2
     for k, lack in lacking.items():
         if lack.share > LEAST_SHARE and best - models.score(k, time) < NO_EVIDENCE:
             large = (lack.share * models.found[k].square) ** 0.5
@@ -141,7 +142,7 @@ def _weights(
         effective = fit.residual.size / time
         if best - score > RIVAL_FROM * effective:
             continue  # far too much for any function to make up for
-        rivals = Rivals(models.windows, fit, effective, own.square)
+        rivals = Rivals(models.windows, fit, effective, own.square, stated)
         beside = rivals.beside()
         past: tuple[Unlisted, ...] = ()
         if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in beside):

@@ -49,11 +49,11 @@ class Unlisted:
 class _Beside:
     """Features (n, F) beside a fit, in the sums that evidence takes."""
 
-    def __init__(self, fit: Fit, effective: float, least: float, Phi: Array) -> None:
+    def __init__(self, fit: Fit, effective: float, least: float, stated: float, Phi: Array) -> None:
         r = fit.residual.ravel()
         both = np.hstack([fit.flat * fit.scales, Phi])
         self.p, self.effective = len(fit.theta), effective
-        self.square, self.least = max(fit.square, 1e-300), least
+        self.square, self.least, self.stated = max(fit.square, 1e-300), least, stated
         self.sums, self.pull = both.T @ both / len(r), both.T @ r / len(r)
 
     def gain(self, widths: Sequence[float]) -> tuple[float, float]:
@@ -71,6 +71,7 @@ class _Beside:
             left = max(self.square - taken, 1e-3 * self.square)
             if left > (1 - LEAST_SHARE) * self.least:  # what is less than that is negligible
                 left = max(left, self.least)
+            left = max(left, min(self.stated, self.square))  # noise may have any form
             # The noise is integrated out, as in a fit's own evidence.
             better = self.effective / 2 * np.log(self.square / left)
             gains.append(better - np.linalg.slogdet(A / precision[:, None])[1] / 2 + own)
@@ -82,12 +83,20 @@ class _Beside:
 class Rivals:
     """What may be at work beside a fit, or in the place of one of its causes."""
 
-    def __init__(self, windows: Windows, fit: Fit, effective: float, least: float = 0.0) -> None:
-        """Beside a fit; ``least`` is the square that the best model leaves [rad^2]."""
-        self.windows, self.fit, self.effective, self.least = windows, fit, effective, least
+    def __init__(
+        self,
+        windows: Windows,
+        fit: Fit,
+        effective: float,
+        least: float = 0.0,
+        stated: float = 0.0,
+    ) -> None:
+        """Beside a fit; squares of what the best model leaves and of the stated noise [rad^2]."""
+        self.windows, self.fit = windows, fit
+        self.sizes = effective, least, stated
         self.along = _along(windows, fit)
         self.functions = {
-            on: _Beside(fit, effective, least, windows.integrated(Phi))
+            on: _Beside(fit, *self.sizes, windows.integrated(Phi))
             for on, Phi in _features(windows, fit, self.along)
         }
 
@@ -105,7 +114,7 @@ class Rivals:
         for on in ALONG:
             Phi = _bumps(self.along[on]) * own[:, None]
             if Phi.shape[1]:
-                gained = _Beside(self.fit, self.effective, self.least, Phi).gain(widths)
+                gained = _Beside(self.fit, *self.sizes, Phi).gain(widths)
                 found.append(Unlisted(on, *gained))
         return tuple(found)
 
