@@ -1,4 +1,4 @@
-"""MATLAB files up to version 7: every array as long as the longest, structures taken apart.
+"""MATLAB files: every array as long as the longest, structures taken apart; 7.3 through h5py.
 
 A matrix lies with its rows along time, whichever way it was stored; ``rec.pos`` of six columns is
 ``rec.pos.1`` to ``rec.pos.6``. Objects and functions are left alone; nothing is run.
@@ -6,6 +6,7 @@ A matrix lies with its rows along time, whichever way it was stored; ``rec.pos``
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +20,19 @@ from plumbline.experiments.importing.tables import Raw
 
 MOST_COLUMNS = 200  # of a matrix: a wider one is a picture, no table
 SHORTEST = 2  # rows
+LARGEST = 2**31  # [byte] of an array of version 7.3, which may say to be larger than its file
 
 
 def read(path: Path) -> list[Raw]:
     """The one table of a MATLAB file: its arrays of the commonest length, long ones first.
 
     Raises:
-        PlumblineError: It cannot be read, or is of version 7.3.
+        PlumblineError: It cannot be read, or is of version 7.3 without h5py.
     """
     try:
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError:
-        mend = "save it again in MATLAB: save('file.mat', '-v7')"
-        raise fault(path.name, "MATLAB 7.3 (HDF5)", "version 7 or older", mend) from None
+        content = _hdf5(path)
     except (OSError, ValueError, TypeError, MatReadError, KeyError, MemoryError) as error:
         found = f"no MATLAB file ({one_line(str(error))[:80]})"
         raise fault(path.name, found, "a .mat file", "save it again with -v7") from None
@@ -39,6 +40,34 @@ def read(path: Path) -> list[Raw]:
     length = _rows(arrays)
     columns = {name: part for key, a in arrays.items() for name, part in _columns(key, a, length)}
     return [Raw(path.name, columns, f"MATLAB, arrays of {length:,} rows")]
+
+
+def _hdf5(path: Path) -> dict[str, Any]:
+    """The arrays of a file of version 7.3 as they lie in MATLAB; no link is followed.
+
+    Raises:
+        PlumblineError: It cannot be read, or h5py is not there.
+    """
+    mend = "save it again in MATLAB: save('file.mat', '-v7')"
+    try:
+        h5py = import_module("h5py")
+    except ImportError:
+        mend = f"{mend}, or pip install h5py"
+        raise fault(path.name, "MATLAB 7.3 (HDF5)", "version 7 or h5py", mend) from None
+    found: dict[str, Any] = {}
+
+    def take(name: str, part: Any) -> None:
+        text = getattr(part, "attrs", {}).get("MATLAB_class") == b"char"
+        if isinstance(part, h5py.Dataset) and not (text or name.startswith("#")):
+            found[name.replace("/", ".")] = part[()].T if part.nbytes <= LARGEST else None
+
+    try:
+        with h5py.File(path, "r") as content:
+            content.visititems(take)
+    except (OSError, ValueError, TypeError, KeyError, RuntimeError, MemoryError) as error:
+        why = f"MATLAB 7.3 that cannot be read ({one_line(str(error))[:80]})"
+        raise fault(path.name, why, "a whole file", mend) from None
+    return found
 
 
 def _arrays(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 
 import numpy as np
 import pandas as pd
@@ -122,6 +123,32 @@ def test_a_lerobot_data_set_has_its_names_episodes_and_clock(tmp_path):
     assert found.sources["q2"].place.endswith("@observation.state.lift.pos")
     np.testing.assert_allclose(found.samples["u2"] * DEGREES, [6, 8, 6, 8])
     assert list(found.samples["group"]) == [0, 0, 1, 1]
+
+
+def test_a_matlab_file_of_version_7_3_is_read_where_h5py_is(tmp_path, bench, monkeypatch, capsys):
+    h5py = pytest.importorskip("h5py")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    source = tmp_path / "log.mat"
+    with h5py.File(source, "w", userblock_size=512) as file:  # which stores columns first
+        file["rec/pos"] = bench[JOINTS].to_numpy().T
+        file["rec/tip"] = bench[["x", "y", "z"]].to_numpy().T
+        file["who"] = np.array([[65], [66]], np.uint16)
+        file["who"].attrs["MATLAB_class"] = b"char"
+        file["#refs#/a"] = np.zeros((5, 90))
+        file["else"] = h5py.ExternalLink("/etc/hostname", "/")
+    with source.open("r+b") as raw:
+        raw.write(head)
+    words = ["--map", "q#=rec.pos.#", *(f"--map={a}=rec.tip.{k}" for k, a in enumerate("xyz", 1))]
+    same(imported(tmp_path, source, *words, "--robot", "ur5", "--yes"), bench)
+    (table,) = reading.read(source)
+    assert {name.partition(".")[0] for name in table.columns} == {"rec"}
+    cut = tmp_path / "cut.mat"
+    cut.write_bytes(source.read_bytes()[:3000])
+    said = refused(capsys, "import", cut, "--to", tmp_path / "other", "-q")
+    assert "save it again in MATLAB" in said
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    said = refused(capsys, "import", source, "--to", tmp_path / "other", "-q")
+    assert "pip install h5py" in said
 
 
 def lerobot(folder, robot_type, parts, n=60):
