@@ -113,13 +113,8 @@ def read(path: Path) -> list[Line]:
 
 
 def _parsed(row: dict[str, str]) -> Line:
-    kinds: dict[str, Callable[[str], Any]] = {
-        "int": int,
-        "float": float,
-        "str": str,
-        "bool": "True".__eq__,
-    }
-    return Line(**{f.name: kinds[str(f.type)](row[f.name]) for f in fields(Line)})
+    kinds: dict[Any, Callable[[str], Any]] = {int: int, float: float, str: str, bool: "True".__eq__}
+    return Line(**{f.name: kinds[f.type](row[f.name]) for f in fields(Line)})
 
 
 def _made(seed: int, asked: tuple[int, list[str]]) -> list[Line]:

@@ -134,7 +134,8 @@ class Controller:
         self._path: Array | None = None
         self._present: Array | None = None
         self._goal: Array | None = None
-        self._known: list[Obstacle] = []
+        self._places: list[Obstacle] = []  # as seen
+        self._known: list[Obstacle] = []  # as they will be when a rate acts
         self._swept: list[Obstacle] = []
         self._believed: list[Obstacle] = []
         self._underway.reset()
@@ -184,7 +185,7 @@ class Controller:
         events += self._underway.said()
         believed, otherwise = self._looks.believed(obstacles)
         events += [moves_otherwise(k, believed[k], obstacles[k]) for k in otherwise]
-        seated = self._seen(self._underway.moved(believed), x0, events)
+        seated = self._seen(believed, x0, events)
         wanted = self._wanted(goal, events)
         if obstacles:
             straight, rate = self._sweeps.straight, self._rates[0]
@@ -253,14 +254,17 @@ class Controller:
         for k, obstacle in enumerate(obstacles):
             if obstacle.usable:
                 found.append(obstacle)
-            elif k < len(self._known):
+            elif k < len(self._places):
                 events.append(Event(Trouble.BAD_OBSTACLE, f"obstacle {k + 1}: last place kept"))
-                found.append(replace(self._known[k], velocity=(0.0, 0.0, 0.0)))
+                found.append(replace(self._places[k], velocity=(0.0, 0.0, 0.0)))
             else:
                 raise ValueError(f"obstacle {k + 1} not usable, and never seen before")
-        self._known = found
-        self._swept = self._sweeps.swept(found)
-        self._believed = self._believe(found)
+        swept, moved = self._sweeps.swept(found), self._underway.moved(found)
+        # What swings is where it is seen: where it will be is on its way there and back.
+        swings, self._places = [s is not o for o, s in zip(found, swept, strict=True)], found
+        self._known = [o if s else m for o, m, s in zip(found, moved, swings, strict=True)]
+        self._swept = [o if s else m for o, m, s in zip(swept, moved, swings, strict=True)]
+        self._believed = self._believe(self._known)
         seated = self._seating.seat(x0, self._believed)
         events += left_out(len(found), self.statement.slots + self.statement.balls, seated)
         return seated

@@ -12,6 +12,7 @@ from plumbline.experiments.reality.mpc_scenarios import STATED, draw
 from plumbline.optim.capsule_mpc import (
     Controller,
     Noise,
+    Obstacle,
     OneStep,
     Plant,
     Safety,
@@ -93,3 +94,18 @@ def test_a_plant_that_is_late_and_does_not_say_so_touches_nothing(wrong):
     found = run(scenario, own, most=120)
     assert found.clearance > 2.0
     assert found.events["late"] > 50
+
+
+@pytest.mark.parametrize("known", [0, 5])
+def test_what_swings_past_a_late_plant_is_no_wider_for_it(known):
+    """At 900 mm/s a sphere would be 90 mm on, 100 ms later; it swings by 30 and is never there."""
+    statement = Statement(BODIES, 1, Settings(p=5))
+    own = Controller(statement, OneStep(compiled=False), Safety(budget=9.0, delay=known))
+    for k in range(60):
+        angle = 30.0 * DT * k
+        place = (30.0 * np.sin(angle), 60.0, -110.0)
+        ball = Obstacle.sphere(place, 4.0, (900.0 * np.cos(angle), 0.0, 0.0))
+        own.step(START, START, [ball])
+    (capsule,) = own._believed
+    assert np.abs([capsule.a[0], capsule.b[0]]).max() < 31.0
+    assert own._known == [ball]
