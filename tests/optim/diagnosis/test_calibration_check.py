@@ -163,6 +163,10 @@ def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(
     assert "too few with a cause" in found.words
     assert len(found.ranks) == 10
     assert 0 < sum(found.ranks) <= 5
+    sure = [replace(t, stated=dict.fromkeys(t.stated, 1.0)) for t in found.cases if t.truth]
+    strict = replace(found, cases=tuple(10 * sure))  # from 1 on, which no cause of ours reaches
+    assert strict.threshold == 1.0
+    assert set(strict.truth_set) >= {cause.label for cause in diagnosis.verdict.causes} != set()
 
 
 def test_the_set_holds_the_truth_in_nine_of_ten_cases_alike():

@@ -99,10 +99,12 @@ class CalibrationCheck:
 
     @property
     def truth_set(self) -> tuple[str, ...] | None:
-        """Labels of that set's causes; None where too few cases were simulated to know it."""
+        """Labels of that set and of what is named; None where too few cases tell of it."""
         if self.threshold is None:
             return None
-        return tuple(c.label for c in self.verdict.candidates if c.probability >= self.threshold)
+        named, least = {c.label for c in self.verdict.causes}, self.threshold
+        held = (c for c in self.verdict.candidates if c.probability >= least or c.label in named)
+        return tuple(c.label for c in held)
 
     @property
     def recalibrated(self) -> Verdict:
