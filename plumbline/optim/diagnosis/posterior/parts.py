@@ -33,25 +33,31 @@ State = frozenset[int]
 
 
 class Problem(Protocol):
-    """What is asked of a joint problem, whose attributes say what they are."""
+    """What is asked of a joint problem."""
 
     @property
-    def linear(self) -> Linear: ...  # noqa: D102
+    def linear(self) -> Linear:
+        """The problem with the nuisances eliminated."""
 
     @property
-    def terms(self) -> Sequence[Term]: ...  # noqa: D102
+    def terms(self) -> Sequence[Term]:
+        """All terms that there may be (C)."""
 
     @property
-    def gross(self) -> NDArray[np.bool_]: ...  # noqa: D102
+    def gross(self) -> NDArray[np.bool_]:
+        """Which terms are single rows that may be gross (C,)."""
 
     @property
-    def labels(self) -> NDArray[np.intp]: ...  # noqa: D102
+    def labels(self) -> NDArray[np.intp]:
+        """Level by level, what each term belongs to (L, C)."""
 
     @property
-    def noise(self) -> NoisePrior: ...  # noqa: D102
+    def noise(self) -> NoisePrior:
+        """The prior of the noise."""
 
     @property
-    def unlisted(self) -> NDArray[np.bool_] | None: ...  # noqa: D102
+    def unlisted(self) -> NDArray[np.bool_] | None:
+        """Which terms are of no effect of the library (C,), if any."""
 
     def evidence(self, indices: Sequence[int], linear: Linear) -> float:
         """Log evidence of some terms in another problem of the same columns."""
