@@ -400,6 +400,18 @@ def test_a_fault_is_told_in_one_line_with_its_place(tmp_path, change, words):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.parametrize(("of_u", "of_q", "column"), [(1.0, 57.3, "q1"), (57.3, 1.0, "u1")])
+def test_degrees_beside_radians_are_refused_however_small(of_u, of_q, column):
+    t, u = multisine(10.0, 0.02)
+    with pytest.raises(
+        PlumblineError, match=f"{column}.* 57.3 times .*divide by 57.3 if in degrees"
+    ):
+        build_motion(robot=arm(), time=t, command=of_u * 0.05 * u, q=of_q * 0.05 * u)
+    build_motion(
+        robot=arm(), time=t, command=0.05 * u, q=0.05 * u / 20
+    )  # a drive that hardly moves
+
+
 def test_a_motion_is_no_recording_of_rows(tmp_path):
     with pytest.raises(PlumblineError, match="run: plumbline diagnose FOLDER"):
         load_recording(written(tmp_path / "m"))

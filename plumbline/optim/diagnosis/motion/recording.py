@@ -44,6 +44,7 @@ from plumbline.optim.recording.table import Table, as_integers
 OBSERVATION, TRACKING = "motion", "tracking"
 LEVER = 0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
 STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
+ALIKE, SAME_UNIT = 0.9, 1.5  # correlation and ratio of motions that may differ by their unit alone
 LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
 OPTIONAL = ("velocity", "effort")  # read by other programs: positions alone are fitted
 
@@ -290,6 +291,7 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
         raise fault(origin.key("noise_std"), f"{r.noise_std:.4g}", "a noise above 0", mend)
     _refuse_frozen(r, origin)
     _refuse_sizes(r, origin)
+    _refuse_degrees(r, origin)
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
@@ -318,6 +320,21 @@ def _refuse_sizes(r: MotionRecording, origin: Origin) -> None:
             where, found = origin.at(f"{letter}{j + 1}"), f"{what} up to {far:.4g}"
             mend = "divide by 57.3 if in degrees" if unit == "rad" else "mend the unit"
             raise fault(where, found, f"at most {most:.4g} {unit}", mend)
+
+
+def _refuse_degrees(r: MotionRecording, origin: Origin) -> None:
+    """Refuse a joint that moves as far as its command, but in degrees, or the other way round."""
+    if not r.law.follows or r.unit != "rad":
+        return
+    for j in range(r.n):
+        u, q = np.std(r.command[:, j]), np.std(r.q[:, j])
+        times = float(q / u) if u > 0 else 1.0
+        alike = times > 0 and np.corrcoef(r.command[:, j], r.q[:, j])[0, 1] > ALIKE
+        if alike and abs(abs(np.log(times)) - np.log(np.degrees(1.0))) < np.log(SAME_UNIT):
+            column, other = ("q", "u") if times > 1 else ("u", "q")
+            found = f"{max(times, 1 / times):.3g} times the motion of {other}{j + 1}"
+            mend = "divide by 57.3 if in degrees"
+            raise fault(origin.at(f"{column}{j + 1}"), found, "radians in both", mend)
 
 
 def _most(r: MotionRecording, j: int, places: bool) -> tuple[float, str]:
