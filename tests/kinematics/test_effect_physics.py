@@ -12,7 +12,12 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.effects import REGISTRY, Payload, Scope
-from plumbline.kinematics.effects.link_thermal import LinkWarmerThanShown, LinkWarmUp
+from plumbline.kinematics.effects.link_thermal import (
+    LinkAheadOfShown,
+    LinkWarmerThanShown,
+    LinkWarmUp,
+    slope_of,
+)
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.measurement.observation import scope_of
@@ -572,6 +577,28 @@ def test_links_may_be_warmer_than_a_thermometer_shows():
     shown = predicted(recording, REGISTRY["link_thermal"](), 2e-5) - recording.measured
     both = predicted(recording, warmer, 1e-3, 2e-5) - recording.measured
     np.testing.assert_allclose(both, own + shown, atol=1e-12)
+
+
+def test_a_thermometer_may_show_late_what_the_links_are_at():
+    """Of a first-order lag tau the links are at T + tau dT/dt."""
+    recording = bench("ur5", "tip_position")
+    slope = slope_of(recording.time, recording.temperature)
+    T = tip_poses(recording.chain, recording.q)
+    links = recording.temperature + 90.0 * slope - 20.0
+    expected = to_device((1 + 2e-5 * links)[:, None] * T[:, :3, 3] + T[:, :3, :3] @ TOOL)
+    found = predicted(recording, LinkAheadOfShown(), 2e-5, 90.0 * 2e-5)
+    np.testing.assert_allclose(found, expected, atol=EXACT)
+
+
+def test_a_slope_is_told_through_a_thermometers_digits():
+    time = np.sort(np.random.default_rng(0).uniform(0.0, 1500.0, 300))
+    links = 10.0 * (1.0 - np.exp(-time / 600.0))
+    slope = slope_of(time, np.round(links, 1))
+    inner = (time > 100.0) & (time < 1400.0)
+    np.testing.assert_allclose(slope[inner], np.exp(-time[inner] / 600.0) / 60.0, atol=2e-3)
+    np.testing.assert_array_equal(slope_of(np.full(5, 3.0), np.arange(5.0)), np.zeros(5))
+    back = slope_of(time[::-1], np.round(links, 1)[::-1])
+    np.testing.assert_allclose(back, slope[::-1], atol=1e-12)
 
 
 L, LOAD, KAPPA = 0.8, 12.0, 4e-5

@@ -3,24 +3,29 @@ r"""All links grow with temperature, logged or guessed from the time since switc
 .. math:: t_{i,i+1} \leftarrow (1 + \epsilon\, w)\, t_{i,i+1}, \qquad
           w = T - T_{ref} \quad\text{or}\quad w = 1 - e^{-(t - t_0)/\tau}
 
-or both, each with a growth of its own: a thermometer beside the arm misses its warm-up, and one on
-it lags behind.
+or both, each with a growth of its own, where a thermometer beside the arm misses its warm-up. One
+on the arm that lags by :math:`\tau` shows T where the links are at
+
+.. math:: T + \tau\, \dot T
 
 First-order warm-up after Heisel, Richter, Wurst (1997), CIRP Annals 46(1).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import casadi as cs
+import numpy as np
 
 from plumbline.kinematics.effects.base_drift import BETWEEN, SETTLING
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter
 
 STANDARD_TEMPERATURE = 20.0
+SMOOTHED = 0.05  # of the recording's length on either side, over which a slope of T is taken
 
 
 class _Lengths(Effect):
@@ -59,12 +64,60 @@ class LinkThermal(_Lengths):
             low, high = scope.span["temperature"]
             references = dict.fromkeys((STANDARD_TEMPERATURE, low)) if high - low > 0.05 else ()
             found += [cls(reference_temperature=reference) for reference in references]
+            found += LinkAheadOfShown.candidates(scope) if found else []
             found += LinkWarmerThanShown.candidates(scope) if found else []
         return [*found, *LinkWarmUp.candidates(scope)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         above = state.row["temperature"] - self.reference_temperature
         return self._grow(state, values[0] * above)
+
+
+@dataclass(frozen=True)
+class LinkAheadOfShown(LinkThermal):
+    """Growth with a temperature that the thermometer shows late."""
+
+    thermometer: str = "late"
+
+    needs = ("time", "temperature")
+    expansion = LinkThermal.expansion
+    lag = Parameter("s/K", -2.0, 2.0, scale=1.5e-3, doc="relative growth per kelvin a second")
+
+    @classmethod
+    def candidates(cls, scope: Scope) -> Sequence[Effect]:
+        """One form: by how much the thermometer lags is fitted."""
+        return [cls()] if cls.fits(scope) else []
+
+    def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
+        """How fast the thermometer rises [K/s]."""
+        return {"warming": slope_of(np.ravel(rows["time"]), np.ravel(rows["temperature"]))}
+
+    def apply(self, state: State, *values: cs.SX) -> State:
+        above = state.row["temperature"] - self.reference_temperature
+        return self._grow(state, values[0] * above + values[1] * state.row["warming"])
+
+
+def slope_of(time: Array, values: Array) -> Array:
+    """Slopes (N,) of the lines through the readings (N,) about each time (N,), in any order.
+
+    Between two readings alone it would be that of the thermometer's last digit.
+    """
+    order = np.argsort(time, kind="stable")
+    t, v = (time - time.mean())[order], (values - values.mean())[order]
+    reach = SMOOTHED * np.ptp(t)
+    ends = [np.searchsorted(t, t - reach), np.searchsorted(t, t + reach, side="right")]
+
+    def total(x: Array) -> Array:
+        return np.asarray(np.diff(np.append(0.0, np.cumsum(x))[ends], axis=0)[0])
+
+    n = total(np.ones_like(t))
+    spread = n * total(t * t) - total(t) ** 2
+    rise = n * total(t * v) - total(t) * total(v)
+    slope = np.zeros_like(v)
+    slope[order] = np.divide(
+        rise, spread, out=np.zeros_like(v), where=spread > (1e-6 * n * reach) ** 2
+    )
+    return slope
 
 
 @dataclass(frozen=True)
