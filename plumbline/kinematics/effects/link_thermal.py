@@ -25,7 +25,7 @@ from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter
 
 STANDARD_TEMPERATURE = 20.0
-SMOOTHED = 0.05  # of the recording's length on either side, over which a slope of T is taken
+SMOOTHED = 0.03  # of the recording's length on either side, over which a slope of T is taken
 
 
 class _Lengths(Effect):
