@@ -30,6 +30,7 @@ UNITS = {
     "N",
     "1",
     "1/K",
+    "s/K",
     "rad/(N m)",
     "rad kg/(N m)",
     "rad/(N m)^2",

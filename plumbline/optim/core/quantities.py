@@ -12,6 +12,7 @@ SHOWN = {
     "s": (1e3, "ms"),
     "1": (1e3, "‰"),
     "1/K": (1e6, "ppm/K"),
+    "s/K": (1e6, "ppm s/K"),
     "rad/(N m)": (1e6, "µrad/(N m)"),
     "rad kg/(N m)": (1e6, "µrad kg/(N m)"),
     "rad/(N m)^2": (1e9, "nrad/(N m)²"),
