@@ -49,7 +49,7 @@ class LinkThermal(_Lengths):
 
     reference_temperature: float = field(default=STANDARD_TEMPERATURE, metadata={"unit": "degC"})
 
-    needs = ("temperature",)
+    needs: ClassVar[tuple[str, ...]] = ("temperature",)
     needs_one_of = ("temperature", "time")  # a warm-up over time will do, see candidates
     source = (
         "aluminium 23, steel 12 ppm/K (Heisel et al. 1997); the bound allows for a poor thermometer"

@@ -169,18 +169,21 @@ def _explained(
 
     All are of one linear problem. Where its fit to what is named is another than it foretold,
     effects that bend each other were linearised too far off: they are anew, about that fit, as
-    long as that brings the two nearer to each other by half.
+    long as that brings the two nearer to each other by half. Of the rows that were compared alone:
+    what all rows of a long recording tell is no matter of the probabilities.
     """
-    before = np.inf
+    before, about = np.inf, selected
     for left in reversed(range(ROUNDS)):
-        explanation = explain(selected, options.seed, options.unlisted)
-        kept = worth_while(selected, explanation.terms)
-        selected = with_terms(selected, kept, task, bad, tried=explanation.terms)
-        wrong = foretold_wrongly(selected)
-        if not left or wrong < NO_EVIDENCE or wrong > 0.5 * before:
+        told = explain(about, options.seed, options.unlisted)
+        fitted = with_terms(about, worth_while(about, told.terms), task, bad, tried=told.terms)
+        wrong = foretold_wrongly(fitted)
+        if told.compared:
+            wrong *= told.compared / len(task.recording)
+        if wrong < before:
+            selected, explanation = fitted, told
+        if not left or wrong < NO_EVIDENCE or not wrong <= 0.5 * before:
             break
-        before = wrong
-        selected = about_its_fit(selected, task.library)
+        before, about = wrong, about_its_fit(fitted, task.library)
     selected = replace(selected, barred=_barred(selected, explanation), states=explanation.states)
     return Explained(options, task, selected, bad, explanation)
 

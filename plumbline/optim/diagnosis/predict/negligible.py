@@ -17,7 +17,6 @@ from plumbline.optim.diagnosis.prior import (
     NEGLIGIBLE_RISE,
     NEGLIGIBLE_SHARE,
     SWALLOWED,
-    WORSE,
 )
 
 
@@ -29,7 +28,7 @@ def worth_while(selected: SelectedModel, chosen: Sequence[SelectedTerm]) -> list
     of small causes each of which can be spared, but not all, as many stay as the figure needs.
     """
     variance = selected.selection.variance(chosen)
-    limit = WORSE**2 * square_with(selected.pool, chosen, variance)
+    limit = (1 + NEGLIGIBLE_RISE) ** 2 * square_with(selected.pool, chosen, variance)
     kept = list(chosen)
     while negligible := _negligible(selected, kept, variance):
         before, kept = kept, _spared(selected, kept, negligible, variance, limit)

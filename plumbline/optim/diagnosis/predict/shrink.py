@@ -21,13 +21,19 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
-from plumbline.optim.diagnosis.posterior.selection import restricted, select
+from plumbline.optim.diagnosis.posterior.selection import (
+    SelectionProblem,
+    asked_again,
+    restricted,
+    select,
+)
 from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
     FOLD_STEPS,
     HALVINGS,
     LONG,
+    MANY_SLOTS,
     MOST_BLOCKS,
     ROUNDS,
     SLOW,
@@ -71,8 +77,8 @@ def fold_models(
         given: The terms, if only their values are to be found; else they are chosen anew.
         variance: Noise variance that weighs their priors; worked out if not given.
         without: Causes that may not be chosen.
-        kept: Terms of which a fold keeps those that it alone could show, such as a shift of a
-            marker that no other fold has touched.
+        kept: The terms of all rows. A fold keeps those that it alone could show, such as a shift
+            of a marker that no other fold has touched.
     """
     found = []
     banned = np.array([c.key in without for c in pool.candidates], dtype=bool)
@@ -81,10 +87,20 @@ def fold_models(
     for f, selection in enumerate(pool.selections):
         chosen = given
         if chosen is None:
-            chosen = select(restricted(selection, selection.allowed & ~banned), thorough=False)
+            chosen = _chosen_anew(restricted(selection, selection.allowed & ~banned), kept)
             chosen = [*chosen, *_shown_by_fold_alone(pool, kept, f)]
         found.append(_solved(pool, chosen, f, variance or selection.variance(chosen)))
     return found
+
+
+def _chosen_anew(selection: SelectionProblem, kept: Sequence[SelectedTerm]) -> list[SelectedTerm]:
+    """What a selection without a fold leads to.
+
+    A path to many terms ends in another model of much the same: their slots are asked again.
+    """
+    if len(kept) <= MANY_SLOTS:
+        return select(selection, thorough=False)
+    return asked_again(selection, [c for c in kept if selection.allowed[c.index]])
 
 
 def _shown_by_fold_alone(
