@@ -129,7 +129,6 @@ SLOW = 0.1  # share of its way to go from which a step's curvature is worked out
 
 # Causes that are not named (predict/negligible, verdict/explanation).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, or all spared, below which it is
-NEGLIGIBLE_SHARE = 5e-4  # of the square that all causes remove, below which one is spared
 HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
 MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
 

@@ -15,7 +15,6 @@ from plumbline.optim.diagnosis.predict.held_out import square_with, squares_with
 from plumbline.optim.diagnosis.prior import (
     HELD_OUT_CHANCE,
     NEGLIGIBLE_RISE,
-    NEGLIGIBLE_SHARE,
     SWALLOWED,
 )
 
@@ -42,12 +41,10 @@ def _negligible(
 ) -> list[Key]:
     """Causes whose absence makes the held-out RMS worse by less than one per cent, slightest first.
 
-    Or that account for less than a two-thousandth of the square that all causes together remove:
-    they are there, perhaps, but are not why the robot misses. Of few rows chance alone makes such
+    They are there, perhaps, but are not why the robot misses. Of few rows chance alone makes such
     differences: there the evidence is believed, but for what moves no more than rounding.
     """
     full = max(square_with(selected.pool, chosen, variance), 1e-300)
-    removed = max(square_with(selected.pool, [], variance) / full - 1, 0.0)
     candidates, terms = selected.selection.candidates, dict[Key, list[SelectedTerm]]()
     for c in chosen:
         terms.setdefault(candidates[c.index].key, []).append(c)
@@ -56,8 +53,8 @@ def _negligible(
     chance = HELD_OUT_CHANCE / max(selected.best.gram.count, 1.0)
     least = (1 + NEGLIGIBLE_RISE) ** 2 - chance
     if least <= 1.0:
+        removed = max(square_with(selected.pool, [], variance) / full - 1, 0.0)
         return [k for k in rise if abs(rise[k] - 1) < SWALLOWED * removed]
-    least = max(least, 1 + NEGLIGIBLE_SHARE * removed - chance)
     return sorted((k for k in rise if rise[k] < least), key=lambda k: rise[k])
 
 
