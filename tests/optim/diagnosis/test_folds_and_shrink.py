@@ -33,6 +33,7 @@ from plumbline.optim.diagnosis.predict.shrink import (
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench
+from tests.designs import selection
 from tests.simulated_cases import faultless, recorded, with_fault
 
 SMALL = (JointOffset, JointScale)
@@ -348,3 +349,17 @@ def test_what_is_left_out_stays_as_it_was_asked_for(grouped):
     task, pool = grouped
     asked = DiagnosisOptions(held_out="groups")
     assert _in_between(_explained_by(BaseBump(moment=9.0), task, pool, asked)).by == "groups"
+
+
+@pytest.mark.parametrize(
+    ("most", "kept", "expected"),
+    [(40, [0], {0, 1}), (0, [0], {0}), (0, [0, 2], {0, 1}), (0, [0, 1, 3], {0, 1})],
+)
+def test_a_fold_asks_the_slots_of_many_terms_again(most, kept, expected, monkeypatch):
+    """Of few terms it goes from nothing; of many none is added, but what it does not show goes."""
+    monkeypatch.setattr(shrink, "MANY_SLOTS", most)
+    X = np.random.default_rng(0).normal(size=(60, 4))
+    t = X[:, :2] @ [3.0, 2.0] + 0.01 * np.random.default_rng(1).normal(size=60)
+    problem = selection(X, t, 0.01, allowed=[True, True, True, False])
+    found = shrink._chosen_anew(problem, [SelectedTerm(k, 1.0) for k in kept])
+    assert {c.index for c in found} == expected
