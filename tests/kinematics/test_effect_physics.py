@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,6 +13,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.effects import REGISTRY, Payload, Scope
+from plumbline.kinematics.effects.joint_tilt import _softness
 from plumbline.kinematics.effects.link_thermal import (
     LinkAheadOfShown,
     LinkWarmerThanShown,
@@ -424,7 +426,7 @@ def test_a_bearing_tilts_by_pinocchio_s_moment_across_its_axis(arm):
 @pytest.mark.parametrize("arm", ARMS)
 def test_an_uneven_housing_tilts_by_a_tensor_that_does_not_turn_with_the_joint(arm):
     recording = bench(arm, "tip_position")
-    chain, values = recording.chain, (2e-6, 1e-6, 3e-7)
+    chain, values = recording.chain, (2e-6, 1e-6, 0.0)
     every = moments(chain, recording.q, recording.payload)
     [alike, *_] = REGISTRY["joint_tilt"].candidates(scope_of(recording))
     effect, j = replace(alike, alike=False), alike.joint
@@ -436,7 +438,10 @@ def test_an_uneven_housing_tilts_by_a_tensor_that_does_not_turn_with_the_joint(a
         still = np.where(np.arange(chain.n) == j - 1, 0.0, q)  # the housing: the joint not turned
         turned = expm(np.cross(q[j - 1] * axis, np.eye(3)).T)
         moment = across @ turned @ every[k, j - 1]
-        C = np.array([[values[0], values[2]], [values[2], values[1]]])
+        C = sum(
+            c * (np.eye(2) + 0.3 * np.array([[np.cos(a), np.sin(a)], [np.sin(a), -np.cos(a)]]))
+            for c, a in zip(values, np.deg2rad([0.0, 120.0, 240.0]), strict=True)
+        )
         lean = across.T @ C @ moment
         data = chain.model.createData()
         pin.forwardKinematics(chain.model, data, chain.configuration(still))
@@ -444,10 +449,21 @@ def test_an_uneven_housing_tilts_by_a_tensor_that_does_not_turn_with_the_joint(a
         tilt = homogeneous(expm(np.cross(lean, np.eye(3)).T), np.zeros(3))
         tip = housing @ tilt @ np.linalg.inv(housing) @ tip_poses(chain, [q])[0]
         expected.append(tip[:3, :3] @ TOOL + tip[:3, 3])
-    seen = predicted(recording, effect, 1.5e-6, 0.5e-6, 3e-7)  # their mean, half their difference
+    seen = predicted(recording, effect, *values)
     np.testing.assert_allclose(seen, to_device(np.array(expected)), atol=EXACT)
-    same = predicted(recording, effect, 2e-6, 0.0, 0.0)
+    same = predicted(recording, effect, *[2e-6 / 3] * 3)
     np.testing.assert_allclose(same, predicted(recording, alike, 2e-6), atol=EXACT)
+
+
+@pytest.mark.parametrize("c", [(1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (1.0, 3.0, 0.5), (1.0, 1.0, 1.0)])
+def test_no_housing_is_soft_about_one_direction_alone(c):
+    """That would be the compliance of the drive before it, where axes meet at a right angle."""
+    tensor = np.array(cs.evalf(_softness([cs.SX(v) for v in c])))
+    softest, stiffest = np.linalg.eigvalsh(tensor)[::-1]
+    np.testing.assert_allclose(tensor.trace() / 2, sum(c))
+    assert softest / stiffest <= 1.3 / 0.7 + 1e-12
+    if np.count_nonzero(c) == 1:
+        assert softest / stiffest == pytest.approx(1.3 / 0.7)
 
 
 def test_a_level_arm_on_an_upright_second_bearing_sinks():

@@ -5,8 +5,10 @@ r"""A joint's bearing gives way across its axis, under the moment of what it car
 
 with the axis :math:`u_i` through :math:`o_i`, and the centres :math:`p_k` of all bodies from the
 joint outwards and of the payload; under a tool of unknown mass also that of a kilogram at the
-tool's middle, by a number of its own. A housing may be stiffer about one direction than about
-another: then :math:`c_i` is a symmetric tensor in the housing, which does not turn with the joint.
+tool's middle, by a number of its own. A housing may be softer about one direction than about
+another, by a little: then :math:`c_i` is a symmetric tensor in the housing, which does not turn
+with the joint: a sum of three, softest a third of a half turn apart, none of them negative. (Were
+one direction soft alone, it would be the drive before it that gives way.)
 The moment about the axis is the drive's (``joint_compliance``). A first joint that stands upright
 tilts exactly as its mounting does: that is ``base_compliance``.
 """
@@ -34,6 +36,7 @@ from plumbline.kinematics.frames import Transform, axis_rotation, constant
 from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
 
+UNEVEN = 0.3  # most by which a housing is softer about one direction [its mean]; by hand
 UPRIGHT = 1e-3  # sine of the angle to gravity below which a first axis stands upright
 
 
@@ -61,16 +64,15 @@ class JointTilt(JointEffect):
         "rad/(N m)", 0.0, 1e-2, scale=1e-6, doc="tilt per moment across the axis"
     )
     carried = CARRIED.of_width(0.2)
-    uneven, mixed = Parameter("rad/(N m)", -1e-2, 1e-2, scale=3e-7, doc="by how much {}").each(
-        "the housing's first direction tilts more, and its second less",
-        "one direction tilts per moment about the other",
-    )
+    second, third = Parameter(
+        "rad/(N m)", 0.0, 1e-2, scale=1e-6, doc="the same, softest {} of a half turn further on"
+    ).each("a third", "two thirds")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """In units of what bearings of this load have: they are made for their load."""
         found = (self.compliance, self.carried)[: 1 + self.laden]
-        found = found if self.alike else (self.compliance, self.uneven, self.mixed)
+        found = found if self.alike else (self.compliance, self.second, self.third)
         return tuple(p.of_width(100.0 / self.load) for p in found)
 
     @property
@@ -108,13 +110,19 @@ class JointTilt(JointEffect):
         if self.alike:
             turn = own - constant(axis) * cs.dot(constant(axis), own)
         else:
-            R = axis_rotation(axis, state.nominal.q[self.joint - 1])
-            E = constant(_across(axis))
-            c, d, e = values
-            C = cs.vertcat(cs.horzcat(c + d, e), cs.horzcat(e, c - d))
-            turn = R.T @ E @ C @ E.T @ R @ own
+            R, E = axis_rotation(axis, state.nominal.q[self.joint - 1]), constant(_across(axis))
+            turn = R.T @ E @ _softness(values) @ E.T @ R @ own
         tilt = Transform.from_twist(cs.SX(3, 1), turn)
         return state.place_link(self.joint, tilt @ state.placements[self.joint])
+
+
+def _softness(values: Sequence[cs.SX]) -> cs.SX:
+    """The tensor (2, 2) across the axis: none of its directions is far softer than another."""
+    found = cs.SX(2, 2)
+    for k, value in enumerate(values):
+        c, s = np.cos(2 * np.pi * k / 3), np.sin(2 * np.pi * k / 3)
+        found += value * constant(np.eye(2) + UNEVEN * np.array([[c, s], [s, -c]]))
+    return found
 
 
 def _across(axis: NDArray[np.float64]) -> NDArray[np.float64]:
