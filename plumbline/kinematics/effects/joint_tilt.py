@@ -36,7 +36,7 @@ from plumbline.kinematics.frames import Transform, axis_rotation, constant
 from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
 
-UNEVEN = 0.3  # most by which a housing is softer about one direction [its mean]; by hand
+SOFTER = 0.3  # most by which a housing is softer about one direction [its mean]; by hand
 UPRIGHT = 1e-3  # sine of the angle to gravity below which a first axis stands upright
 
 
@@ -121,7 +121,7 @@ def _softness(values: Sequence[cs.SX]) -> cs.SX:
     found = cs.SX(2, 2)
     for k, value in enumerate(values):
         c, s = np.cos(2 * np.pi * k / 3), np.sin(2 * np.pi * k / 3)
-        found += value * constant(np.eye(2) + UNEVEN * np.array([[c, s], [s, -c]]))
+        found += value * constant(np.eye(2) + SOFTER * np.array([[c, s], [s, -c]]))
     return found
 
 

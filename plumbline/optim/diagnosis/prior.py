@@ -35,7 +35,8 @@ ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without
 # has a cause about as often as not, and one cause more is rare.
 FIRST_SLOT_ODDS = 0.7
 NEXT_SLOT_ODDS = 0.1
-# Terms from which pairs are no longer tried, and folds ask the slots of all rows again.
+# Terms from which pairs are no longer tried, and folds ask the slots of all rows again: of the
+# UR10's 190 a fold that begins with none ends in others, and leaves 56.3 um, not 54.6.
 MANY_SLOTS = 40
 BETTER = 1e-6  # log odds by which another model must win: more than rounding
 TAKES_SEVERAL = 10  # terms from which a model takes others along with the best (cost only)

@@ -16,6 +16,7 @@ from plumbline.optim.diagnosis.discrepancy import design
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     GrossRow,
     Unlisted,
+    _drivers,
     _log_shares,
     _not_listed,
     _shared_shift,
@@ -261,6 +262,25 @@ def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, ask
     error = linear.b[columns] - left.T @ rest
     assert np.abs(error).max() < 1e-5 * size.max() * np.linalg.norm(rest)
     assert linear.tt == pytest.approx(rest @ rest, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("on", "other", "shared"),
+    [
+        ("own angle", "two angles", False),
+        ("own angle", "own angle and direction", False),
+        ("another joint's angle", "own angle", False),
+        ("nothing", "angle", False),
+        ("direction", "own angle and direction", True),
+        ("velocity", "direction", True),
+        ("history", "direction", True),
+        ("temperature", "time", True),
+        ("load", "own angle and load", True),
+        ("load", "time", False),
+    ],
+)
+def test_a_joint_s_angle_is_its_own_and_what_drives_it_else_may_drive_others(on, other, shared):
+    assert bool(_drivers(on) & _drivers(other)) == shared
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3])

@@ -21,6 +21,7 @@ from plumbline.optim.model import apply
 from plumbline.optim.recording import derivatives
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import BANDWIDTH, SURE_SPEED
+from plumbline.optim.recording.derivatives import THIRD_DIFFERENCE
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from tests.random_trees import Tree
@@ -345,3 +346,8 @@ def test_a_trocar_that_rubs_and_pushes_is_named(robot):
     assert cause.effect == "trocar_load"
     assert cause.parameters["friction"].value == pytest.approx(3.0, abs=0.1)
     assert found.gap.after < 0.05 * found.gap.before
+
+
+def test_third_differences_of_white_noise_say_its_size():
+    noise = np.random.default_rng(0).normal(0.0, 1.0, 100_000)
+    assert np.median(np.abs(np.diff(noise, 3))) == pytest.approx(THIRD_DIFFERENCE, rel=0.02)
