@@ -170,7 +170,8 @@ def test_the_scene_s_arrows_lead_from_the_model_s_tips_to_the_measured_ones():
     np.testing.assert_allclose(found["after"], np.tile([0.0, 1.0, 0.0], (88, 1)), atol=1e-3)
     np.testing.assert_allclose(found["tips"], tips[diagnosis.trusted], atol=1e-4)
     assert found["rows"] == (np.flatnonzero(diagnosis.trusted) + 1).tolist()
-    assert found["shares"][:3] == [0.2, 0.62, 0.12]
+    assert found["turns"][1] == 0.62  # a joint's own share colours its disc, not the link behind it
+    assert found["shares"][1] == 0.0
     encoders = replace(recording, observation="joint_position")
     assert scene(replace(Subject.of(diagnosis), recording=encoders)) == ""
 

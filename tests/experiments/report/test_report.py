@@ -54,6 +54,7 @@ from plumbline.optim.diagnosis.verdict.words import (
     parameter_name,
     ripple_words,
     ripples,
+    shared_words,
     tree_lines,
     variants_words,
     without_words,
@@ -508,6 +509,37 @@ def test_alike_blames_are_one_line_with_the_largest_number():
         "latency: needs the column velocity",
     )
     assert merged(blames, why=False) == ("link_flex of links 4, 5", "latency")
+
+
+def test_effects_unseen_at_the_same_places_for_the_same_reason_are_one_line():
+    why = "at its usual size its whole signal is {} times the noise"
+    blames = [
+        Blame(effect, "joint", k, why.format(size))
+        for effect, size in (("joint_scale", 0.02), ("gear_ripple", 0.04))
+        for k in (5, 6)
+    ]
+    blames += [Blame("backlash", "joint", 6, "no row excites it")]
+    assert merged(blames) == (
+        "joint_scale, gear_ripple of joints 5, 6: "
+        "at their usual size their whole signal is at most 0.04 times the noise",
+        "backlash of joint 6: no row excites it",
+    )
+
+
+def test_a_tree_tells_every_place_where_something_may_be_at_work():
+    places = {("joint", k): 1.0 - 0.1 * k for k in range(1, 7)} | {("joint", None): 0.12}
+    tree = tree_of(places, {(*place, "load", None): p for place, p in places.items()})
+    *_, elsewhere = lines = tree_lines(SimpleNamespace(tree=tree))
+    assert elsewhere == "elsewhere: joint 6 40 %, all joints 12 %"
+    assert len(lines) == 6
+
+
+def test_one_probability_of_many_causes_says_where_it_comes_from():
+    causes = [SimpleNamespace(probability=p) for p in (0.6, 0.6001, 0.599, 0.99)]
+    told = SimpleNamespace(causes=causes, outside_probability=0.99)
+    assert shared_words(told).startswith("3 causes stand at 60 %: something unlisted is at work")
+    assert shared_words(SimpleNamespace(causes=causes[1:], outside_probability=0.99)) == ""
+    assert shared_words(SimpleNamespace(causes=causes, outside_probability=0.01)) == ""
 
 
 @pytest.mark.parametrize("stage", ["joint", "actuation"])

@@ -75,6 +75,7 @@ def _section(
     templates.filters |= {"percent": percent, "chance": chance}
     templates.globals |= {"quantity": quantity, "without_words": words.without_words}
     templates.globals["sensitivity_words"] = words.sensitivity_words
+    templates.globals["shared_words"] = words.shared_words
     return templates.get_template("diagnosis/section.html.j2").render(
         verdict=verdict,
         recording=diagnosis.recording,

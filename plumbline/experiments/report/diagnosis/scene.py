@@ -1,6 +1,7 @@
 """The arm, its tips and what is left of each row, as data of a scene that a reader can turn."""
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,8 @@ def scene(subject: Subject) -> str:
     factor = LONGEST * radius / largest  # from mm to m of the scene
     data: dict[str, Any] = {
         "joints": _short(body.joints), "links": [_short(link) for link in (*body.links, body.tool)],
-        "shares": _shares(subject, len(body.links)), "tips": _short(tips[some]),
+        "turns": _shares(subject, len(body.links), ("joint", "actuation")),
+        "shares": _shares(subject, len(body.links), ("link", "tool")), "tips": _short(tips[some]),
         "before": _short(arrows[0][some]), "after": _short(arrows[1][some]),
         "rows": subject.rows[some].tolist(), "unit": subject.unit, "azimuth": 0.9,
         "sizes": [[significant(v) for v in sizes[some]] for sizes in subject.sizes],
@@ -50,10 +52,12 @@ def _turn(tips: Array, measured: Array) -> Rotation:
     return Rotation.align_vectors(tips - tips.mean(axis=0), measured - measured.mean(axis=0))[0]
 
 
-def _shares(subject: Subject, count: int) -> list[float]:
-    """Share of each link and of the tool, as far as joints and links have one."""
+def _shares(subject: Subject, count: int, stages: Sequence[str]) -> list[float]:
+    """Share of each joint, or of each link and the tool."""
     found = np.zeros(count + 1)
     for place in subject.verdict.where:
+        if place.stage not in stages:
+            continue
         if place.stage == "tool":
             found[-1] += place.share
         elif place.element is not None and place.element <= count:

@@ -113,7 +113,7 @@ def _cause(cause: Cause) -> RenderableType:
     title = Text.assemble(
         (cause.label, "bold"),
         f"  {chance(cause.probability)}  ",
-        (f"{sensitivity}  " if (sensitivity := words.sensitivity_words(cause)) else "", "dim"),
+        (f"({sensitivity})  " if (sensitivity := words.sensitivity_words(cause)) else "", "dim"),
         (words.without_words(cause), "dim"),
     )
     table = Table.grid(padding=(0, 2))
@@ -167,6 +167,8 @@ def _rivals(verdict: Verdict) -> Iterator[RenderableType]:
 
 def _beyond(verdict: Verdict) -> Iterator[str]:
     yield f"something outside of the library: {chance(verdict.outside_probability)}"
+    if shared := words.shared_words(verdict):
+        yield shared
     if verdict.outside_depends_on:
         yield words.left_over(verdict.outside_depends_on)
 

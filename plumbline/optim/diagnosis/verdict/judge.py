@@ -226,7 +226,7 @@ def _notes(
     if stand_ins := selected.selection.keys(selected.chosen) - told.named:
         blamed = [blame_of(k, selected.pool.candidates) for k in sorted(stand_ins, key=str)]
         notes.append(
-            "kept in the model without being named, as stand-ins for what the library lacks: "
+            "in the model, but each too improbable to be named: "
             f"{'; '.join(merged(blamed, why=False))}"
         )
     if selected.excluded:

@@ -28,12 +28,16 @@ from plumbline.optim.diagnosis.findings import (
     Verdict,
 )
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
+from plumbline.optim.diagnosis.prior import PART_OF_UNLISTED
 
 ORDER = re.compile(r"order (\S+) (sine|cosine)")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+MANY = {"it": "them", "its": "their", "needs": "need", "is always": "are always"}
+ONE = re.compile(rf"\b({'|'.join(sorted(MANY, key=len, reverse=True))})\b")  # said of one effect
 LISTED = 3  # orders of a ripple, or causes, that a line names
 SHOWN = 0.01  # probability from which a branch of the tree is shown: as it is told, to a percent
-MOST_PLACES = 5  # of the tree that are shown
+MOST_PLACES = 5  # of the tree that are shown with their mechanisms
+SEVERAL = ("joint", "link")  # stages that an arm has more than once
 VERBS = (
     " depends on ",
     " changes ",
@@ -156,22 +160,34 @@ def plain_parameters(cause: Cause) -> dict[str, Estimate]:
 def merged(blames: Iterable[Blame], *, why: bool = True) -> tuple[str, ...]:
     """One line an effect and reason: ``backlash of joints 1, 2, 3: no approach side recorded``.
 
-    Reasons that differ in a number alone are one reason, with the largest of the numbers.
+    Reasons that differ in a number alone are one reason, with the largest of the numbers; effects
+    of the same places for the same reason are one line.
     """
     found: dict[tuple[str, str, str], list[Blame]] = {}
     for blame in blames:
         reason = NUMBER.sub("#", blame.why) if why else ""
         found.setdefault((blame.effect, blame.stage, reason), []).append(blame)
-    return tuple(_merged(alike, why) for alike in found.values())
+    if not why:
+        return tuple(f"{alike[0].effect}{_places(alike)}" for alike in found.values())
+    lines: dict[tuple[str, str], list[Blame]] = {}
+    for (_, _, reason), alike in found.items():
+        lines.setdefault((_places(alike), reason), []).extend(alike)
+    return tuple(_line(place, alike) for (place, _), alike in lines.items())
 
 
-def _merged(alike: Sequence[Blame], why: bool) -> str:
+def _places(alike: Sequence[Blame]) -> str:
     numbers = sorted({blame.element for blame in alike if blame.element is not None})
     noun = NOUNS.get(alike[0].stage, "element")
     listed = ", ".join(map(str, numbers))
-    place = f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
-    reason = _one_reason([blame.why for blame in alike]) if why else ""
-    return f"{alike[0].effect}{place}{': ' if reason else ''}{reason}"
+    return f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
+
+
+def _line(place: str, alike: Sequence[Blame]) -> str:
+    effects = tuple(dict.fromkeys(blame.effect for blame in alike))
+    reason = _one_reason([blame.why for blame in alike])
+    if len(effects) > 1:
+        reason = ONE.sub(lambda found: MANY[found[0]], reason)
+    return f"{', '.join(effects)}{place}{': ' if reason else ''}{reason}"
 
 
 def _one_reason(reasons: Sequence[str]) -> str:
@@ -182,9 +198,9 @@ def _one_reason(reasons: Sequence[str]) -> str:
 
 
 def place_words(stage: str, element: int | None) -> str:
-    """``joint 2``, ``drive 2``, or the stage where it has no element."""
+    """``joint 2``, ``drive 2``; ``all joints``; the stage where an arm has one alone."""
     if element is None:
-        return stage
+        return f"all {stage}s" if stage in SEVERAL else stage
     return f"{NOUNS.get(stage, stage)} {element}"
 
 
@@ -196,13 +212,19 @@ def tree_lines(verdict: Verdict) -> tuple[str, ...]:
     are both sure say so, though each has half of the place's probability.
     """
     shown = [place for place in verdict.tree if place["probability"] >= SHOWN]
-    return tuple(_place_line(place) for place in shown[:MOST_PLACES])
+    lines = [_place_line(place) for place in shown[:MOST_PLACES]]
+    if others := ", ".join(map(_place_chance, shown[MOST_PLACES:])):
+        lines.append(f"elsewhere: {others}")
+    return tuple(lines)
 
 
 def _place_line(place: dict[str, Any]) -> str:
     branches = _branches(place["dependences"], "on", lambda b: _mechanisms(b["mechanisms"]))
-    where = place_words(place["stage"], place["element"])
-    return f"{where} {chance(place['probability'])}: {', '.join(branches)}"
+    return f"{_place_chance(place)}: {', '.join(branches)}"
+
+
+def _place_chance(place: dict[str, Any]) -> str:
+    return f"{place_words(place['stage'], place['element'])} {chance(place['probability'])}"
 
 
 def _mechanisms(found: Sequence[dict[str, Any]]) -> str:
@@ -222,6 +244,18 @@ def _branches(
 def _inclusion(branch: dict[str, Any]) -> float:
     """How probable a branch is at all; its share, in answers that were stored without."""
     return float(branch.get("inclusion", branch["probability"]))
+
+
+def shared_words(verdict: Verdict) -> str:
+    """Why many causes are named with one probability, where something unlisted sets it."""
+    most = 1.0 - PART_OF_UNLISTED
+    alike = [c for c in verdict.causes if abs(c.probability - most) < SHOWN]
+    if len(alike) < LISTED or verdict.outside_probability < most:
+        return ""
+    return (
+        f"{len(alike)} causes stand at {chance(most)}: something unlisted is at work as well, and "
+        "each of them may be a part of it"
+    )
 
 
 def sensitivity_words(cause: Cause) -> str:
