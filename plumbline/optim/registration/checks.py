@@ -6,7 +6,10 @@ mirrored CT, labels that went astray. The order of CT's markers that fits the ro
 .. math:: \min_{\pi \ne id} \sum_{i < j} \big(|p_{\pi i} - p_{\pi j}| - |q_i - q_j|\big)^2
 
 Distances between markers know no frame, so that all orders are compared before any is fitted. Up to
-seven markers every order is tried, beyond that every exchange of two.
+seven markers every order is tried. Beyond that one large triple of CT's is laid on those of the
+robot's that are as far apart, and the others are paired with what they come to lie nearest to (Kuhn
+1955): so every turn of the markers onto themselves is found, and labels in any disorder. And, for
+markers close together, every exchange of two.
 
 The shape of markers is an angle for people, singular values for the error of the rotation: the
 angle of a triple is its smallest inner angle, 60 deg at best; that of more markers is the best
@@ -23,12 +26,14 @@ from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import pdist
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist, pdist
 from scipy.special import chdtrc
 
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.constants import (
+    ALIKE,
     ALL_ORDERS,
     COINCIDENT,
     DOUBTFUL,
@@ -117,7 +122,10 @@ def best_relabelling(ct: Array, robot: Array) -> Relabelling:
 def relabellings(ct: Array, robot: Array) -> list[Relabelling]:
     """The few best other orders of markers (n, 3) [m], best first."""
     apart, wanted = _distances(ct), _distances(robot)
-    orders = (_any_orders if len(ct) <= ALL_ORDERS else _exchanges)(apart, wanted)
+    if len(ct) <= ALL_ORDERS:
+        orders = _any_orders(apart, wanted)
+    else:
+        orders = np.concatenate([_turned(ct, robot, apart, wanted), _exchanges(apart, wanted)])
     left = misfits(ct[orders], robot)
     best = np.argsort(left, kind="stable")
     return [Relabelling(tuple(int(i) for i in orders[k]), float(left[k])) for k in best]
@@ -159,6 +167,36 @@ def _exchanges(apart: Array, wanted: Array) -> NDArray[np.intp]:
     rows = np.arange(len(near))
     orders[rows, i[near]], orders[rows, j[near]] = j[near], i[near]
     return orders
+
+
+def _turned(ct: Array, robot: Array, apart: Array, wanted: Array) -> NDArray[np.intp]:
+    """Orders (N, n), other than the given one, with a triple of CT's on one of the robot's."""
+    corners = list(combinations(well_spread(ct), 3))
+    sides = ct[corners][:, 1:] - ct[corners][:, :1]
+    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    triple = list(corners[int(areas.argmax())])
+    there = _triples(apart[np.ix_(triple, triple)], wanted)
+    T = rigid_match(np.broadcast_to(ct[triple], (len(there), 3, 3)), robot[there])
+    placed = ct @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
+    off = [cdist(robot, points, "sqeuclidean") for points in placed]
+    nearest = np.argsort([d.min(axis=1).sum() for d in off], kind="stable")[: 2 * FITTED]
+    orders = {tuple(linear_sum_assignment(off[k])[1].tolist()) for k in nearest}
+    orders.discard(tuple(range(len(ct))))
+    return np.array(sorted(orders), dtype=np.intp).reshape(-1, len(ct))
+
+
+def _triples(sides: Array, wanted: Array) -> NDArray[np.intp]:
+    """Triples (N, 3) of points at distances (n, n) that are as far apart as three others (3, 3)."""
+    n, first = len(wanted), (wanted - sides[0, 1]) ** 2
+    np.fill_diagonal(first, np.inf)
+    pairs = np.argsort(first, axis=None, kind="stable")[: min(ALIKE, n * (n - 1))]
+    i, j = np.unravel_index(pairs, first.shape)
+    third = first[i, j, None] + (wanted[i] - sides[0, 2]) ** 2 + (wanted[j] - sides[1, 2]) ** 2
+    rows = np.arange(len(pairs))
+    third[rows, i] = third[rows, j] = np.inf
+    best = np.argsort(third, axis=None, kind="stable")[: min(ALIKE, len(pairs) * (n - 2))]
+    pair, k = np.unravel_index(best, third.shape)
+    return np.column_stack([i[pair], j[pair], k])
 
 
 def _distances(points: Array) -> Array:

@@ -63,6 +63,7 @@ STILL = 1e-11  # [m and rad] change of the mean that ends them
 # Other labels
 ALL_ORDERS = 7  # markers of which all 5039 other orders are compared
 FITTED = 12  # of the orders with the nearest distances, so many are fitted
+ALIKE = 200  # of all pairs, then triples, most like one of CT's, so many are tried for it; effort
 
 # What is said and refused
 DOUBTFUL = 1e-3  # chance of a misfit as large as found, below which the stated noise is doubted

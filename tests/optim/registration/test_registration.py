@@ -4,7 +4,7 @@ import timeit
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
-from itertools import permutations
+from itertools import permutations, product
 
 import casadi as cs
 import numpy as np
@@ -350,6 +350,10 @@ def test_a_nearly_collinear_triple_is_a_warning_with_its_angle_and_predicted_err
 
 SQUARE = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]])
 KITE = np.array([[0.1, 0, 0], [-0.1, 0, 0], [0, 0.1, 0], [0, -0.05, 0], [0, 0.02, 0]])
+CUBE = 0.1 * np.array(list(product((0.0, 1.0), repeat=3)))
+TURNS = np.radians(30.0) * np.arange(12)
+RING = 0.1 * np.stack([np.cos(TURNS), np.sin(TURNS), 0 * TURNS], axis=1)
+EIGHT = np.random.default_rng(8).uniform(-0.1, 0.1, (8, 3))
 UNEVEN = np.array([[0.0, 0.0, 0.0], [0.11, 0.01, 0.0], [0.03, 0.09, 0.02], [0.06, 0.02, 0.07]])
 ASIDE, ON_AXIS = [0.03, 0.04, -0.06], [0.05, 0.05, 0.0]
 
@@ -357,7 +361,16 @@ ASIDE, ON_AXIS = [0.03, 0.04, -0.06], [0.05, 0.05, 0.0]
 @pytest.mark.parametrize("noise", [ALIKE, None])
 @pytest.mark.parametrize(
     ("points", "target", "doubted"),
-    [(SQUARE, ASIDE, True), (KITE, ASIDE, True), (UNEVEN, ASIDE, False), (SQUARE, ON_AXIS, False)],
+    [
+        (SQUARE, ASIDE, True),
+        (KITE, ASIDE, True),
+        (CUBE, ASIDE, True),
+        (RING, ASIDE, True),
+        (UNEVEN, ASIDE, False),
+        (EIGHT, ASIDE, False),
+        (np.vstack([CUBE, EIGHT[:1]]), ASIDE, False),
+        (SQUARE, ON_AXIS, False),
+    ],
 )
 def test_a_target_that_exchanged_labels_put_elsewhere_is_doubtful(points, target, doubted, noise):
     """In the middle of a square every exchange leaves it in place."""
@@ -501,6 +514,18 @@ def test_any_exchange_of_labels_is_seen_and_undone(order):
     for place, k in enumerate(order):
         named = f"CT's {labels(FOUR)[place]} is the robot's {labels(FOUR)[k]}"
         assert (named in str(caught.value)) is (place != k)
+
+
+@pytest.mark.parametrize("n", [8, 12, 40])
+def test_labels_of_many_markers_in_any_order_are_seen_and_undone(n):
+    rng = np.random.default_rng(n)
+    ct, order = rng.uniform(-0.1, 0.1, (n, 3)), rng.permutation(n)
+    robot = mapped(ct) + rng.normal(0.0, 3e-4, ct.shape)
+    with pytest.raises(PlumblineError, match="mend the labels") as caught:
+        registered(Kabsch(), ct[order], robot, ALIKE)
+    said = f"{caught.value},"
+    for place, k in enumerate(order.tolist()):
+        assert (f"CT's M{place + 1} is the robot's M{k + 1}," in said) is (place != k)
 
 
 def test_a_good_marker_is_left_out_as_rarely_as_was_asked_for():

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.spatial.distance import pdist, squareform
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
@@ -20,11 +21,12 @@ from plumbline.optim.registration import (
     constants,
 )
 from plumbline.optim.registration.checks import (
-    best_relabelling,
+    _triples,
     check,
     condition_of,
     doubtful,
     misfit,
+    relabellings,
     well_spread,
 )
 from plumbline.optim.registration.fiducials import load_fiducials
@@ -44,7 +46,8 @@ STAND = {
     "ALPHA_UNSTATED": 0.005, "ROUNDING": 1e-24, "RIVAL": 13.815510557964274, "EVERY": 100,
     "TRIPLES": 2000, "STARTS": 12, "KEPT": 3, "CONCENTRATIONS": 20, "SETTLED": 1e-12,
     "LEAST_HELD": 5.0, "MANY": 24, "LEAST_ANGLE": 2.0, "MEAN_ROUNDS": 30, "STILL": 1e-11,
-    "ALL_ORDERS": 7, "FITTED": 12, "DOUBTFUL": 1e-3, "SURPRISING": 0.05, "RELATIVE_DOUBT": 0.01,
+    "ALL_ORDERS": 7, "FITTED": 12, "ALIKE": 200, "DOUBTFUL": 1e-3, "SURPRISING": 0.05,
+    "RELATIVE_DOUBT": 0.01,
     "NO_PAIR": 0.1, "MUCH": 3.0, "MUCH_UNSTATED": 10.0, "NEARLY_ON_A_LINE": 15.0, "FLAT": 0.05,
     "ASIDE": 0.1, "WIDE_TURN": np.radians(5.0), "FINE": 2e-3, "COARSE": 5e-3,
     "ENOUGH_FREEDOMS": 8.0,
@@ -265,10 +268,18 @@ def test_so_many_markers_stand_for_all(n, count):
 
 @pytest.mark.parametrize(("n", "every"), [(7, True), (8, False)])
 def test_of_seven_markers_every_order_is_tried(n, every):
+    """Two pairs of near markers, both exchanged: no turn does that, nor an exchange of two."""
     ct = np.random.default_rng(0).uniform(-0.1, 0.1, (n, 3))
-    order = [1, 2, 0, *range(3, n)]  # three in a round: no exchange of two
-    found = best_relabelling(ct, mapped(ct[order]))
-    assert (found.order == tuple(order)) is every
+    ct[[1, 3]] = ct[[0, 2]] + 1e-3
+    tried = [other.order for other in relabellings(ct, mapped(ct))]
+    assert ((1, 0, 3, 2, *range(4, n)) in tried) is every
+
+
+@pytest.mark.parametrize("n", [24, 40])
+def test_two_hundred_triples_are_tried_for_one(n):
+    ct = np.random.default_rng(0).uniform(-0.1, 0.1, (n, 3))
+    apart = squareform(pdist(ct))
+    assert len(_triples(apart[:3, :3], apart)) == 200
 
 
 @pytest.mark.parametrize(("n", "most", "every"), [(14, 2, True), (15, 2, False)])
