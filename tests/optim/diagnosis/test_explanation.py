@@ -164,6 +164,23 @@ def test_what_is_named_may_be_a_part_of_what_is_missing_unless_it_is_far_larger(
     assert doubted.mechanisms[mechanism] == pytest.approx(told.mechanisms[mechanism] * (1.0 - part))
 
 
+@pytest.mark.parametrize(
+    ("probable", "lacking", "named"),
+    [
+        (0.9, 1.0, True),
+        (0.83, 1.0, False),
+        (0.83, 0.9, True),
+        (0.4, 0.12, True),
+        (0.4, 0.13, False),
+    ],
+)
+def test_what_is_doubted_below_even_is_no_name(probable, lacking, named):
+    """Nor is one of equals (.4) where it is no longer settled that one of them is at work."""
+    told = made(probabilities={SCALE: probable}, named=frozenset({SCALE}))
+    doubted = told.doubted(lacking, 1.0, {SCALE: 1.0})
+    assert (SCALE in doubted.named) is named
+
+
 @pytest.mark.parametrize(("lacked", "told"), [(0.35, False), (0.45, True)])
 def test_what_an_unlisted_mechanism_depends_on_is_told_if_one_is_more_probable_than_not(
     lacked, told

@@ -30,9 +30,11 @@ from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
     DEVIATIONS,
     EARNED,
+    LEAST_NAMED,
     MANY_CAUSES,
     MOST_COMPARED_ROWS,
     PART_OF_UNLISTED,
+    SETTLED,
     UNLISTED,
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
@@ -79,7 +81,8 @@ class Explanation:
         """The same where what is named leaves more than noise, and no term says what that is.
 
         It is unlisted, at a place that nobody knows, and what is named may be a part of it: what
-        moves no more than some times as much as is left.
+        moves no more than some times as much as is left. What is then not more probable than not
+        is no name any more, nor is one of equals where it is not settled that one is at work.
 
         Args:
             lacking: Probability that more than noise is left.
@@ -90,9 +93,11 @@ class Explanation:
         parts = {k for k, square in moved.items() if DEVIATIONS[0] ** 2 * square <= missing}
         less: dict[Key | None, float] = dict.fromkeys(self.probabilities, 1.0)
         less |= dict.fromkeys(parts, 1.0 - part)
+        left = {k: p * less[k] for k, p in self.probabilities.items()}
         return replace(
             self,
-            probabilities={k: p * less[k] for k, p in self.probabilities.items()},
+            probabilities=left,
+            named=frozenset(k for k in self.named if left[k] >= LEAST_NAMED or less[k] >= SETTLED),
             sensitive={k: (a * less[k], b * less[k]) for k, (a, b) in self.sensitive.items()},
             mechanisms={m: p * less.get(key_of(m), 1.0) for m, p in self.mechanisms.items()},
         )

@@ -66,10 +66,10 @@ def judge(
 ) -> Verdict:
     """Put the verdict together; what the library has is ``lacking`` by more than any noise."""
     keys = by_importance(selected, seed)
-    named = [key for key in keys if key in told.named]
-    stand_ins = [key for key in keys if key not in told.named]
     missing = selected.best.gram.count * max(noise.ratio**2 - 1.0, 0.0) * noise.sigma**2
     told = told.doubted(lack_of_fit(noise, selected), missing, keys)
+    named = [key for key in keys if key in told.named]
+    stand_ins = [key for key in keys if key not in told.named]
     gap = _gap(evaluation, noise)
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
     timed = any(effect.runs_with_time() for effect in selected.effects)
