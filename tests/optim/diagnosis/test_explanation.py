@@ -365,6 +365,14 @@ def test_of_few_rows_explained_allows_for_what_chance_adds(judged, monkeypatch, 
     assert (kind(judged, noise={"sigma": sigma}).verdict == Outcome.EXPLAINED) == earned
 
 
+@pytest.mark.parametrize(("ratio", "earned"), [(1.0, False), (1.1, True)])
+def test_rows_left_out_may_err_by_what_rows_fitted_do(judged, monkeypatch, ratio, earned):
+    """Noise that is no more than chance above what is stated counts once, in the lack of fit."""
+    monkeypatch.setattr(judge_module, "by_chance", lambda *_: 1.15)
+    changed = {"sigma": judged[4].sigma / 1.2, "ratio": ratio}
+    assert (kind(judged, noise=changed).verdict == Outcome.EXPLAINED) == earned
+
+
 def test_what_may_be_at_work_instead_leaves_no_gap(judged):
     assert kind(judged, told={"unlisted": 0.4, "beside": 0.05}).verdict == Outcome.EXPLAINED
 

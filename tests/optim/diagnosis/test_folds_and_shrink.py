@@ -363,3 +363,14 @@ def test_a_fold_asks_the_slots_of_many_terms_again(most, kept, expected, monkeyp
     problem = selection(X, t, 0.01, allowed=[True, True, True, False])
     found = shrink._chosen_anew(problem, [SelectedTerm(k, 1.0) for k in kept])
     assert {c.index for c in found} == expected
+
+
+@pytest.mark.parametrize(("turned", "expected"), [(0, {1}), (1, {1}), (4, {0})])
+def test_a_fold_departs_from_the_selection_of_all_rows_only_if_its_rows_say_so(turned, expected):
+    """Two columns are alike in all rows but those that tell them apart: none, one, or four."""
+    rng = np.random.default_rng(2)
+    X = np.repeat(rng.normal(size=(40, 1)), 2, axis=1)
+    t = 3.0 * X[:, 0] + 0.01 * rng.normal(size=40)
+    X[:turned, 1] += 0.006
+    found = shrink._chosen_anew(selection(X, t, 0.01), [SelectedTerm(1, 3.0)])
+    assert {c.index for c in found} == expected

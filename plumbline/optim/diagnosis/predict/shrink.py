@@ -1,8 +1,9 @@
 r"""How far the gap shrinks, on rows that neither the fit nor the selection of effects has seen.
 
-For every fold the whole selection is made anew without it, the nuisances are fitted without it, and
-its rows are predicted. The shrink is :math:`1 - \mathrm{after}/\mathrm{before}`, its interval a
-paired bootstrap over blocks of rows (Efron and Tibshirani 1993, ch. 8).
+For every fold the whole selection is made anew without it, and departs from that of all rows where
+the other rows say so; the nuisances are fitted without it, and its rows are predicted. The shrink
+is :math:`1 - \mathrm{after}/\mathrm{before}`, its interval a paired bootstrap over blocks of rows
+(Efron and Tibshirani 1993, ch. 8).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import (
     SelectionProblem,
     asked_again,
+    path_evidence,
     restricted,
     select,
 )
@@ -35,6 +37,7 @@ from plumbline.optim.diagnosis.prior import (
     LONG,
     MANY_SLOTS,
     MOST_BLOCKS,
+    NO_EVIDENCE,
     ROUNDS,
     SLOW,
 )
@@ -94,13 +97,17 @@ def fold_models(
 
 
 def _chosen_anew(selection: SelectionProblem, kept: Sequence[SelectedTerm]) -> list[SelectedTerm]:
-    """What a selection without a fold leads to.
+    """What a selection without a fold leads to, unless that tells nothing against what is kept.
 
-    A path to many terms ends in another model of much the same: their slots are asked again.
+    When a tool slipped between two rows, or where play begins, those rows alone may tell. A path to
+    many terms ends in another model of much the same: their slots are asked again.
     """
-    if len(kept) <= MANY_SLOTS:
-        return select(selection, thorough=False)
-    return asked_again(selection, [c for c in kept if selection.allowed[c.index]])
+    kept = [c for c in kept if selection.allowed[c.index]]
+    if len(kept) > MANY_SLOTS:
+        return asked_again(selection, kept)
+    found = select(selection, thorough=False)
+    gained = path_evidence(selection, found) - path_evidence(selection, kept)
+    return found if gained > NO_EVIDENCE else kept
 
 
 def _shown_by_fold_alone(

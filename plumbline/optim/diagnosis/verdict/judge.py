@@ -81,7 +81,7 @@ def judge(
     errors = block_errors(selected, evaluation.models) if told.is_open and named else 0.0
     causes = tuple(cause_of(selected, key, told, stairs, noise, errors) for key in named)
     judged = judgement_of(selected, evaluation)
-    least = by_chance(recording, selected, evaluation)
+    least = by_chance(recording, selected, evaluation) * max(noise.ratio, 1.0)
     earned = max(told.beside, left) < UNLISTED and noise.source != "fit"
     earned = earned and _is_earned(gap, causes, judged, least)
     kind = _kind(bool(causes), max(beyond, left) > 0.5, earned)
@@ -140,7 +140,8 @@ def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement, chance: flo
         gap: The gap.
         causes: What is named.
         judged: How the fits ended.
-        chance: Ratio of held-out figure to noise that chance alone hardly exceeds.
+        chance: Ratio of held-out figure to noise that chance alone hardly exceeds, where rows left
+            out err as those fitted do: whether that is more than noise is a question of its own.
     """
     # Where chance alone would miss rows by far, they test nothing.
     if gap.is_far or gap.after > max(EARNED, chance) * gap.noise_floor:
