@@ -373,6 +373,17 @@ def test_rows_left_out_may_err_by_what_rows_fitted_do(judged, monkeypatch, ratio
     assert (kind(judged, noise=changed).verdict == Outcome.EXPLAINED) == earned
 
 
+@pytest.mark.parametrize(
+    ("p", "why"), [(0.4, "is too improbable to be named"), (0.6, "are foretold as well without")]
+)
+def test_what_a_search_chose_in_vain_is_told_with_the_reason(judged, p, why):
+    recording, selected, *rest = judged
+    parts = (recording, replace(selected, excluded=frozenset({OFFSET})), *rest)
+    notes = kind(parts, told={"probabilities": {SCALE: 0.99, OFFSET: p}}).notes
+    [said] = [note for note in notes if "search chose" in note]
+    assert said.endswith(f"{why}: joint_offset of joint 2")
+
+
 def test_what_may_be_at_work_instead_leaves_no_gap(judged):
     assert kind(judged, told={"unlisted": 0.4, "beside": 0.05}).verdict == Outcome.EXPLAINED
 

@@ -224,22 +224,26 @@ def _notes(
     notes += _missed(gap, noise, formless=lack_of_fit(noise, selected) > 0.5 and not told.words)
     if not recording.chain.has_masses and not recording.stand_in:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
-    if stand_ins := selected.selection.keys(selected.chosen) - told.named:
-        blamed = [blame_of(k, selected.pool.candidates) for k in sorted(stand_ins, key=str)]
-        notes.append(
-            "in the model, but each too improbable to be named: "
-            f"{'; '.join(merged(blamed, why=False))}"
-        )
-    if selected.excluded:
-        excluded = [
-            blame_of(k, selected.pool.candidates) for k in sorted(selected.excluded, key=str)
-        ]
-        notes.append(
-            "not named, though a first search chose them; rows left out are foretold as well "
-            "without: "
-            f"{'; '.join(merged(excluded, why=False))}"
-        )
+    notes += _unnamed(selected, told)
     return tuple(notes)
+
+
+def _unnamed(selected: SelectedModel, told: Explanation) -> Iterator[str]:
+    """What a search chose and the verdict does not name, by reason."""
+    improbable = {k for k in selected.excluded if told.probabilities.get(k, 0.0) < LEAST_NAMED}
+    said = {
+        "in the model, but each too improbable to be named": (
+            selected.selection.keys(selected.chosen) - told.named
+        ),
+        "a first search chose them, but each is too improbable to be named": improbable,
+        "not named, though a first search chose them; rows left out are foretold as well without": (
+            selected.excluded - improbable
+        ),
+    }
+    for words, keys in said.items():
+        if keys:
+            blamed = [blame_of(k, selected.pool.candidates) for k in sorted(keys, key=str)]
+            yield f"{words}: {'; '.join(merged(blamed, why=False))}"
 
 
 def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool) -> Iterator[str]:
