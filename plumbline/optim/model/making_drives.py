@@ -20,9 +20,8 @@ def drives_of(signals: Signals, joints: Sequence[Joint], gap: Gap) -> Drives:
         at = joint.number - 1
         span = np.array([signals.command[:, at].min(), signals.command[:, at].max()])
         fit = joint.fit
-        std = np.sqrt(np.diag(fit.covariance(joint.effective)))
         servos[joint.number] = Servo(
-            fit.effects, fit.theta.copy(), std, float(inertia[:, at].max()), span
+            fit.effects, fit.theta.copy(), joint.std, float(inertia[:, at].max()), span
         )
     return Drives(
         r.name, r.robot, r.joints, r.index, r.law, r.kp, r.kd, servos,

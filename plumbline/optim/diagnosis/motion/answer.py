@@ -104,6 +104,7 @@ class _StoredJoint:
     anything: float
     effective: float
     unseen: dict[str, float]
+    std: Array
 
     @classmethod
     def of(cls, j: Joint) -> _StoredJoint:
@@ -111,7 +112,7 @@ class _StoredJoint:
         instead = {name: dict(others) for name, others in j.instead.items()}
         return cls(
             j.number, effects, j.fit.theta, dict(j.probability), instead, j.unlisted, j.outside,
-            dict(j.mechanisms), j.anything, j.effective, dict(j.unseen),
+            dict(j.mechanisms), j.anything, j.effective, dict(j.unseen), j.std,
         )  # fmt: skip
 
     def again(self, signals: Signals) -> Joint:
@@ -119,7 +120,7 @@ class _StoredJoint:
         fit = evaluated(windows, tuple(one.effect for one in self.effects), self.theta)
         return Joint(
             self.number, windows, fit, self.probability, self.instead, self.unlisted,
-            self.outside, self.mechanisms, self.anything, self.effective, self.unseen,
+            self.outside, self.mechanisms, self.anything, self.effective, self.unseen, self.std,
         )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import SEARCH_SAMPLES, SEARCHED
 from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.search import search
+from plumbline.optim.diagnosis.motion.search import prior_at, search
 from plumbline.optim.diagnosis.motion.signals import signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import Found, verdict_of
@@ -52,17 +52,16 @@ def diagnose_motion(
             "hold fewer rows out, or record for longer"
         )
     moved = [j for j in range(r.n) if np.ptp(r.command[:, j]) + np.ptp(r.q[:, j]) > STILL]
-    prior = 1 - (1 - options.unlisted) ** (1 / max(len(moved), 1))
+    prior = prior_at(options.unlisted, len(moved))
     coarse = signals_of(r, SEARCH_SAMPLES) if r.law == Law.POSITION else signals
     looked_at = spread(coarse.training, SEARCHED * coarse.most)
-    sigma = None if r.noise_std is None else r.noise_std * signals.averaged
     joints, unseen = [], []
     for k, j in enumerate(moved):
         if progress is not None:
             progress(f"{r.noun} {j + 1}", k / len(moved))
         windows = signals.windows(j, training)
         few = coarse.windows(j, looked_at)
-        joint = search(j + 1, windows, few, effects, signals.seen(j), prior, sigma)
+        joint = search(j + 1, windows, few, effects, signals.seen(j), prior, signals.sigma)
         joints.append(joint)
         unseen.append(left_out(signals, joint))
     still = [j + 1 for j in range(r.n) if j not in moved]

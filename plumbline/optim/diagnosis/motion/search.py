@@ -51,11 +51,7 @@ class Joint:
     effective: float  # samples that count as independent
     # by name of a limit that no row came near: what was hardly exceeded, in its parameter's unit
     unseen: Mapping[str, float]
-
-    @property
-    def std(self) -> Array:
-        """Standard errors of the values (P,)."""
-        return np.sqrt(np.diag(self.fit.covariance(self.effective)))
+    std: Array  # standard errors of the values (P,)
 
 
 def search(
@@ -91,6 +87,7 @@ def search(
     probability = {name: sum(p for names, p in share if name in names) for name in listed}
     found = {e.name for e in fit.effects}
     instead = {name: _instead(name, found, share) for name in found}
+    std = errors_of(models, fit, prior, sigma)
     beside = Rivals(windows, fit, effective).beside()
     if sigma is not None:
         beside = (*beside, own_past(windows, fit, models.floor(fit, sigma), effective))
@@ -104,8 +101,27 @@ def search(
     }
     return Joint(
         number, windows, fit, probability, instead, beside, outside, every, anything, effective,
-        unseen,
+        unseen, std,
     )  # fmt: skip
+
+
+def errors_of(models: Models, fit: Fit, prior: float, sigma: float | None) -> Array:
+    """Standard errors (P,) of a fit, with what nobody has listed at work beside it or not."""
+    key = frozenset(fit.effects)
+    models.found[key] = fit
+    effective = fit.residual.size / correlation_time(fit.residual)
+    rivals = Rivals(models.windows, fit, effective, stated=0.0 if sigma is None else sigma**2)
+    return rivals.errors(models.sizes(key), odds_of_each(prior))
+
+
+def odds_of_each(prior: float) -> float:
+    """Prior log odds of something unlisted at a joint that goes by one variable."""
+    return float(np.log(prior / (1 - prior) / len(VARIABLES)))
+
+
+def prior_at(unlisted: float, joints: int) -> float:
+    """Prior probability of something unlisted at each of so many joints."""
+    return float(1 - (1 - unlisted) ** (1 / max(joints, 1)))
 
 
 def _mechanisms(share: list[tuple[frozenset[str], float]]) -> tuple[dict[str, float], float]:
@@ -128,7 +144,7 @@ def _weights(
     counted = [k for k in models.found if not models.negligible(k, key)]
     lacking = {k: models.lacking(k, time, sigma) for k in (*counted, key)}
     found = [(names_of(k), models.score(k, time) - lacking[k].gain) for k in counted]
-    each = float(np.log(prior / (1 - prior) / len(VARIABLES)))
+    each = odds_of_each(prior)
     resembles = float(np.log(RESEMBLES / len(models.odds)))
     best, own = models.score(key, time), models.found[key]
     stated = 0.0 if sigma is None else sigma**2

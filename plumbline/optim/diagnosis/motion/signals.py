@@ -78,6 +78,12 @@ class Signals:
     length: int
     averaged: float
 
+    @property
+    def sigma(self) -> float | None:
+        """Stated noise of a sample [rad]; None if unknown."""
+        stated = self.recording.noise_std
+        return None if stated is None else stated * self.averaged
+
     @cached_property
     def bodies(self) -> tuple[Integers, Array, Array]:
         """Samples (K,), mass matrices (K, n, n) [kg m^2], gravity and Coriolis (K, n) [N m].

@@ -9,6 +9,14 @@ What resembles a cause has its column, too, but not just its form: beside it sta
 or the column times a smooth function of what the joint goes by, a share of the cause's own size
 (as in :mod:`plumbline.optim.diagnosis.discrepancy.resembling`). Where something is left beside a
 cause, it may be this, and the cause not be there at all.
+
+Standard errors are of all these together: of what stands beside a cause, part may be the cause's.
+Their squares are means over the models m, by probability, of variance and of squared shift,
+
+.. math:: \sigma^2 = \sum_m P(m)\, \bigl(\sigma_m^2 + (\theta_m - \hat\theta)^2\bigr)
+
+(Hoeting, Madigan, Raftery, Volinsky 1999, Statistical Science 14(4), eq. 3). So a number holds on
+another motion as well as the model's form does.
 """
 
 from __future__ import annotations
@@ -58,26 +66,45 @@ class _Beside:
 
     def gain(self, widths: Sequence[float]) -> tuple[float, float]:
         """Log evidence that they add, summed over widths [rad], and what share they take."""
+        found = [self._at(width) for width in widths]
+        gains, shares = zip(*found, strict=True)
+        best = int(np.argmax(gains))
+        return float(np.logaddexp.reduce(gains) - np.log(len(gains))), float(shares[best])
+
+    def _at(self, width: float) -> tuple[float, float]:
+        """The same at one width."""
         p, many = self.p, self.effective / self.square
         G = self.sums * many
         own = np.linalg.slogdet(G[:p, :p] + np.eye(p))[1] / 2
-        gains, shares = [], []
+        precision = self._precision(width, 1.0)
+        A = G + np.diag(precision)
+        w = np.linalg.solve(A, self.pull * many)
+        taken = float(2 * w @ self.pull - w @ self.sums @ w)
+        left = max(self.square - taken, 1e-3 * self.square)
+        if left > (1 - LEAST_SHARE) * self.least:  # what is less than that is negligible
+            left = max(left, self.least)
+        left = max(left, min(self.stated, self.square))  # noise may have any form
+        # The noise is integrated out, as in a fit's own evidence.
+        better = self.effective / 2 * np.log(self.square / left)
+        occam = np.linalg.slogdet(A / precision[:, None])[1] / 2 - own
+        return better - occam, 1 - left / self.square
+
+    def _precision(self, width: float, of_effects: float) -> Array:
+        precision = np.full(len(self.sums), of_effects)
+        precision[self.p :] = 1 / max(width, 1e-150) ** 2
+        return precision
+
+    def misses(self, widths: Sequence[float]) -> Iterator[tuple[float, Array]]:
+        """Log evidence at each width [rad], and how far off the fit's parameters then are.
+
+        As second moments (P, P) about the fit, in widths of their priors.
+        """
+        p, many = self.p, self.effective / self.square
         for width in widths:
-            precision = np.ones(len(G))
-            precision[p:] = 1 / max(width, 1e-150) ** 2
-            A = G + np.diag(precision)
-            w = np.linalg.solve(A, self.pull * many)
-            taken = float(2 * w @ self.pull - w @ self.sums @ w)
-            left = max(self.square - taken, 1e-3 * self.square)
-            if left > (1 - LEAST_SHARE) * self.least:  # what is less than that is negligible
-                left = max(left, self.least)
-            left = max(left, min(self.stated, self.square))  # noise may have any form
-            # The noise is integrated out, as in a fit's own evidence.
-            better = self.effective / 2 * np.log(self.square / left)
-            gains.append(better - np.linalg.slogdet(A / precision[:, None])[1] / 2 + own)
-            shares.append(1 - left / self.square)
-        best = int(np.argmax(gains))
-        return float(np.logaddexp.reduce(gains) - np.log(len(gains))), float(shares[best])
+            C = np.linalg.inv(self.sums * many + np.diag(self._precision(width, 1e-12)))
+            shift = (C @ self.pull * many)[:p]
+            gain = self._at(width)[0] - np.log(len(widths))
+            yield gain, C[:p, :p] + np.outer(shift, shift)
 
 
 class Rivals:
@@ -108,15 +135,38 @@ class Rivals:
     def resembling(self, k: int, size: float) -> tuple[Unlisted, ...]:
         """What resembles the cause k, whose effect has such a root mean square [rad]."""
         widths = [share * size for share in DEVIATIONS]
-        found = [Unlisted(on, *f.gain(widths)) for on, f in self.functions.items()]
+        found = [*self.functions.items(), *self._modulated(k)]
+        return tuple(Unlisted(on, *f.gain(widths)) for on, f in found)
+
+    def _modulated(self, k: int) -> Iterator[tuple[str, _Beside]]:
+        """Functions that the cause k is multiplied by."""
         own = self.fit.flat[:, k]
         own = own / max(float(np.sqrt(np.mean(own**2))), 1e-300)
         for on in ALONG:
             Phi = _bumps(self.along[on]) * own[:, None]
             if Phi.shape[1]:
-                gained = _Beside(self.fit, *self.sizes, Phi).gain(widths)
-                found.append(Unlisted(on, *gained))
-        return tuple(found)
+                yield on, _Beside(self.fit, *self.sizes, Phi)
+
+    def errors(self, sizes: Mapping[str, float], each: float) -> Array:
+        """Standard errors of the parameters (P,), whether something unlisted is at work or not.
+
+        Args:
+            sizes: Root mean squares of the effects [rad], by name.
+            each: Prior log odds of something unlisted that goes by one variable.
+        """
+        scales, widths = self.fit.scales, [width * self.fit.square**0.5 for width in WIDTHS]
+        alone = self.fit.covariance(self.sizes[0]) / np.outer(scales, scales)
+        found = [(0.0, alone)]
+        for f in self.functions.values():
+            found += [(gain + each, off) for gain, off in f.misses(widths)]
+        for k, effect in enumerate(self.fit.effects):
+            own = [share * sizes[effect.name] for share in DEVIATIONS]
+            for _, f in self._modulated(k):
+                found += [(gain + each - np.log(2), off) for gain, off in f.misses(own)]
+        weights = np.array([weight for weight, _ in found])
+        shares = np.exp(weights - np.logaddexp.reduce(weights))
+        square = np.einsum("m,mpp->p", shares, np.array([off for _, off in found]))
+        return np.asarray(np.sqrt(square) * scales)
 
 
 def own_past(windows: Windows, fit: Fit, sigma: float, effective: float) -> Unlisted:

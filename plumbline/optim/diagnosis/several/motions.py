@@ -5,7 +5,7 @@ alone is held against all others,
 
 .. math:: z = \frac{|\hat a_k - \hat a_o|}{\sqrt{\sigma_k^2 + \sigma_o^2}}
 
-with the standard errors of so many samples as count as independent.
+with standard errors that know of what nobody has listed.
 """
 
 from collections.abc import Sequence
@@ -14,15 +14,15 @@ from dataclasses import replace
 import numpy as np
 
 from plumbline.errors import PlumblineError, fault, one_line
-from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
-from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, evaluated, fitted
+from plumbline.optim.diagnosis.motion.fit import evaluated, fitted
+from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Windows
-from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.search import Joint, errors_of, prior_at
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
 from plumbline.optim.diagnosis.of_recordings import Carries, Compared, OfRecording, Transfer
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -61,7 +61,7 @@ def diagnose_motions(
             line
             for joint in found.joints
             for k, motion in enumerate(motions)
-            for line in _transfers(found.signals, joint, part == k, motion.name)
+            for line in _transfers(found, joint, part == k, motion.name)
         ),
     )
     return replace(found, verdict=verdict)
@@ -158,16 +158,19 @@ def _windows(signals: Signals, joint: Joint, chosen: Flags) -> Windows:
     return signals.windows(joint.number - 1, spread(starts, MOST_JUDGED))
 
 
-def _transfers(signals: Signals, joint: Joint, mine: Flags, name: str) -> list[Transfer]:
+def _transfers(found: MotionDiagnosis, joint: Joint, mine: Flags, name: str) -> list[Transfer]:
     """Every cause of a joint's drive as one motion alone says it, beside what all others say."""
     if not joint.fit.effects:
         return []
-    sides = [
-        fitted(_windows(signals, joint, chosen), joint.fit.effects, joint.fit.theta)
-        for chosen in (mine, ~mine)
+    prior = prior_at(found.options.unlisted, len(found.joints))
+    parts = [_windows(found.signals, joint, chosen) for chosen in (mine, ~mine)]
+    sides = [fitted(part, joint.fit.effects, joint.fit.theta) for part in parts]
+    seen, sigma = found.signals.seen(joint.number - 1), found.signals.sigma
+    errors = [
+        errors_of(Models(part, fit.effects, seen), fit, prior, sigma)
+        for part, fit in zip(parts, sides, strict=True)
     ]
-    errors = [_errors(fit) for fit in sides]
-    law, scales, lines = signals.recording.law, joint.fit.scales, []
+    law, scales, lines = found.recording.law, joint.fit.scales, []
     for p, effect in enumerate(joint.fit.effects):
         (one, other), (std, others_std) = (fit.theta[p] for fit in sides), (e[p] for e in errors)
         z = float(abs(one - other) / np.hypot(std, others_std))
@@ -177,9 +180,3 @@ def _transfers(signals: Signals, joint: Joint, mine: Flags, name: str) -> list[T
         values = {effect.parameter.name: said}
         lines.append(Transfer(effect.name, joint.number, name, carries, z, values))
     return lines
-
-
-def _errors(fit: Fit) -> Array:
-    """Standard errors of the parameters (P,)."""
-    effective = fit.residual.size / correlation_time(fit.residual)
-    return np.asarray(np.sqrt(np.diag(fit.covariance(effective))))
