@@ -27,8 +27,11 @@ def multisine(seconds=60.0, dt=0.02, seed=0, size=0.5, fastest=1.0):
     return t, size * waves.sum(axis=1)
 
 
-def servo(t, u, *, delay=0.0, lag=0.0, play=0.0, gain=0.0, offset=0.0, limit=np.inf):
-    """What one joint does (N,), by small steps between the samples."""
+def servo(t, u, *, delay=0.0, lag=0.0, play=0.0, wear=0.0, gain=0.0, offset=0.0, limit=np.inf):
+    """What one joint does (N,), by small steps between the samples.
+
+    Its half play is wider by a share ``wear`` a radian.
+    """
     fine = np.linspace(t[0], t[-1], (len(t) - 1) * FINE + 1)
     asked = (1 + gain) * np.interp(fine - delay, t, u) + offset
     h = fine[1] - fine[0]
@@ -37,7 +40,8 @@ def servo(t, u, *, delay=0.0, lag=0.0, play=0.0, gain=0.0, offset=0.0, limit=np.
     for k, c in enumerate(asked):
         step = (c - motor) * (1 - np.exp(-h / lag)) if lag else c - motor
         motor += np.clip(step, -limit * h, limit * h)
-        joint = min(max(joint, motor - play), motor + play)
+        half = play * (1 + wear * motor)
+        joint = min(max(joint, motor - half), motor + half)
         out[k] = joint
     return out[::FINE]
 

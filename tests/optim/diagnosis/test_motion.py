@@ -11,18 +11,20 @@ from plumbline.experiments.reality.drives import Wrong, follow
 from plumbline.experiments.report.diagnosis.motion import transfer_of
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
+from plumbline.kinematics.effects.actuation_delay import ActuationDelay
+from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.optim.diagnosis.findings import Outcome
-from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated
+from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated, fitted
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
 from plumbline.optim.diagnosis.motion.rollout import WIDE, roll_out
-from plumbline.optim.diagnosis.motion.search import _with_parts
+from plumbline.optim.diagnosis.motion.search import _with_parts, errors_of
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.motion.unlisted import Rivals
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from tests.answer_contract import keeps_the_contract
-from tests.motions import arm, multisine, recorded
+from tests.motions import arm, multisine, recorded, servo
 
 LAWS = tuple(Law)
 DH = """
@@ -307,6 +309,31 @@ def test_what_is_within_the_stated_noise_is_no_mechanism_whatever_its_form():
             u.on: u.share for u in Rivals(windows, fit, 100.0, 0.0, stated * fit.square).beside()
         }
         assert shares["command"] == pytest.approx(1 - max(stated, 1e-3) if told else 0.0, abs=1e-2)
+
+
+@pytest.mark.parametrize("wear", [0.0, 0.5])
+def test_what_one_motion_says_of_a_cause_holds_on_another_within_its_error(wear):
+    """Play that is wider elsewhere has wider errors; of any other, they are near the noise's."""
+    effects = (ActuationDelay(), ActuationPlay())
+    said = []
+    for middle in (-0.3, 0.3):
+        t, u = multisine(60.0)
+        u = 0.7 * u + middle
+        q = np.column_stack([servo(t, x, delay=0.03, play=0.01, wear=wear) for x in u.T])
+        q += np.random.default_rng(3).normal(0.0, 1e-3, q.shape)
+        signals = signals_of(build_motion(robot=arm(), time=t, command=u, q=q))
+        windows = signals.windows(0, signals.starts)
+        fit = fitted(windows, effects, np.array([0.02, 0.008]))
+        errors = errors_of(Models(windows, effects, signals.seen(0)), fit, 0.05, 1e-3)
+        own = fit.covariance(fit.residual.size / correlation_time(fit.residual))
+        said.append((fit.theta[1], errors[1], own[1, 1] ** 0.5))
+    (one, error, of_noise), (two, other, of_noise_too) = said
+    apart = abs(one - two)
+    assert apart < 2 * np.hypot(error, other)
+    if wear:
+        assert apart > 10 * np.hypot(of_noise, of_noise_too)
+    else:
+        assert error < 2 * of_noise
 
 
 def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():
