@@ -1,14 +1,19 @@
 """Motions that are proposed stay where the robot was, and no faster."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from plumbline.kinematics.effects.actuation_lag import ActuationLag
+from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.optim.diagnosis.findings import Blame, Cause
 from plumbline.optim.diagnosis.motion.proposals import (
     CHIRP,
     SECONDS,
     commanded,
     motion_of,
+    proposals,
     proposals_of_efforts,
 )
 
@@ -38,6 +43,18 @@ def test_joints_move_one_after_the_other():
     assert u.shape == (len(t), 2)
     np.testing.assert_allclose(u[:, 1], 0.2)
     assert np.diff(t) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize(
+    ("effects", "kind"),
+    [((ActuationPlay(),), "hold"), ((ActuationLag(), ActuationPlay()), "steps")],
+)
+def test_play_and_a_dead_band_part_in_steps_and_without_a_lag_under_a_hand_alone(effects, kind):
+    instead = {"actuation_play": {"actuation_deadband": 0.5}}
+    joint = SimpleNamespace(number=2, instead=instead, fit=SimpleNamespace(effects=effects))
+    (row,) = proposals([joint])
+    assert (row["joint"], row["motion"].split(",")[0]) == (2, kind)
+    assert ("by hand" in row["motion"]) == (kind == "hold")
 
 
 @pytest.mark.parametrize(

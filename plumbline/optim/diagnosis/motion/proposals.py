@@ -2,7 +2,7 @@
 
 Delay and lag are one thing at low frequency, and part in a chirp; an offset and a droop part where
 the load changes; a play and a dead band where a lag brings the joint to rest, in steps that are
-held, and not at all without one; a limit shows in fast steps.
+held, and without one in no motion, but under a hand; a limit shows in fast steps.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 
+SAME = frozenset(("actuation_play", "actuation_deadband"))  # of a drive that does not lag
+BY_HAND = ("hold", "pushed by hand either way: play gives way, a dead band does not")
 # What parts two effects: a motion's kind, and what it is in words.
 PARTED: dict[frozenset[str], tuple[str, str]] = {
     frozenset(("actuation_delay", "actuation_lag")): ("chirp", "0.1 to 5 Hz in 30 s"),
     frozenset(("actuation_offset", "servo_stiffness")): ("hold", "5 s at postures of other loads"),
-    frozenset(("actuation_play", "actuation_deadband")): (
-        "steps",
-        "small and large ones, each held; a drive without any lag has one for the other",
-    ),
+    SAME: ("steps", "small and large ones, each held"),
     frozenset(("actuation_play", "actuation_lag")): ("ramp", "slowly to and fro, twice"),
     frozenset(("velocity_limit", "torque_limit")): (
         "steps",
@@ -56,12 +56,18 @@ LIKELY = 0.05  # of an effect that may stand in another's place
 def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:
     """One entry a joint and pair of effects that it leaves open."""
     for joint in joints:
+        parted = PARTED if lags(joint) else PARTED | {SAME: BY_HAND}
         for name, instead in joint.instead.items():
             for other, p in instead.items():
-                kind = PARTED.get(frozenset((name, other)))
+                kind = parted.get(frozenset((name, other)))
                 if kind is not None and p > LIKELY:
                     motion = f"{kind[0]}, {kind[1]}"
                     yield {"joint": joint.number, "motion": motion, "tells": f"{name} from {other}"}
+
+
+def lags(joint: Joint) -> bool:
+    """Whether a joint's drive has a lag."""
+    return any(isinstance(effect, ActuationLag) for effect in joint.fit.effects)
 
 
 def proposals_of_efforts(causes: Sequence[Cause], joints: int) -> Iterator[dict[str, Any]]:

@@ -34,14 +34,13 @@ from plumbline.optim.diagnosis.motion.constants import (
     OWN_PAST,
 )
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
-from plumbline.optim.diagnosis.motion.proposals import proposals
+from plumbline.optim.diagnosis.motion.proposals import SAME, lags, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
 STAGE = "actuation"
-SAME = frozenset(("actuation_play", "actuation_deadband"))  # of a drive that does not lag
 OWN = {"angle": "own angle"}  # as effects call what an unlisted function goes by
 
 
@@ -296,8 +295,7 @@ def _notes(found: Found) -> list[str]:
         said.append(
             f"{found.recording.noun} {joint.number}: {before} -> {after} on what was left out"
         )
-        names = {e.name for e in joint.fit.effects}
-        if names & SAME and "actuation_lag" not in names:
+        if {e.name for e in joint.fit.effects} & SAME and not lags(joint):
             said.append(
                 f"drive {joint.number}: play and a dead band are one and the same without a lag"
             )
