@@ -49,6 +49,8 @@ from plumbline.optim.diagnosis.findings import (
 from plumbline.optim.diagnosis.of_recordings import OfRecording
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 from plumbline.optim.diagnosis.verdict.words import (
+    gap_words,
+    held_words,
     merged,
     noise_words,
     parameter_name,
@@ -532,6 +534,15 @@ def test_a_tree_tells_every_place_where_something_may_be_at_work():
     *_, elsewhere = lines = tree_lines(SimpleNamespace(tree=tree))
     assert elsewhere == "elsewhere: joint 6 40 %, all joints 12 %"
     assert len(lines) == 6
+
+
+def test_what_leaves_the_gap_after_is_told_with_what_has_no_name(bench):
+    verdict = bench.verdict
+    steps = [Step("frame and tool alone", 1.0), *(Step(c.label, 0.5) for c in verdict.causes)]
+    shown = replace(verdict, staircase=(*steps, Step("gear_ripple of joint 3", 0.3)))
+    assert held_words(replace(verdict, staircase=tuple(steps))) == "3 causes"
+    assert "with 3 causes and 1 unnamed effect in it, by" in gap_words(shown)
+    assert held_words(replace(shown, causes=())) == "4 unnamed effects"
 
 
 def test_one_probability_of_many_causes_says_where_it_comes_from():

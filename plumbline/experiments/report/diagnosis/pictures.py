@@ -10,7 +10,7 @@ from plumbline.experiments.report.diagnosis.subject import Array, Diagnosed, Sub
 from plumbline.experiments.report.page.page import Picture
 from plumbline.optim.core.quantities import counted, percent, significant
 from plumbline.optim.diagnosis.findings import Outcome
-from plumbline.optim.diagnosis.verdict.words import noise_words, place_words
+from plumbline.optim.diagnosis.verdict.words import held_words, noise_words, place_words
 
 
 def pictures(subject: Subject) -> tuple[Picture, ...]:
@@ -53,7 +53,7 @@ def _ripples(subject: Subject) -> Picture | None:
         return None
     return Picture(
         "ripples",
-        f"{counted(len(found), 'ripple')} of joints over their own angle",
+        "Ripples of joints over their own angle",
         "All orders of a ripple together, over the range that was recorded, with a band of two "
         "standard errors on either side.",
         (ripples.curves(found),),
@@ -67,13 +67,12 @@ def _staircase(subject: Subject) -> Picture | None:
     ratio = verdict.gap.after / max(verdict.gap.noise_floor, 1e-300)
     count = len(verdict.causes)
     held = "The last bar is the gap's own; those of fewer causes are in proportion to it. "
-    all_causes = f"all {count} causes" if count > 1 else "the cause" if count else "no cause"
     known = verdict.knows_noise
     left = "the noise" if known else "what the fit of all rows leaves"
     line = "the instrument's noise alone would give" if known else "the fit of all rows leaves"
     return Picture(
         "staircase",
-        f"With {all_causes} in the model, {significant(ratio, 2)} times {left} is left",
+        f"With {held_words(verdict)} in the model, {significant(ratio, 2)} times {left} is left",
         "What is left on rows that the fit has not seen, as the causes go into the model one after "
         f"the other. {held if count else ''}The dashed line is what {line}.",
         (causes.staircase(verdict),),

@@ -289,11 +289,18 @@ def gap_words(verdict: Verdict) -> str:
         return f"The model misses by {before}; noise alone would give {floor}."
     if not verdict.causes:
         return f"The model misses by {before}, where noise alone would give {floor}."
-    named = counted(len(verdict.causes), "cause")
     return (
-        f"The model misses by {before}; with {named} in it, by {after}. "
+        f"The model misses by {before}; with {held_words(verdict)} in it, by {after}. "
         f"Noise alone would give {floor}."
     )
+
+
+def held_words(verdict: Verdict) -> str:
+    """``2 causes and 13 unnamed effects``: what the model holds that leaves the gap after."""
+    labels = {cause.label for cause in verdict.causes}
+    others = sum(step.label not in labels for step in verdict.staircase[1:])
+    both = (counted(len(labels), "cause"), len(labels)), (counted(others, "unnamed effect"), others)
+    return " and ".join(words for words, number in both if number) or "no cause"
 
 
 def floor_words(verdict: Verdict) -> str:
@@ -306,8 +313,7 @@ def _gap_without_noise(verdict: Verdict, before: str, after: str) -> str:
     unknown = "No noise is stated, so how far it could shrink is not known."
     if not verdict.causes:
         return f"The model misses by {before}. {unknown}"
-    named = counted(len(verdict.causes), "cause")
-    return f"The model misses by {before}; with {named} in it, by {after}. {unknown}"
+    return f"The model misses by {before}; with {held_words(verdict)} in it, by {after}. {unknown}"
 
 
 def shrink_words(verdict: Verdict) -> str:
