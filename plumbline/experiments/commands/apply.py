@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_output, say
+from plumbline.experiments.commands.pages import write_page
+from plumbline.experiments.console.outputs import (
+    Json,
+    Overwrite,
+    Quiet,
+    Report,
+    check_outputs,
+    say,
+)
 
 if TYPE_CHECKING:
     from plumbline.optim.model import Applied
@@ -21,14 +29,16 @@ def apply(
     model: ModelFile,
     folder: Folder,
     json: Json = None,
+    report: Report = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Try a model on another recording: before, after, and whether it still holds."""
-    check_output(json, "--json", [folder], overwrite=overwrite)
+    check_outputs({"--json": json, "--report": report}, [folder], overwrite=overwrite)
     found = _tried(model, folder)
     said = [f"Not carried over: {', '.join(found.left_out)}."] if found.left_out else []
     said += [f"Note: {note}." for note in found.judged.failures]
+    write_page(report, found)
     content = {"model": str(model)} | found.to_dict()
     say(json, quiet, content, "\n".join([found.words, *said]))
 

@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
 
 
+def effects_beginning(begun: str) -> list[str]:
+    """Names of effects, for the shell to complete."""
+    from plumbline.kinematics.effects import REGISTRY
+
+    return sorted(name for name in REGISTRY if name.startswith(begun))
+
+
 class HeldOut(StrEnum):
     """What is left out together."""
 
@@ -61,7 +68,11 @@ ModelOut = Annotated[
 ]
 Without = Annotated[
     list[str] | None,
-    typer.Option(metavar="EFFECT", help="Leave an effect out of the library; may be repeated."),
+    typer.Option(
+        metavar="EFFECT",
+        help="Leave an effect out of the library; may be repeated.",
+        autocompletion=effects_beginning,
+    ),
 ]
 Calibrate = Annotated[
     int,
@@ -133,7 +144,8 @@ def diagnose(
         diagnosis = replace(diagnosis, verdict=check.recalibrated)
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
     content = _content(diagnosis, elsewhere, check)
-    outputs.hand_out(diagnosis, content, seed=seed, elsewhere=elsewhere)
+    ranks = () if check is None else check.ranks
+    outputs.hand_out(diagnosis, content, seed=seed, elsewhere=elsewhere, ranks=ranks)
 
 
 def refuse_for_parts(recording: Recording, asked: Mapping[str, object]) -> None:

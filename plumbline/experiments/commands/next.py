@@ -259,7 +259,7 @@ def _cells(row: Suggestion, numbers: Sequence[int], time: float) -> dict[str, st
 def _print(recording: Recording, found: NextExperiment) -> None:
     from rich.console import Console
 
-    from plumbline.optim.core.quantities import counted, percent
+    from plumbline.optim.core.quantities import chance, counted
 
     console = Console(highlight=False)
     console.print(f"[bold]{recording.name}[/bold]: {counted(len(recording), 'row')} leave open")
@@ -267,7 +267,7 @@ def _print(recording: Recording, found: NextExperiment) -> None:
     if shared:
         console.print(f"  all     with {', '.join(shared)}", markup=False, soft_wrap=True)
     for letter, label, probability in zip(LETTERS, labels, found.probabilities, strict=False):
-        console.print(f"  {letter}  {percent(probability):>6}  {label}", markup=False)
+        console.print(f"  {letter}  {chance(probability):>6}  {label}", markup=False)
     if found.rows:
         table = _table(found)
         # Wider than the terminal rather than without the last joints.
@@ -308,18 +308,18 @@ def _lettered(words: str, explanations: Sequence[str]) -> str:
 
 def _foreseen(found: NextExperiment, forecast: Forecast) -> str:
     """What the rows are expected to bring, in a line."""
-    from plumbline.optim.core.quantities import percent
+    from plumbline.optim.core.quantities import chance
     from plumbline.optim.diagnosis.design.next_experiment import RANDOM_COUNTS
 
     leading = dict(zip(found.explanations, LETTERS, strict=False)).get(
         forecast.leading, "the first"
     )
-    said = f"If {leading} is right: {percent(forecast.before)} -> {percent(forecast.after)}"
+    said = f"If {leading} is right: {chance(forecast.before)} -> {chance(forecast.after)}"
     if forecast.random is None:
         return f"{said}."
     many = forecast.random_rows
     as_many = f"about {many}" if many is not None else f"more than {RANDOM_COUNTS[-1]}"
-    return f"{said}; as many rows at random {percent(forecast.random)} ({as_many} do as well)."
+    return f"{said}; as many rows at random {chance(forecast.random)} ({as_many} do as well)."
 
 
 def _table(found: NextExperiment) -> Table:

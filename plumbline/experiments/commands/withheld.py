@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands.diagnose import effects_beginning
 from plumbline.experiments.commands.examples import BLIND, epilog
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.outputs import (
@@ -77,7 +78,11 @@ def make(
     arm: Names = None,
     leave_out: Annotated[
         list[str] | None,
-        typer.Option(metavar="EFFECT", help="Run without it; each: all in turn, one: of a pair."),
+        typer.Option(
+            metavar="EFFECT",
+            help="Run without it; each: all in turn, one: of a pair.",
+            autocompletion=effects_beginning,
+        ),
     ] = None,
     simulator: Annotated[
         str, typer.Option(help="numpy, mujoco (moving) or motion (drives).")

@@ -24,6 +24,7 @@ PAGES: Mapping[str, str] = {
     "DHFit": "dh_fit.page",
     "Reproduction": "reproduction",
     "Budget": "budget.page",
+    "Applied": "applied",
 }
 
 
@@ -36,6 +37,9 @@ class More(TypedDict, total=False):
     transforms: Sequence[Mapping[str, Any]]  # of a registration: those found elsewhere, judged
     seed: int | None  # of a diagnosis, as its page shall tell it
     elsewhere: Elsewhere | None  # of a diagnosis: how its model does on another recording
+    ranks: Sequence[
+        int
+    ]  # of a diagnosis: true values of simulated cases by tenths of what was stated
     proof: bool  # of a diagnosis: whether its files are read again by others; they are
 
 
@@ -50,7 +54,7 @@ def report_html(answer: Any, made: Made | None = None, **more: Unpack[More]) -> 
 
     Args:
         answer: A diagnosis, a registration, a hand-eye calibration, a scan, a fit of links, a
-            reproduction or a gap budget.
+            reproduction, a gap budget or a model that was tried elsewhere.
         made: When and by which command, if that shall stand there.
         **more: What else its page shows, see :class:`More`.
 

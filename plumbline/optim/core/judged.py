@@ -22,6 +22,7 @@ some pass is the proof.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
@@ -38,6 +39,7 @@ STATIONARY = 1e-5  # of the scales: ten times what solvers are asked for
 FEASIBLE = 1e-8  # of a bound or constraint, in the unknowns' own units: what rounding leaves
 LEAST_RESIDUAL = 1e-9  # [the residual's unit] below lies rounding, which no step makes smaller
 SINGULAR = 1e-12  # of the largest curvature: below, a direction is not told by the rows
+LONG = re.compile(r"\d+\.\d{5,}")  # a number that was computed
 LISTED = 4  # unknowns at a bound that a line names
 
 
@@ -62,7 +64,9 @@ class Judged:
     @property
     def words(self) -> str:
         """One line: that it converged, or what is wrong, the limit and the way out."""
-        named = ", ".join(self.at_bound[:LISTED]) + ", ..." * (len(self.at_bound) > LISTED)
+        # Names tell variants to the last digit, which nobody reads.
+        bounds = (LONG.sub(lambda n: f"{float(n[0]):.4g}", b) for b in self.at_bound[:LISTED])
+        named = ", ".join(bounds) + ", ..." * (len(self.at_bound) > LISTED)
         rests = f"; at a bound: {named}" if named else ""
         if self.converged:
             return f"{self.fit} converged ({self.stationarity:.1g} {self.unit} to go){rests}"

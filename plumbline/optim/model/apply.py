@@ -94,7 +94,7 @@ class Applied:
     def words(self) -> str:
         """The finding in a few sentences."""
         before, after = (quantity(v, self.unit) for v in (self.before, self.after))
-        again = ", ".join(self.refitted) or "nothing"
+        again = " and ".join(self.refitted) or "nothing"
         said = [f"On {self.recording}, with {again} fitted again: {before} -> {after}."]
         said += [f"{percent(self.outside_share)} of the rows lie outside of what was fitted."]
         if self.gross:

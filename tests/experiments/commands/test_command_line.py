@@ -39,6 +39,17 @@ def folder(tmp_path: Path) -> Path:
     return Path(shutil.copytree(BENCH, tmp_path / "bench"))
 
 
+def test_the_shell_completes_names_of_effects():
+    begun = "plumbline diagnose my-run --without transmission_"
+    asked = {"_PLUMBLINE_COMPLETE": "complete_bash", "COMP_WORDS": begun, "COMP_CWORD": "4"}
+    said = subprocess.run(
+        [sys.executable, "-m", "plumbline"],
+        env=os.environ | asked,
+        capture_output=True, text=True, check=False,
+    ).stdout  # fmt: skip
+    assert said.split() == ["transmission_ripple"]
+
+
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> list[DiagnosisOptions]:
     """Diagnoses are made up; returns the options of every call."""

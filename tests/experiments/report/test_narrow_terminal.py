@@ -28,6 +28,13 @@ def test_no_joint_of_a_posture_is_cut_off(capsys, monkeypatch):
     assert "A from B" in shown
 
 
+def test_no_probability_of_what_rows_leave_open_is_called_certain(capsys):
+    _print(Named(), NextExperiment((), ("a",), (1.0,), None, (), (), ("revolute",)))
+    shown = capsys.readouterr().out
+    assert "> 99 %" in shown
+    assert "100" not in shown
+
+
 @pytest.mark.parametrize("word", ["recording", "position"])
 def test_no_word_of_a_table_is_broken(word, capsys):
     row = ("mon", "tip position", "50", *["0.490 mm"] * 2, "0.0354 mrad", "0.0800 mm (given)", "no")

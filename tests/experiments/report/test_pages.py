@@ -14,6 +14,8 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 from plumbline import PlumblineError, fit_dh, load, register, write_report
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.report import named
+from plumbline.experiments.report.diagnosis.html import html_report
+from plumbline.experiments.report.diagnosis.ranks import band, picture
 from plumbline.experiments.report.diagnosis.scene import scene
 from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.diagnosis.turned import turned
@@ -105,7 +107,7 @@ def test_a_page_says_when_and_by_which_command_it_was_made(answer, tmp_path):
 def test_what_has_no_page_is_refused_with_what_has():
     with pytest.raises(PlumblineError, match="expected a Diagnosis or one of Registration, "):
         report_html(object())
-    known = {"Registration", "HandEye", "ScanAnswer", "DHFit", "Reproduction", "Budget"}
+    known = {"Registration", "HandEye", "ScanAnswer", "DHFit", "Reproduction", "Budget", "Applied"}
     assert set(PAGES) == known
 
 
@@ -174,6 +176,18 @@ def test_the_scene_s_arrows_lead_from_the_model_s_tips_to_the_measured_ones():
     assert found["shares"][1] == 0.0
     encoders = replace(recording, observation="joint_position")
     assert scene(replace(Subject.of(diagnosis), recording=encoders)) == ""
+
+
+def test_ranks_are_drawn_with_the_band_that_holds_even_ones():
+    rng = np.random.default_rng(0)
+    even = rng.multinomial(200, np.full(10, 0.1), 2000)
+    low, high = band([20] * 10)
+    assert np.mean((even >= low) & (even <= high)) == pytest.approx(0.96, abs=0.02)
+    assert picture((20,) * 10).title.endswith(": 0 of 10 outside of the band")
+    counts = (60, 10, *(15,) * 6, 10, 60)
+    assert picture(counts).title.endswith(": 4 of 10 outside of the band")
+    assert 'id="ranks"' in html_report(made_up(), ranks=counts)
+    assert 'id="ranks"' not in html_report(made_up())
 
 
 def test_a_notebook_shows_the_report_s_scene_in_a_frame_that_fetches_nothing():

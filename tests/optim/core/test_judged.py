@@ -67,6 +67,8 @@ def test_a_bound_that_holds_an_unknown_back_is_no_lack_of_convergence_and_is_nam
     assert found.converged
     assert found.at_bound == ("x1",)
     assert "at a bound: x1" in found.words
+    long = replace(found, at_bound=("creeping [speed=0.26599999999999996]",))
+    assert "creeping [speed=0.266]" in long.words
 
 
 def test_an_unknown_that_rests_on_a_bound_and_would_leave_it_has_not_converged():

@@ -1,6 +1,7 @@
 """A model that is taken home predicts, commands, is stored and exported as it was found."""
 
 import csv
+import html
 import io
 import json
 from dataclasses import replace
@@ -18,6 +19,7 @@ from plumbline.experiments.reality.arm import forward
 from plumbline.experiments.reality.joint_effects import Backlash, JointCompliance, JointOffset
 from plumbline.experiments.reality.scene import built
 from plumbline.experiments.reality.session import draw_session
+from plumbline.experiments.report.writing import report_html
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.quantities import quantity
@@ -408,6 +410,9 @@ def test_of_many_lacks_and_changes_the_first_three_are_said_and_all_are_told(mod
     changes = tuple(Change(f"backlash {k}", 9.0, 0.3) for k in range(1, 6))
     held = Applied("b", 9, "m", 1.0, 1.0, 0.2, (), (), (), {}, changes)
     assert "backlash 3 (30 % of what is left) ... and 2 more; with the first" in held.words
+    page = html.unescape(report_html(replace(held, outside=(2,), outside_columns={"q3": 0.1})))
+    for said in (held.words.replace("->", "→"), "The model does not hold", "backlash 5", "q3"):
+        assert said in page
 
 
 def test_an_effect_that_was_found_to_be_nought_is_not_taken_for_a_matter_of_links(model):

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +20,7 @@ from plumbline.experiments.report.diagnosis.phrases import (
     suggestion_words,
 )
 from plumbline.experiments.report.diagnosis.pictures import pictures
+from plumbline.experiments.report.diagnosis.ranks import picture as ranks_picture
 from plumbline.experiments.report.diagnosis.rows import nuisances, worst_rows
 from plumbline.experiments.report.diagnosis.scene import scene
 from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
@@ -37,6 +39,7 @@ def html_report(
     seed: int | None = None,
     elsewhere: Elsewhere | None = None,
     made: Made | None = None,
+    ranks: Sequence[int] = (),
     proof: bool = False,
 ) -> str:
     """The report's text; the same diagnosis gives the same bytes.
@@ -46,12 +49,13 @@ def html_report(
         seed: As the page shall tell it; that of the diagnosis if not given.
         elsewhere: How the model does on another recording.
         made: When and by which command.
+        ranks: True values of simulated cases by tenths of what was stated of them.
         proof: Whether the causes are made into files that are read again: a fit and some seconds.
     """
     verdict, whole = diagnosis.verdict, isinstance(diagnosis, Sections)
     kinds = diagnosis.sections if isinstance(diagnosis, Sections) else (diagnosis,)
     # Ours, whose words of the data were escaped by the section's own template.
-    sections = [Markup(_section(one, k, elsewhere, proof)) for k, one in enumerate(kinds)]
+    sections = [Markup(_section(one, k, elsewhere, ranks, proof)) for k, one in enumerate(kinds)]
     return (
         environment()
         .get_template("diagnosis/report.html.j2")
@@ -67,7 +71,11 @@ def html_report(
 
 
 def _section(
-    diagnosis: Diagnosed | MotionDiagnosis, number: int, elsewhere: Elsewhere | None, proof: bool
+    diagnosis: Diagnosed | MotionDiagnosis,
+    number: int,
+    elsewhere: Elsewhere | None,
+    ranks: Sequence[int],
+    proof: bool,
 ) -> str:
     """One diagnosis as a piece of the page; drawings of the first (0) keep their plain keys."""
     verdict = diagnosis.verdict
@@ -98,6 +106,7 @@ def _section(
         distrusted="" if verdict.recordings else distrusted_words(verdict.distrusted_rows),
         proofs=_proofs(diagnosis) if proof else Grid((), ()),
         elsewhere=elsewhere,
+        ranks=_block(ranks_picture(ranks), "") if any(ranks) else None,
         joints=_joints(diagnosis),
     )
 

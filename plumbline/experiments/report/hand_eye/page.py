@@ -95,7 +95,7 @@ def _worst(answer: HandEye) -> Part:
         plane = answer.boards[index[k]].label if index[k] < len(answer.boards) else str(index[k])
         place = [f"{MM * c.readings.distance[k]:.2f}", f"{np.rad2deg(c.incidence[k]):.1f}"]
         rows.append([str(c.readings.row[k]), f"{MM * c.errors[k]:+.3f}", plane, *place])
-    columns = ("row", "from its plane [mm]", "plane", "range [mm]", "incidence [deg]")
+    columns = ("line", "from its plane [mm]", "plane", "range [mm]", "incidence [deg]")
     grid = Grid(columns, rows, range(5))
     return Part("The readings that are missed most", (), grid, on_paper=True)
 
@@ -107,7 +107,7 @@ def _gross(answer: HandEye) -> str:
         return "none"
     listed = ", ".join(str(row) for row in rows[:MOST_ROWS])
     more = f" and {len(rows) - MOST_ROWS} more" if len(rows) > MOST_ROWS else ""
-    return f"{counted(len(rows), 'reading')} left out: rows {listed}{more} of samples.csv"
+    return f"{counted(len(rows), 'reading')} left out: lines {listed}{more} of samples.csv"
 
 
 def _rest(answer: HandEye) -> list[Part]:
