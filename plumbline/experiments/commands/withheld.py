@@ -41,6 +41,14 @@ SecretSeed = Annotated[
 ]
 Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
 Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a core.")]
+LeftOut = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="EFFECT",
+        help="Run without it; each: all in turn, one: of a pair.",
+        autocompletion=effects_beginning,
+    ),
+]
 Names = Annotated[list[str] | None, typer.Option(metavar="NAME", help="May be repeated.")]
 
 
@@ -76,14 +84,7 @@ def make(
     moving: Annotated[float, typer.Option(min=0, max=1, help="Chance that it moves.")] = 0.2,
     effect: Names = None,
     arm: Names = None,
-    leave_out: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="EFFECT",
-            help="Run without it; each: all in turn, one: of a pair.",
-            autocompletion=effects_beginning,
-        ),
-    ] = None,
+    leave_out: LeftOut = None,
     simulator: Annotated[
         str, typer.Option(help="numpy, mujoco (moving) or motion (drives).")
     ] = "numpy",

@@ -34,7 +34,7 @@ class ViscousFriction(DriveEffect):
     words = "joint {element}'s drive works against friction that grows with its speed"
     reference = "Wolf, Iskandar (2018), IEEE ICRA (viscous friction that is not linear)"
     source = "by hand: as much as dry friction at 1 rad/s"
-    viscous = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction at 1 rad/s, per that")
+    viscous = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction per speed, at 1 rad/s")
 
     @property
     def variant(self) -> str:
@@ -65,7 +65,7 @@ class ViscousFrictionOfMotion(MotionEffect):
     reference = "Siciliano et al. (2009), Robotics, sec. 7.2 (viscous friction at the joints)"
     source = ViscousFriction.source
     laws = INERT
-    viscous = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction at 1 rad/s, per that")
+    viscous = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction per speed, at 1 rad/s")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         return drive.changed(damping=value)

@@ -410,7 +410,8 @@ def test_of_many_lacks_and_changes_the_first_three_are_said_and_all_are_told(mod
     changes = tuple(Change(f"backlash {k}", 9.0, 0.3) for k in range(1, 6))
     held = Applied("b", 9, "m", 1.0, 1.0, 0.2, (), (), (), {}, changes)
     assert "backlash 3 (30 % of what is left) ... and 2 more; with the first" in held.words
-    page = html.unescape(report_html(replace(held, outside=(2,), outside_columns={"q3": 0.1})))
+    held = replace(held, outside=(2,), outside_columns={"q3": 0.1})
+    page = html.unescape(report_html(held))
     for said in (held.words.replace("->", "→"), "The model does not hold", "backlash 5", "q3"):
         assert said in page
 

@@ -15,8 +15,8 @@ WIDTH, HEIGHT = 5.2, 2.2  # [in]
 
 def band(counts: Sequence[int]) -> tuple[int, int]:
     """Between which the count of one tenth lies in 95 % if all are alike likely."""
-    low, high = binom.ppf(BAND, sum(counts), 1.0 / len(counts))
-    return int(low), int(high)
+    low, high = (int(binom.ppf(p, sum(counts), 1.0 / len(counts))) for p in BAND)
+    return low, high
 
 
 def picture(counts: Sequence[int]) -> Picture:
