@@ -432,8 +432,11 @@ def test_what_is_not_more_probable_than_not_is_no_cause_but_may_stand_in_for_one
     verdict = kind(judged, told={"probabilities": {SCALE: 0.4}, "named": frozenset()})
     assert verdict.causes == ()
     assert verdict.candidates[0].probability == 0.4
-    assert any("stand-in" in note and "joint_scale" in note for note in verdict.notes)
-    assert not any("stand-in" in note for note in kind(judged).notes)
+    assert any(
+        "each too improbable to be named" in note and "joint_scale" in note
+        for note in verdict.notes
+    )
+    assert not any("each too improbable to be named" in note for note in kind(judged).notes)
 
 
 def test_stand_ins_that_foretell_rows_are_not_called_no_explanation(judged):
