@@ -5,6 +5,7 @@ mend it; an interrupt ends it with 130, a reader that has gone away with 1. What
 imported when it runs.
 """
 
+import os
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -110,6 +111,8 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Run the command line of this process."""
+    if os.environ.get("COLUMNS") == "0":  # a terminal that does not know how wide it is
+        del os.environ["COLUMNS"]
     output = guard()
     code = run(sys.argv[1:])
     if output is not None:

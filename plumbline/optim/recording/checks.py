@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
+from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording.constants import BETTER_ROWS, SAME_POSTURE
 from plumbline.optim.recording.efforts import opposed_joints
 from plumbline.optim.recording.kinds import ALWAYS
@@ -39,7 +40,7 @@ def has_enough_rows(r: Recording, origin: Origin) -> Iterator[str]:
         held = "" if fitted == len(r) else f" ({len(r) - fitted} are held out)"
         raise fault(
             origin.file,
-            f"{fitted} rows to fit{held}",
+            f"{counted(fitted, 'row')} to fit{held}",
             f"at least {least}: {equations} equations a row against {unknowns} unknowns",
             "record more poses" if not held else "hold fewer rows out",
         )

@@ -233,10 +233,13 @@ def _check_header(file: str, header: list[str]) -> None:
         raise fault(where, f"{len(header):,} columns", f"at most {MOST_COLUMNS:,}", mend)
     if not any(header):
         raise fault(where, "no column names", "a header", "name the columns in the first line")
+    if header[0].startswith("#"):
+        raise fault(where, f"a comment ({shown(header[0])})", "column names", "delete that line")
     if len(header) == 1:
         for mark, name in ((";", "semicolons"), ("\t", "tabs")):
             if mark in header[0]:
-                mend = "replace decimal commas by points, then the separators by commas"
+                mend = "replace decimal commas by points, then the separators by commas; or let "
+                mend += "plumbline import read the file"
                 raise fault(where, f"columns separated by {name}", "commas", mend)
     if all(is_number(name) for name in header):
         raise fault(where, "numbers", "column names", "put a header line on top")

@@ -69,6 +69,14 @@ def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
     return files | {".": (b"", folder.stat().st_mtime_ns)}
 
 
+def test_a_terminal_without_a_width_is_told_all_the_same(folder):
+    said = subprocess.run(
+        [sys.executable, "-m", "plumbline", "check", str(folder)],
+        env=os.environ | {"COLUMNS": "0"}, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert "tip_position" in said
+
+
 def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     """The one line on standard error of a command that is refused."""
     assert run([str(a) for a in arguments]) == 2

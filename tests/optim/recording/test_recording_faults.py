@@ -34,6 +34,7 @@ SAMPLES_FAULTS = {
     "empty cell": (cell(41, "z", ""), "row 41, column 'z'", "an empty cell"),
     "quoted decimal comma": (cell(9, "z", '"0,12"'), "row 9, column 'z'", "decimal commas"),
     "decimal commas": (lambda t: t.replace(".", ","), "row 2", "decimal commas"),
+    "a comment": (lambda t: "# made by me\n" + t, "row 1", "delete that line"),
     "semicolons": (lambda t: t.replace(",", ";"), "row 1", "semicolons"),
     "tabs": (lambda t: t.replace(",", "\t"), "row 1", "tabs"),
     "ragged": (cell(12, "q4", "1,2"), "row 12", "expected 19 as in the header"),

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
@@ -45,7 +46,7 @@ def _where(found: MotionDiagnosis) -> Picture | None:
     first = found.where[0]
     return Picture(
         "where",
-        f"{percent(first.share)} of the explained gap comes from the "
+        f"{percent(first.share)} of the explained gap comes from "
         f"{place_words(first.stage, first.element)}",
         "How much of the square each joint's causes take.",
         (causes.shares(found.verdict),),
@@ -164,6 +165,9 @@ def bode(found: MotionDiagnosis, number: int) -> Figure | None:
             axes.plot(f[seen], part(measured[seen]), "o", color=INK, markersize=3)
             axes.plot(f[seen], part(model[seen]), color=AFTER, linewidth=1.4)
             axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
         upper.set_ylabel("gain")
         lower.set_ylabel("phase [deg]")
         lower.set_xlabel("frequency [Hz]")
