@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import typer
@@ -119,7 +120,7 @@ def _import(
 
 
 def _next(command: str, to: Path) -> str:
-    return command.replace("FOLDER", str(to))
+    return command.replace("FOLDER", quote(str(to)))
 
 
 def _ask(to: Path, json: str | None) -> None:

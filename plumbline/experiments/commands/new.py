@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -44,4 +45,4 @@ def new(
     place(folder, fill)
     content = {"folder": str(folder), "observation": kind, "columns": header.split(",")}
     words = f"{folder}/dataset.toml and samples.csv: fill in rows of {header}"
-    say(json, quiet, content, f"{words}\nnext: plumbline check {folder}")
+    say(json, quiet, content, f"{words}\nnext: plumbline check {quote(str(folder))}")

@@ -45,7 +45,8 @@ def fit_dh(
     options = options or DHOptions()
     if recording.observation != "tip_position":
         raise PlumblineError(
-            f"{recording.name}: observation {recording.observation!r}, expected 'tip_position'"
+            f"{recording.name}: observation {recording.observation!r}, expected 'tip_position'; "
+            "run: plumbline diagnose FOLDER"
         )
     readings = readings_of(recording)
     if options.frame == "joint":

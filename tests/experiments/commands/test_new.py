@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import tomllib
 
 import numpy as np
@@ -37,6 +38,13 @@ def test_a_template_is_toml_with_and_without_its_remarks(kind):
     robots = re.compile(r"^# (urdf|mjcf|description) = .*\n", re.MULTILINE)
     tomllib.loads(keys.sub("", robots.sub("", text)))
     assert all(len(line) <= 100 for line in text.splitlines())
+
+
+def test_what_comes_next_can_be_copied_whatever_the_folder_is_called(tmp_path, capsys):
+    folder = tmp_path / "arm of Prüfstand 3"
+    assert run(["new", str(folder), "--robot", "ur5"]) == 0
+    said = capsys.readouterr().out.splitlines()[-1].removeprefix("next: ")
+    assert shlex.split(said) == ["plumbline", "check", str(folder)]
 
 
 @pytest.mark.parametrize(
