@@ -13,7 +13,7 @@ from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import percent, quantity
 
 ROUNDING = 1e-9  # of a root that is real
-COLUMNS = ("link", "alone", "share", "95 %", "cured", "share then", "95 % then", "its cure gains")
+COLUMNS = ("link", "alone", "share", "95 %", "cured", "share then", "95 % then", "to gain")
 
 
 @dataclass(frozen=True)
