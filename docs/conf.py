@@ -1,5 +1,7 @@
 """Settings of the documents: ``make docs`` builds them, and a warning is an error."""
 
+import re
+
 import plumbline
 
 project = "plumbline"
@@ -22,6 +24,7 @@ exclude_patterns = ["_build"]
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_typehints = "signature"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike"}
 napoleon_google_docstring = True
 napoleon_use_ivar = True
 
@@ -29,8 +32,14 @@ html_theme = "furo"
 html_title = "plumbline"
 
 
+def shorter(app, what, name, obj, options, signature, returns):
+    """A signature whose library of effects is called by its name, not listed class by class."""
+    return re.sub(r"\((<class '[^']+'>,? ?)+\)", "EFFECTS", signature or "") or None, returns
+
+
 def setup(app):
     """Tables in plain text have no lexer of their own."""
     from pygments.lexers.special import TextLexer
 
     app.add_lexer("csv", TextLexer)
+    app.connect("autodoc-process-signature", shorter)

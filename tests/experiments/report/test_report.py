@@ -539,8 +539,10 @@ def test_a_tree_tells_every_place_where_something_may_be_at_work():
 def test_what_leaves_the_gap_after_is_told_with_what_has_no_name(bench):
     verdict = bench.verdict
     steps = [Step("frame and tool alone", 1.0), *(Step(c.label, 0.5) for c in verdict.causes)]
-    shown = replace(verdict, staircase=(*steps, Step("gear_ripple of joint 3", 0.3)))
+    shown = replace(verdict, staircase=(*steps, Step("base_drift", 0.3)))
     assert held_words(replace(verdict, staircase=tuple(steps))) == "3 causes"
+    drives = replace(verdict, staircase=(Step("before", 1.0), Step("drive 2", 0.3)))
+    assert held_words(drives) == "3 causes"
     assert "with 3 causes and 1 unnamed effect in it, by" in gap_words(shown)
     assert held_words(replace(shown, causes=())) == "4 unnamed effects"
 

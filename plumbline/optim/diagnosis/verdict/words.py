@@ -298,7 +298,8 @@ def gap_words(verdict: Verdict) -> str:
 def held_words(verdict: Verdict) -> str:
     """``2 causes and 13 unnamed effects``: what the model holds that leaves the gap after."""
     labels = {cause.label for cause in verdict.causes}
-    others = sum(step.label not in labels for step in verdict.staircase[1:])
+    steps = {step.label for step in verdict.staircase} - labels  # of a motion they are drives
+    others = len(steps & {candidate.label for candidate in verdict.candidates})
     both = (counted(len(labels), "cause"), len(labels)), (counted(others, "unnamed effect"), others)
     return " and ".join(words for words, number in both if number) or "no cause"
 
