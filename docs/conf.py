@@ -24,7 +24,6 @@ exclude_patterns = ["_build"]
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_typehints = "signature"
-autodoc_type_aliases = {"ArrayLike": "ArrayLike"}
 napoleon_google_docstring = True
 napoleon_use_ivar = True
 
@@ -33,8 +32,10 @@ html_title = "plumbline"
 
 
 def shorter(app, what, name, obj, options, signature, returns):
-    """A signature whose library of effects is called by its name, not listed class by class."""
-    return re.sub(r"\((<class '[^']+'>,? ?)+\)", "EFFECTS", signature or "") or None, returns
+    """A signature that calls the library of effects, and what NumPy takes, by their names."""
+    said = re.sub(r"\((<class '[^']+'>,? ?)+\)", "EFFECTS", signature or "")
+    said = re.sub(r"~?[\w.]*_Buffer \| .*?\[complex \| bytes \| str\]", "ArrayLike", said)
+    return said or None, returns
 
 
 def setup(app):

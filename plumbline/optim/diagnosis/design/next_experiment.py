@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.quantities import counted, percent
+from plumbline.optim.core.quantities import chance, counted
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
@@ -86,13 +86,13 @@ class Forecast:
         """The forecast in a sentence or two."""
         said = (
             f"If {self.leading} is right, these rows are expected to raise its probability from "
-            f"{percent(self.before)} to {percent(self.after)}."
+            f"{chance(self.before)} to {chance(self.after)}."
         )
         if self.random is None:
             return said
         many = f"more than {RANDOM_COUNTS[-1]}" if self.random_rows is None else self.random_rows
         return (
-            f"{said} As many rows at random would reach {percent(self.random)}; to do as well, "
+            f"{said} As many rows at random would reach {chance(self.random)}; to do as well, "
             f"about {many} of them would be needed."
         )
 
@@ -117,7 +117,7 @@ class NextExperiment:
         )
         said = "" if self.forecast is None else f"; {self.forecast.leading[:80]}: "
         if self.forecast is not None:
-            said += f"{percent(self.forecast.before)} -> {percent(self.forecast.after)}"
+            said += f"{chance(self.forecast.before)} -> {chance(self.forecast.after)}"
         return f"<NextExperiment: {many}{said}>"
 
     def to_dict(self) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def next_experiment(
     if len(rivals) < 2 or max(shares) > SETTLED:
         said = (
             f"nothing to separate: among the library's explanations, {names[0]} has a probability "
-            f"of {percent(shares[0])}"
+            f"of {chance(shares[0])}"
         )
         return NextExperiment((), names, shares, None, (said, *missing))
     own = _written(selected.model.recording, options.recording)
