@@ -28,7 +28,7 @@ from plumbline.experiments.report.diagnosis.card import card
 from plumbline.experiments.report.diagnosis.causes import ranked, staircase
 from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.experiments.report.diagnosis.phrases import Elsewhere
-from plumbline.experiments.report.diagnosis.pictures import pictures
+from plumbline.experiments.report.diagnosis.pictures import _joint_told, pictures
 from plumbline.experiments.report.diagnosis.subject import Subject, running
 from plumbline.experiments.report.diagnosis.text import print_verdict
 from plumbline.experiments.report.style import svg
@@ -526,6 +526,16 @@ def test_effects_unseen_at_the_same_places_for_the_same_reason_are_one_line():
         "at their usual size their whole signal is at most 0.04 times the noise",
         "backlash of joint 6: no row excites it",
     )
+
+
+def test_the_joint_that_is_told_is_the_one_whose_own_residual_shrinks_most():
+    before = np.array([[9.0, 0.4]] * 5)
+    subject = SimpleNamespace(
+        before=before, after=before * [1.0, 0.5], encoder_columns={0: 0, 4: 1}, unit="N m"
+    )
+    assert _joint_told(subject).startswith("Joint 5 gains most: 0.400 N m")
+    subject.after = before
+    assert _joint_told(subject).startswith("Joint 1 disagrees most: 9.00 N m")
 
 
 def test_a_tree_tells_every_place_where_something_may_be_at_work():

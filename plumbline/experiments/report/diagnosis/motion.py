@@ -94,7 +94,8 @@ def _traces(found: MotionDiagnosis) -> Picture | None:
         f"{found.recording.noun.capitalize()} {worst[0].number} misses its command by {before}; "
         f"with its causes {after} is left",
         "Some seconds that no fit has seen, of joints with the largest gap. Above: command (grey), "
-        "what it did (black) and what the corrected drive foretells (blue, dashed). Below: "
+        "what it did (black, white in the dark) and what the corrected drive foretells (blue, "
+        "dashed). Below: "
         "what is left of the ideal drive (grey) and of the corrected one (blue).",
         tuple(traces(found, joint.number) for joint, _ in pairs[:SHOWN]),
         wide=True,

@@ -172,7 +172,7 @@ def _joints(subject: Subject) -> Picture | None:
         what = (
             "The residual of each joint's effort" if subject.torques else "Each encoder's residual"
         )
-        title, line = _worst_encoder(subject), "means"
+        title, line = _joint_told(subject), "means"
     else:
         title, what, line = _flatter(subject), "Size of the residual", "medians"
     return Picture(
@@ -202,16 +202,17 @@ def _flatter(subject: Subject) -> str:
     )
 
 
-def _worst_encoder(subject: Subject) -> str:
-    """The joint whose encoder disagreed most."""
+def _joint_told(subject: Subject) -> str:
+    """The joint whose own residual shrinks most; where none does, the one that is off most."""
     sizes = {
         joint: [float(np.sqrt(np.nanmean(r[:, k] ** 2))) for r in (subject.before, subject.after)]
         for joint, k in subject.encoder_columns.items()
     }
-    worst = max(sizes, key=lambda joint: sizes[joint][0])
-    before, after = sizes[worst]
+    told = max(sizes, key=lambda j: (sizes[j][0] / max(sizes[j][1], 1e-300), sizes[j][0]))
+    before, after = sizes[told]
+    does = "gains" if after < before else "disagrees"
     return (
-        f"Joint {worst + 1} disagrees most: {significant(before)} {subject.unit} root mean square "
+        f"Joint {told + 1} {does} most: {significant(before)} {subject.unit} root mean square "
         f"before, {significant(after)} {subject.unit} after"
     )
 
@@ -236,7 +237,7 @@ def _friction(subject: Subject) -> Picture | None:
         return None
     return Picture(
         "friction",
-        f"Friction of {counted(len(drawn), 'joint')} over its velocity",
+        f"Friction of {counted(len(drawn), 'joint')} over the velocity",
         "Lines are the friction of all causes together, with a band of two standard errors on "
         "either side; dots are what the rows have for it, other causes taken away. Where friction "
         "depends on the load it is drawn at the joint's median.",
@@ -251,7 +252,8 @@ def _torques(subject: Subject) -> Picture | None:
     return Picture(
         "torques",
         "Torque over time, of the joints that miss it most for their noise",
-        "Above: the model alone (grey), what was measured (black) and the model with its causes "
+        "Above: the model alone (grey), what was measured (black, white in the dark) and the model "
+        "with its causes "
         "(blue, dashed). Below: what each leaves, on rows that the fit has not seen.",
         drawn,
         wide=True,
