@@ -102,6 +102,12 @@ def test_where_no_noise_is_stated_no_floor_is_claimed(ripple):
     assert "leaves to remove" not in said
 
 
+def test_what_no_effect_shrinks_is_not_said_to_shrink_by_nothing(diagnosis):
+    verdict = diagnosis.verdict
+    still = replace(verdict, gap=replace(verdict.gap, after=verdict.gap.before, shrink=0.0))
+    assert shrink_words(still).startswith("No effect of the library is in the model; every figure")
+
+
 def test_a_verdict_whose_rows_left_out_are_missed_does_not_say_that_they_reach_the_floor(diagnosis):
     verdict = diagnosis.verdict
     assert verdict.meaning.endswith("held-out residual to the noise floor.")

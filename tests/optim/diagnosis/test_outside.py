@@ -201,6 +201,11 @@ def test_a_coupling_that_is_bent_is_a_coupling_or_nearly_one(tmp_path):
             "its speed",
         ),
         (
+            "nearly as base_bump has it, the base's error depends on time",
+            "what is left: the base's error depends on time, nearly as base_bump has it",
+            "time",
+        ),
+        (
             "rows 3, 9: one shift of the tool explains them",
             "what is left: rows 3, 9: one shift of the tool explains them",
             "",

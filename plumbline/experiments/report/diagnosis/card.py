@@ -72,7 +72,8 @@ def _outside(verdict: Verdict) -> str:
     """How probable something is that the library lacks, and what it depends on if that is seen."""
     said = f"Something outside of the library: {chance(verdict.outside_probability)}"
     depends_on = verdict.outside_depends_on
-    return f"{said}; {words.left_over(depends_on)}." if depends_on else f"{said}."
+    parts = [said, words.shared_words(verdict), words.left_over(depends_on) if depends_on else ""]
+    return f"{'; '.join(filter(None, parts))}."
 
 
 def _tree(lines: Iterable[str]) -> str:

@@ -326,6 +326,8 @@ def shrink_words(verdict: Verdict) -> str:
         words += f" (95 % interval {percent(low)} to {percent(high)})"
     if math.isfinite(gap.removable):
         words += f", {percent(min(gap.removable, 1.0))} of what noise leaves to remove"
+    if gap.after == gap.before:
+        words = "No effect of the library is in the model"
     by = {
         "motions": "whole motions",
         "groups": "whole groups",
@@ -338,6 +340,9 @@ def shrink_words(verdict: Verdict) -> str:
 
 def left_over(depends_on: str) -> str:
     """What the unknown depends on, as a sentence, which it may be already."""
+    alike, comma, rest = depends_on.partition(", ")
+    if comma and alike.startswith("nearly as "):
+        depends_on = f"{rest}, {alike}"
     sentence = any(verb in depends_on for verb in VERBS)
     return f"what is left: {depends_on}" if sentence else f"what is left depends on {depends_on}"
 
