@@ -538,6 +538,14 @@ def test_the_joint_that_is_told_is_the_one_whose_own_residual_shrinks_most():
     assert _joint_told(subject).startswith("Joint 1 disagrees most: 9.00 N m")
 
 
+def test_where_no_cause_is_named_no_picture_speaks_of_one(bench):
+    verdict = replace(bench.verdict, causes=())
+    shown = replace(bench, verdict=verdict, residual_after=bench.residual_before)
+    titles = [picture.title for picture in pictures(Subject.of(shown))]
+    assert titles[0] == "62 % of the gap points to joint 2"
+    assert not any(word in title for title in titles for word in ("explained", "where it was"))
+
+
 def test_a_tree_tells_every_place_where_something_may_be_at_work():
     places = {("joint", k): 1.0 - 0.1 * k for k in range(1, 7)} | {("joint", None): 0.12}
     tree = tree_of(places, {(*place, "load", None): p for place, p in places.items()})

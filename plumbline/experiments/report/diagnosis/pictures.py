@@ -30,16 +30,18 @@ def _where(subject: Subject) -> Picture | None:
         return None
     first = place_words(where[0].stage, where[0].element)
     first = first if where[0].element is not None else f"the {first}"
+    of = "explained gap comes from" if subject.verdict.causes else "gap points to"
+    title = f"{percent(where[0].share)} of the {of} {first}"
     if subject.recording.stand_in:
         return Picture(
             "where",
-            f"{percent(where[0].share)} of the explained gap comes from {first}",
+            title,
             "Shares of what the causes explain, by the place where they sit; they sum to one.",
             (causes.shares(subject.verdict),),
         )
     return Picture(
         "where",
-        f"{percent(where[0].share)} of the explained gap comes from {first}",
+        title,
         "The arm in a typical recorded posture, joints numbered from the base. The more of the gap "
         "a part accounts for, the deeper its orange; grey parts are innocent as far as is known. "
         "What is not part of the arm is in the bars alone.",
@@ -104,8 +106,8 @@ def _workspace(subject: Subject) -> Picture | None:
     before, after = (float(np.nanpercentile(s, 95.0)) for s in subject.sizes)
     return Picture(
         "workspace",
-        f"95 % of the tips lie within {significant(after)} {subject.unit} of their prediction, "
-        f"where it was {significant(before)} {subject.unit}",
+        f"95 % of the tips lie within {significant(after)} {subject.unit} of their prediction"
+        + (f", where it was {significant(before)} {subject.unit}" if after != before else ""),
         "Every dot is a row, where the tip was; its colour is the distance between the predicted "
         "and the measured tip, on one scale for all panels. Structure that remains below is "
         "structure that no named cause explains.",
@@ -196,10 +198,10 @@ def _flatter(subject: Subject) -> str:
     before, after = waves[worst]
     if before <= 0.0:
         return "Residuals over each joint"
-    return (
-        f"Over joint {worst + 1}'s travel the median swings by {significant(before)} "
-        f"{subject.unit} before, by {significant(after)} {subject.unit} after"
-    )
+    said = f"Over joint {worst + 1}'s travel the median swings by {significant(before)}"
+    if after == before:
+        return f"{said} {subject.unit}"
+    return f"{said} {subject.unit} before, by {significant(after)} {subject.unit} after"
 
 
 def _joint_told(subject: Subject) -> str:
