@@ -97,6 +97,9 @@ MEMORY = 10.0  # [s] that places are remembered: a period of 60 mm at 38 mm/s
 # Ways out and detours
 EVERY = 0.04  # [s] between two looks: at 60 mm/s the least distance is off by 0.1 mm
 ROOM = 2.0  # [mm] beyond D that a way out keeps, where it can: barriers slow it where it has less
+FINER = 8  # times as often the likeliest are looked at: at 400 mm/s what passes is 1 mm from a look
+LIKELY = 8  # ways out that are looked at closely; effort
+ASIDE = 0.35  # tangent of the angle by which ways about the best are turned: 19 deg of 45 apart
 SHARES = (1.0, 0.5)  # of the largest speed, that are tried; effort
 SAMPLES = 17  # shafts along a sweep; effort
 CLEAR = 2.0  # [mm] beyond D that waypoints keep

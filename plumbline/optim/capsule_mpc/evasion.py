@@ -21,12 +21,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import product
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
-from plumbline.optim.capsule_mpc.constants import AHEAD, EVERY, FAR, ROOM, SHARES, STILL
+from plumbline.optim.capsule_mpc.constants import (
+    AHEAD,
+    ASIDE,
+    EVERY,
+    FAR,
+    FINER,
+    LIKELY,
+    ROOM,
+    SHARES,
+    STILL,
+)
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import about, point
@@ -44,7 +55,9 @@ class Evasion:
         bodies = [b for b in statement.bodies if isinstance(b, TipInstrument)]
         self._bodies = bodies if len(bodies) == len(statement.bodies) else []
         self._speed = float(statement.speed.max())
+        self._dt = statement.settings.dt
         self._times = np.arange(0.0, AHEAD + EVERY / 2, EVERY)
+        self._finer = np.arange(0.0, AHEAD + EVERY / 2, EVERY / FINER)
         self._margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
         self._trocars = np.array([b.trocar for b in self._bodies]).reshape(-1, 3)
         self._lengths = np.array([b.length for b in self._bodies])
@@ -76,9 +89,9 @@ class Evasion:
         found = goal.copy()
         for i in np.flatnonzero(hit).tolist():
             own = slice(3 * i, 3 * i + 3)
-            ahead, radii = self._ahead(i, shafts, table, believed)
+            both = [self._ahead(i, shafts, table, believed, t) for t in (self._times, self._finer)]
             place = goal[..., own].reshape(-1, 3)[-1]
-            out = self._way(i, tips[i], rate[own], place, ahead, radii)
+            out = self._way(i, tips[i], rate[own], place, both)
             self._out[i] = out
             if out is not None:
                 found[..., own] = tips[i] + AHEAD * out
@@ -98,60 +111,100 @@ class Evasion:
         # For a sphere this is exact; a rod may pass with its end foremost.
         for i in np.flatnonzero(hit).tolist():
             if (half[near[i]] != 0.0).any():
-                ahead, radii = self._ahead(i, shafts[:0], table[near[i]], believed[near[i]])
+                seen = table[near[i]], believed[near[i]]
+                ahead, radii = self._ahead(i, shafts[:0], *seen, self._times)
                 still = np.broadcast_to(shafts[i, 0], (1, len(self._times), 3))
                 hit[i] = _gaps(self._bodies[i], still, ahead, radii)[0] < 0.0
         return hit
 
-    def _ahead(self, i: int, shafts: Array, table: Array, believed: Array) -> tuple[Array, Array]:
+    def _ahead(
+        self, i: int, shafts: Array, table: Array, believed: Array, times: Array
+    ) -> tuple[Array, Array]:
         """Where all that shaft i is to keep clear of will be (K, T, 2, 3); radii, margins (K,)."""
-        table = self._between(table)
+        every = float(times[1])
+        table = self._between(table, every)
         ends, way = table[:, :6].reshape(-1, 1, 2, 3), table[:, None, None, 6:9]
-        ahead = ends + self._times[:, None, None] * way
+        ahead = ends + times[:, None, None] * way
         rates = table[:, 6:9]
-        gone = (np.vecdot(rates, rates)[:, None] > 0.0) & (
-            self._times > believed[:, None] + EVERY / 2
-        )
+        gone = (np.vecdot(rates, rates)[:, None] > 0.0) & (times > believed[:, None] + every / 2)
         ahead[gone] = FAR
         others = np.array([k != i for k in range(len(shafts))], dtype=bool)
         stand = np.broadcast_to(shafts[others, None], (int(others.sum()), *ahead.shape[1:]))
         wide = self._radii[: len(shafts)][others] + self._margins[0]
         return np.concatenate([ahead, stand]), np.append(table[:, 9] + self._margins[1], wide)
 
-    def _between(self, table: Array) -> Array:
+    def _between(self, table: Array, every: float) -> Array:
         """The same obstacles, faster ones as all that they sweep between two looks."""
         found = table.copy()
         for k in np.flatnonzero(np.vecdot(table[:, 6:9], table[:, 6:9]) > self._speed**2):
             a, b, rate = table[k, :9].reshape(3, 3)
-            middle, way = (a + b) / 2, EVERY / 2 * rate
+            middle, way = (a + b) / 2, every / 2 * rate
             wide = about(Obstacle(point(a), point(b), table[k, 9]), middle - way, middle + way)
             found[k, :6], found[k, 9] = (*wide.a, *wide.b), wide.radius
         return found
 
     def _way(
-        self, i: int, tip: Array, rate: Array, goal: Array, ahead: Array, radii: Array
+        self,
+        i: int,
+        tip: Array,
+        rate: Array,
+        goal: Array,
+        both: Sequence[tuple[Array, Array]],
     ) -> Array | None:
         """A rate (3,) that keeps clear; None if the way to the goal does."""
-        body, way = self._bodies[i], goal - tip
-        speed = body.v_max
-        ramp = np.minimum(self._times, speed / body.a_max / 2)[:, None]
-        t = self._times[:, None] - ramp
-        far = float(np.linalg.norm(way))
-        straight = tip + way * np.minimum(1.0, t * speed / max(far, 1e-9))
-        last = self._out[i]
-        rates = np.concatenate([share * speed * AROUND for share in SHARES])
-        if last is not None:
-            rates = np.concatenate([last[None], rates])
-        tips = np.concatenate([straight[None], tip + t * rates[:, None] + ramp * rate])
-        gaps = _gaps(body, tips, ahead, radii)
-        self.overlap[i] = max(-float(gaps.max() + self._margins[1]), 0.0)
-        enough = gaps >= min(ROOM, float(gaps.max()))
+        body, way, last = self._bodies[i], goal - tip, self._out[i]
+        speed = _pace(body, tip, self._dt)
+        toward = way / max(float(np.linalg.norm(way)), 1e-9) * speed
+        first = [toward] if last is None else [toward, last]
+        rates = np.concatenate([first, *(share * speed * AROUND for share in SHARES)])
+
+        def gaps(rates: Array, seen: tuple[Array, Array], times: Array) -> Array:
+            change = (rates - rate)[:, None]
+            turn = np.maximum(np.sqrt(np.vecdot(change, change)) / body.a_max, self._dt)
+            s = np.minimum(times, turn)
+            tips = tip + times[:, None] * rates[:, None]
+            tips -= (s * (1.0 - (s + self._dt) / (2.0 * turn)))[..., None] * change
+            if (rates[0] == toward).all():
+                beyond = (tips[0] - goal) @ way > 0.0
+                tips[0, beyond] = goal
+            return _gaps(body, tips, *seen)
+
+        rough = gaps(rates, both[0], self._times)
+        if rough[0] >= ROOM:
+            return None
+        own, clear = rates[len(first) :], rough[len(first) :] >= ROOM
+        if clear.any():
+            fresh = own[np.where(clear, own @ way, -np.inf).argmax()][None]
+        else:
+            best = np.argsort(-rough[len(first) :], kind="stable")
+            fresh = np.concatenate([own[best[:LIKELY]], _about(own[best[0]])])
+        rates = np.concatenate([rates[: len(first)], fresh])
+        fine = gaps(rates, both[1], self._finer)
+        self.overlap[i] = max(-float(fine.max() + self._margins[1]), 0.0)
+        enough = fine >= min(ROOM, float(fine.max()))
         if enough[0]:
             return None
         if last is not None and enough[1]:
             return last
-        best: Array = rates[np.where(enough[1:], rates @ way, -np.inf).argmax()]
-        return best
+        chosen: Array = rates[1:][np.where(enough[1:], rates[1:] @ way, -np.inf).argmax()]
+        return chosen
+
+
+def _about(rate: Array) -> Array:
+    """Rates (C, 3) as large as one (3,), turned aside from it."""
+    along = rate / np.linalg.norm(rate)
+    across = AROUND - (AROUND @ along)[:, None] * along
+    size = np.sqrt(np.vecdot(across, across))
+    across = across[size > ASIDE] / size[size > ASIDE, None]
+    turned = along + ASIDE * across
+    size = np.linalg.norm(rate) / np.sqrt(np.vecdot(turned, turned))
+    return np.asarray(size[:, None] * turned)
+
+
+def _pace(body: TipInstrument, tip: Array, dt: float) -> float:
+    """Largest speed of a tip (3,) that the other end lets it have [mm/s]."""
+    x, c = cs.SX(cs.DM(tip)), cs.SX(cs.DM(np.array(body.trocar)))
+    return float(cs.evalf(body.pace(x, c, dt)[0]))
 
 
 def _shafts(tips: Array, trocars: Array, lengths: Array) -> Array:

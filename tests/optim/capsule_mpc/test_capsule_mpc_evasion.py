@@ -35,13 +35,13 @@ def later(obstacle, time):
     return replace(obstacle, a=tuple(obstacle.a + way), b=tuple(obstacle.b + way))
 
 
-def least(obstacle, goal, steps=120):
+def least(obstacle, goal, steps=120, start=START):
     """Least clearance of the first shaft on the way, and where the tips end."""
     own, x, found = (
         Controller(
             Statement(BODIES, 1, Settings(p=5)), OneStep(compiled=False), Safety(budget=9.0)
         ),
-        START.copy(),
+        start.copy(),
         np.inf,
     )
     for k in range(steps):
@@ -61,6 +61,21 @@ def test_who_is_overtaken_leaves_the_way_in_time(obstacle, goal):
     """Between trocar and tip a shaft is slower than what comes: giving way does not help."""
     clearance, _ = least(obstacle, goal)
     assert clearance > 1.95
+
+
+TIGHT = {  # tips, and rods that come straight at their shafts; a ray leaves 2 mm and more
+    "deep": ((17, -50, -117), Obstacle((18, 158, -79), (-7, 166, -69), 1.8, (13, -337, 2))),
+    "shallow": ((-30, -14, -64), Obstacle((24, -119, 15), (23, -124, 16), 3.5, (-63, 226, -61))),
+    "soon": ((2, -58, -111), Obstacle((-1, -60, -23), (-12, -67, -7), 3.2, (-1, 144, -277))),
+}
+
+
+@pytest.mark.parametrize(("tip", "rod"), TIGHT.values(), ids=TIGHT)
+def test_ways_out_that_are_about_as_good_do_not_take_turns(tip, rod):
+    """Which was best had hung on when it was looked at: tips stayed, and were hit."""
+    start = np.array([*tip, 90.0, 0.0, -120.0])
+    clearance, _ = least(rod, start, 40, start)
+    assert clearance > 1.5
 
 
 def head_on(way, seconds, radius=5.0):

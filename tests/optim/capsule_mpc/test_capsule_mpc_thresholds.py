@@ -73,10 +73,12 @@ def scenes(count):
 
 
 def room(obstacles, rates, looks):
-    """Least clearance beyond D (C,) of the first shaft at constant rates (C, 3) in 1.2 s."""
+    """Least clearance beyond D (C,) of the first shaft at rates (C, 3) from rest in 1.2 s."""
     t = np.arange(0.0, 1.2 + looks / 2, looks)
-    late = np.maximum(t - 60.0 / BODIES[0].a_max / 2, 0.0)
-    tips = START[:3] + late[:, None] * rates[:, None]
+    turn = np.maximum(np.linalg.norm(rates, axis=1) / BODIES[0].a_max, 0.02)[:, None]
+    s = np.minimum(t, turn)
+    late = t - s * (1.0 - (s + 0.02) / (2.0 * turn))
+    tips = START[:3] + late[..., None] * rates[:, None]
     tails = tips - 250.0 * tips / np.linalg.norm(tips, axis=-1, keepdims=True)
     shafts = np.stack([tips, tails], axis=-2)
     found = np.full(len(rates), np.inf)
@@ -89,7 +91,7 @@ def room(obstacles, rates, looks):
 
 
 def test_a_way_out_is_that_nearest_to_the_goal_s_of_those_with_2_mm_of_room():
-    """Of 26 directions at full and at half speed, looked at every 40 ms."""
+    """Of 26 directions at full and at half speed, looked at every 40 ms; or as good as any."""
     around = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0
     around /= np.linalg.norm(around, axis=1, keepdims=True)
     rates, sought, slow = np.concatenate([60.0 * around, 30.0 * around]), 0, 0
@@ -104,7 +106,8 @@ def test_a_way_out_is_that_nearest_to_the_goal_s_of_those_with_2_mm_of_room():
         gaps = room(obstacles, rates, 0.04)
         gaps[np.linalg.norm(START[:3] + 1.2 * rates, axis=1) > 245.0] = -np.inf
         best = rates[np.where(gaps >= min(2.0, gaps.max()), rates @ toward, -np.inf).argmax()]
-        np.testing.assert_allclose(rate, best, atol=1e-6)
+        if gaps.max() >= 2.0:
+            np.testing.assert_allclose(rate, best, atol=1e-6)
         assert room(obstacles, rate[None], 0.001)[0] >= min(2.0, gaps.max()) - 0.1
         sought, slow = sought + 1, slow + int(np.linalg.norm(rate) < 31.0)
         assert np.diff(own._times) == pytest.approx(0.04)
