@@ -698,6 +698,16 @@ def test_without_a_cause_as_many_times_as_much_is_left_as_its_figures_say(bench)
     assert without_words(replace(cause, after=math.nan)) == ""
 
 
+def test_a_terminal_tells_the_values_of_six_causes_and_names_every_one(bench):
+    causes = tuple(replace(bench.verdict.causes[0], element=k) for k in range(1, 9))
+    shown = said(replace(bench.verdict, causes=causes))
+    sentence = causes[0].words.split(" ", 2)[2]  # after "joint 2"
+    assert shown.count(sentence) == 6
+    assert all(f"{cause.label} " in shown for cause in causes)
+    assert "2 further causes, with values in JSON and report" in shown
+    assert "further cause" not in said(replace(bench.verdict, causes=causes[:6]))
+
+
 def test_a_terminal_of_80_columns_keeps_recordings_apart_that_begin_alike(bench):
     names = [f"transmission-of-the-bench-on-{day}" for day in ("monday", "moonday")]
     alike = [OfRecording(n, "tip_position", 40, "m", 2e-3, 1e-4, 1e-4, 1e-4, "fit") for n in names]

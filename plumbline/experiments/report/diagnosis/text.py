@@ -28,6 +28,7 @@ COLOURS = {
 }
 WORD = 14  # characters of a table's words that are not broken
 BAR = 30  # characters of the longest bar
+MOST_CAUSES = 6  # that are shown with their values: what a screen holds
 MOST_RIVALS = 5  # candidates that are shown with the causes
 MOST_LINES = 12  # of what the recording cannot see
 MOST_ROWS = 3  # of what to record next
@@ -55,9 +56,7 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
     yield from (Text(line, style="bold red") for line in verdict.warnings)
     yield from _gap(verdict, elsewhere)
     if verdict.causes:
-        yield from _section(
-            "Causes, with their probabilities", *(_cause(c) for c in verdict.causes)
-        )
+        yield from _section("Causes, with their probabilities", *_causes(verdict))
     for title, grid in (
         ("Recording by recording", several.recordings(verdict)),
         ("What carries over", several.transfer(verdict)),
@@ -109,13 +108,29 @@ def _section(title: str, *parts: RenderableType) -> Iterator[RenderableType]:
     yield from (Padding(part, (0, 0, 0, 2), expand=False) for part in parts)
 
 
-def _cause(cause: Cause) -> RenderableType:
-    title = Text.assemble(
+def _causes(verdict: Verdict) -> Iterator[RenderableType]:
+    """The first with their values, the others a line each."""
+    yield from map(_cause, verdict.causes[:MOST_CAUSES])
+    smaller = verdict.causes[MOST_CAUSES:]
+    if smaller:
+        yield Text(
+            f"{counted(len(smaller), 'further cause')}, with values in JSON and report:", "dim"
+        )
+        yield from map(_title, smaller)
+
+
+def _title(cause: Cause) -> Text:
+    sensitivity = words.sensitivity_words(cause)
+    return Text.assemble(
         (cause.label, "bold"),
         f"  {chance(cause.probability)}  ",
-        (f"({sensitivity})  " if (sensitivity := words.sensitivity_words(cause)) else "", "dim"),
+        (f"({sensitivity})  " if sensitivity else "", "dim"),
         (words.without_words(cause), "dim"),
     )
+
+
+def _cause(cause: Cause) -> RenderableType:
+    """A cause with its sentence and its values."""
     table = Table.grid(padding=(0, 2))
     for name, estimate in words.plain_parameters(cause).items():
         table.add_row(Text(name), Text(words.estimate_words(estimate)), Text(estimate.doc, "dim"))
@@ -125,7 +140,7 @@ def _cause(cause: Cause) -> RenderableType:
         body.append(table)
     if found:
         body.append(Text(words.ripple_words(found)))
-    return Group(title, *(Padding(part, (0, 0, 0, 4), expand=False) for part in body))
+    return Group(_title(cause), *(Padding(part, (0, 0, 0, 4), expand=False) for part in body))
 
 
 def _grid(grid: Grid) -> Table:
