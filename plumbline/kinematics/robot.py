@@ -37,7 +37,9 @@ LARGEST_URDF = 16_000_000  # [byte]: a page a joint, and room for what nobody re
 # Pinocchio and urdfdom walk a chain by recursion and end the process at 4,000 joints; the largest
 # humanoids with hands have some 100, those that hold a frame for every sensor some 300.
 MOST_JOINTS = 500
-# Tags and substitutions of xacro: any one of them makes a file no URDF yet.
+# Tags and substitutions of xacro: any one of them makes a file no URDF yet; what xacro expanded
+# keeps its comments, substitutions in them included. One that never ends is looked through once.
+COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 XACRO = re.compile(r"<\s*xacro:\w|\$\{[^}]*\}|\$\((?:find|arg|env)\s")
 # An element's attributes are looked through for each one that is added: 100,000 take 25 s.
 MOST_ATTRIBUTES = 100
@@ -280,7 +282,7 @@ def refuse_xacro(text: str, where: str) -> None:
     Raises:
         PlumblineError: It is xacro; the message has the command that expands it.
     """
-    if XACRO.search(text):
+    if XACRO.search(COMMENT.sub("", text)):
         name = "FILE" if where == "URDF text" else where
         raise PlumblineError(
             f"{where}: xacro found, URDF expected; expand it: xacro {name} > robot.urdf (the "

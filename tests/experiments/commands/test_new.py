@@ -97,6 +97,17 @@ def test_xacro_is_refused_with_the_command_that_expands_it(text, tmp_path, capsy
     assert "expand it: xacro robot.urdf > robot.urdf" in refused(capsys, "check", folder)
 
 
+@pytest.mark.parametrize("left", ["${x}", '<xacro:arm\n x="${x}"/>', "$(arg x) -\n- ${y}"])
+def test_xacro_in_a_comment_makes_no_file_a_xacro(left, tmp_path):
+    comment = f"<!-- {left} -->"
+    text = URDF.replace("<link", f"{comment}\n<link", 2)
+    assert text.count(comment) == 2
+    (tmp_path / "arm.urdf").write_text(text)
+    assert run(["new", str(tmp_path / "made"), "--robot", str(tmp_path / "arm.urdf"), "-q"]) == 0
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", '<link name="${x}"/></robot>'))
+    assert run(["new", str(tmp_path / "no"), "--robot", str(tmp_path / "arm.urdf"), "-q"]) == 2
+
+
 def mjcf(orientation: str, degrees: bool = True, head: str = "") -> str:
     """An arm of four joints, a slide among them, some off their body's origin, one with a ref."""
     rng, body, turn = np.random.default_rng(3), "", 1.0 if degrees else np.pi / 180.0
