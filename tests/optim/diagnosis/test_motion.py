@@ -11,10 +11,12 @@ from plumbline.experiments.reality.drives import Wrong, follow
 from plumbline.experiments.report.diagnosis.motion import transfer_of
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
+from plumbline.kinematics.effects.acceleration_limit import AccelerationLimit
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
+from plumbline.optim.core.judged import STILL
 from plumbline.optim.diagnosis.findings import Outcome
-from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated, fitted
+from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated, fitted, to_go
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
 from plumbline.optim.diagnosis.motion.rollout import WIDE, roll_out
@@ -239,6 +241,21 @@ def test_a_speed_that_is_never_exceeded_is_a_velocity_limit():
     assert causes["velocity_limit", 1].parameters["fastest"].value == pytest.approx(0.6, rel=0.02)
 
 
+def test_a_planned_fit_at_its_least_is_converged_and_one_moved_off_is_not():
+    t, u = multisine(30.0, fastest=2.0)
+    rng = np.random.default_rng(0)
+    q = follow(t, u[:, 0], 0 * t, Wrong(delay=0.02, steepest=4.0), rng)[:, None]
+    q = np.hstack([q, u[:, 1:]]) + rng.normal(0.0, 5e-4, u.shape)
+    signals = signals_of(build_motion(robot=arm(), time=t, command=u, q=q))
+    windows, effects = signals.windows(0, signals.starts), (ActuationDelay(), AccelerationLimit())
+    fit = fitted(windows, effects, np.array([0.02, 4.0]))
+    effective = fit.residual.size / correlation_time(fit.residual)
+    assert to_go(windows, fit, effective) <= STILL
+    for off in (0.03, -0.03):
+        moved = evaluated(windows, effects, fit.theta * [1.0, 1.0 + off])
+        assert to_go(windows, moved, effective) > STILL
+
+
 def test_a_servo_that_plans_its_way_has_an_acceleration_limit_however_it_began():
     """It began at rest where its command moved; of two joints one plans, and the other lags."""
     t, u = multisine(24.0)
@@ -254,6 +271,7 @@ def test_a_servo_that_plans_its_way_has_an_acceleration_limit_however_it_began()
     assert found.probability > 0.95
     assert found.parameters["steepest"].value == pytest.approx(0.6, rel=0.01)
     assert answer.verdict.gap.after < 1.15 * noise
+    assert answer.verdict.judged.converged
 
 
 @pytest.mark.parametrize(("name", "share"), [("acceleration_limit", 0.005), ("actuation_lag", 0.0)])

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.judged import STILL
 from plumbline.optim.diagnosis.motion.constants import ENDED, ENOUGH, ITERATIONS, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows, roll_out
 
@@ -76,16 +77,6 @@ class Fit:
         H += np.diag(1e-12 / scale**2)
         return np.asarray(np.linalg.inv(H), dtype=float)
 
-    def to_go(self, effective: float) -> float:
-        """Newton's decrement: standard errors that the free parameters would still move."""
-        free = self.free
-        J = self.flat[:, free]
-        if not J.size:
-            return 0.0
-        step = np.linalg.lstsq(J, self.residual.ravel(), rcond=1e-10)[0]
-        size = float(np.sum((J @ step) ** 2)) * effective / max(len(J), 1)
-        return float(np.sqrt(size / max(self.square, 1e-300)))
-
     def evidence(self, effective: float) -> float:
         """Log evidence."""
         square = max(self.square, 1e-300)
@@ -125,6 +116,25 @@ def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = F
         if (gain >= 0 and gain < enough) or damping > 1e6:
             break
     return best
+
+
+def to_go(windows: Windows, fit: Fit, effective: float) -> float:
+    """Newton's decrement: standard errors that the free parameters would still move.
+
+    A step that promises more than may be left counts by what it gains when it is rolled out, whole,
+    half or a quarter: at corners of a way, and by differences over a wide step, none may.
+    """
+    J, (lower, upper, _) = fit.flat * fit.free, fit.limits
+    if not J.size:
+        return 0.0
+    step = -np.linalg.lstsq(J, fit.residual.ravel(), rcond=1e-10)[0]
+    square = max(fit.square, 1e-300)
+    gain = float(np.sum((J @ step) ** 2)) / len(J) / square
+    if gain * effective > STILL**2:
+        tried = [np.clip(fit.theta + share * step, lower, upper) for share in (1.0, 0.5, 0.25)]
+        least = min(evaluated(windows, fit.effects, theta).square for theta in tried)
+        gain = max(1 - least / square, 0.0)
+    return float(np.sqrt(gain * effective))
 
 
 def correlation_time(residual: Array) -> float:

@@ -33,6 +33,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     NAMED,
     OWN_PAST,
 )
+from plumbline.optim.diagnosis.motion.fit import to_go
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.proposals import SAME, lags, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -305,7 +306,7 @@ def _notes(found: Found) -> list[str]:
 def _judgement(joints: Sequence[Joint]) -> Judgement:
     fits = []
     for joint in joints:
-        go = joint.fit.to_go(joint.effective)
+        go = to_go(joint.windows, joint.fit, joint.effective)
         bound = tuple(f"{name} {joint.number}" for name in joint.fit.at_bound)
         fits.append(Judged(f"the fit of joint {joint.number}", go <= STILL, go, 0.0, bound))
     return Judgement(all(f.converged for f in fits), tuple(fits))
