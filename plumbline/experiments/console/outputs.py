@@ -2,12 +2,13 @@
 
 ``--json OUT`` writes a file, ``--json -`` prints JSON on standard output and nothing else there;
 ``--quiet`` leaves out words and progress. No command writes into a recording's folder. JSON and a
-report take the place of what plumbline wrote there before; any other file stays unless
-``--overwrite`` is said.
+report take the place of what plumbline wrote there before, which its key ``generator`` tells; any
+other file stays unless ``--overwrite`` is said.
 """
 
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
@@ -28,9 +29,11 @@ Report = Annotated[
     Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")]
-OWN_JSON = "\n \n"  # ends JSON that plumbline wrote, past what a reader of JSON minds
+OWN = {"generator": "plumbline"}  # begins JSON that plumbline wrote
+OWN_JSON = re.compile(rb'\s*\{\s*"generator"\s*:\s*"plumbline"')
+OWN_LIST = "\n \n"  # ends a list, which has no keys; it ended all JSON before there was the key
 OWN_PAGE = '<meta name="generator" content="plumbline">'  # in the head of a report
-HEAD = 4096  # bytes at either end of a file in which these are looked for
+HEAD = 4096  # bytes at the start of a file in which these are looked for
 COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")  # what a report says it was made by
 
 
@@ -93,8 +96,9 @@ def _may_go(path: Path) -> bool:
     """Whether a file is empty, or JSON or a report as plumbline wrote it."""
     with open(path, "rb") as file:
         head = file.read(HEAD)
-        file.seek(-min(path.stat().st_size, len(OWN_JSON)), os.SEEK_END)
-        return not head or OWN_PAGE.encode() in head or file.read() == OWN_JSON.encode()
+        file.seek(-min(path.stat().st_size, len(OWN_LIST)), os.SEEK_END)
+        ours = OWN_JSON.match(head) or OWN_PAGE.encode() in head
+        return not head or bool(ours) or file.read() == OWN_LIST.encode()
 
 
 def check_outputs(
@@ -157,13 +161,14 @@ def write_json(path: str | None, content: Any) -> None:
     """
     if path is None:
         return
-    text = json.dumps(content, indent=1, allow_nan=False)
+    keyed = isinstance(content, Mapping)
+    text = json.dumps({**OWN, **content} if keyed else content, indent=1, allow_nan=False)
     if path == STDOUT:
         if sys.stdout is None:
             raise PlumblineError("--json -: standard output is closed; name a file")
         sys.stdout.write(text + "\n")
     else:
-        write_text(path, text + OWN_JSON, "--json")
+        write_text(path, text + ("\n" if keyed else OWN_LIST), "--json")
 
 
 def talks(json_path: str | None, quiet: bool) -> bool:

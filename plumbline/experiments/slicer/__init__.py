@@ -1,4 +1,4 @@
-"""Points and transforms from and to 3D Slicer: ``.mrk.json``, ``.fcsv`` and ITK's ``.tfm``.
+"""Points of 3D Slicer, ``.mrk.json`` and ``.fcsv``, and transforms from and to it, ITK's ``.tfm``.
 
 Slicer's files are in mm; here lengths are in m. A file says whether its axes point left, posterior,
 superior (LPS, the rule of DICOM and ITK) or right, anterior, superior (RAS, Slicer's inside); the
@@ -6,11 +6,11 @@ two differ by the sign of x and y, which is half a turn about z and no mirror im
 """
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.slicer.fcsv import read_fcsv, write_fcsv
-from plumbline.experiments.slicer.fiducials import read_points, to_fiducials, write_points
-from plumbline.experiments.slicer.markups import read_markups, write_markups
+from plumbline.experiments.slicer.fcsv import read_fcsv
+from plumbline.experiments.slicer.fiducials import read_points, to_fiducials
+from plumbline.experiments.slicer.markups import read_markups
 from plumbline.experiments.slicer.points import axes_changed, points_table
-from plumbline.experiments.slicer.tfm import read_tfm, tfm_text, write_tfm
+from plumbline.experiments.slicer.tfm import read_tfm, tfm_text
 
 __all__ = [
     "PlumblineError",
@@ -22,8 +22,4 @@ __all__ = [
     "read_tfm",
     "tfm_text",
     "to_fiducials",
-    "write_fcsv",
-    "write_markups",
-    "write_points",
-    "write_tfm",
 ]

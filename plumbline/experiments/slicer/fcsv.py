@@ -5,7 +5,6 @@ for RAS and 1 for LPS. ``# columns = ...`` names the columns. Lengths are in mm.
 """
 
 import csv
-import io
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +15,10 @@ from plumbline.experiments.slicer.points import (
     UNITS,
     axes_changed,
     check_axes,
-    places,
     points_table,
     read_text,
     refusal,
-    words_of,
 )
-from plumbline.kinematics.files import write_whole
 
 COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc",
            "associatedNodeID")  # fmt: skip
@@ -88,29 +84,3 @@ def _place(file: str, line: int, row: list[str], names: list[str]) -> list[float
         found = shown(",".join(cells))
         raise refusal(f"{file}, row {line}", found, "x, y, z in mm", "mend or delete the line")
     return numbers
-
-
-def write_fcsv(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> Path:
-    """Write points in mm, along LPS axes as Slicer does.
-
-    Args:
-        path: A file that ends with ``.fcsv``.
-        table: Columns label, x, y, z [m], and description if there is one.
-        axes: The axes that the table's coordinates are given along.
-
-    Raises:
-        PlumblineError: The table lacks a column or holds no numbers.
-    """
-    positions = axes_changed(places(table), axes, "LPS") / UNITS["mm"]
-    text = io.StringIO()
-    text.write("# Markups fiducial file version = 4.13\n# CoordinateSystem = LPS\n")
-    text.write(f"# columns = {','.join(COLUMNS)}\n")
-    writer = csv.writer(text, lineterminator="\n")
-    for k, (label, word, p) in enumerate(
-        zip(table["label"], words_of(table), positions, strict=True)
-    ):
-        place = [repr(float(value)) for value in p]
-        writer.writerow([k + 1, *place, 0, 0, 0, 1, 1, 1, 0, label, word, ""])
-    target = Path(path)
-    write_whole(target, text.getvalue())
-    return target

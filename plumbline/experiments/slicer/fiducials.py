@@ -4,14 +4,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from plumbline.experiments.slicer.fcsv import read_fcsv, write_fcsv
-from plumbline.experiments.slicer.markups import read_markups, write_markups
+from plumbline.experiments.slicer.fcsv import read_fcsv
+from plumbline.experiments.slicer.markups import read_markups
 from plumbline.experiments.slicer.points import refusal
 from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.markers import MarkerNoise
 
 READERS = {".mrk.json": read_markups, ".json": read_markups, ".fcsv": read_fcsv}
-WRITERS = {".mrk.json": write_markups, ".json": write_markups, ".fcsv": write_fcsv}
 
 
 def read_points(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
@@ -21,15 +20,6 @@ def read_points(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
         PlumblineError: The file is neither, or cannot be used.
     """
     return READERS[_ending(path)](path, axes)
-
-
-def write_points(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> Path:
-    """Write points [m] as ``.mrk.json`` or ``.fcsv``, by the file's name.
-
-    Raises:
-        PlumblineError: The name is neither's, or the table has no points.
-    """
-    return WRITERS[_ending(path)](path, table, axes)
 
 
 def _ending(path: str | Path) -> str:

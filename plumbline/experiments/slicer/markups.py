@@ -18,17 +18,9 @@ from plumbline.experiments.slicer.points import (
     UNITS,
     axes_changed,
     check_axes,
-    places,
     points_table,
     read_text,
     refusal,
-    words_of,
-)
-from plumbline.kinematics.files import write_whole
-
-SCHEMA = (
-    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
-    "Resources/Schema/markups-schema-v1.0.3.json#"
 )
 
 
@@ -94,46 +86,3 @@ def _position(where: str, value: object) -> list[float]:
         mend = "place the point again, or delete it"
         raise refusal(f"{where}, position", shown(value), "three finite numbers", mend)
     return plain
-
-
-def write_markups(path: str | Path, table: pd.DataFrame, axes: str = "LPS") -> Path:
-    """Write points as one list in mm, along LPS axes as Slicer does.
-
-    Args:
-        path: A file that ends with ``.mrk.json``.
-        table: Columns label, x, y, z [m], and description if there is one.
-        axes: The axes that the table's coordinates are given along.
-
-    Raises:
-        PlumblineError: The table lacks a column or holds no numbers.
-    """
-    positions = axes_changed(places(table), axes, "LPS") / UNITS["mm"]
-    points = [
-        {
-            "id": str(k + 1),
-            "label": str(label),
-            "description": str(word),
-            "position": [float(value) for value in position],
-            "selected": True,
-            "locked": False,
-            "visibility": True,
-            "positionStatus": "defined",
-        }
-        for k, (label, word, position) in enumerate(
-            zip(table["label"], words_of(table), positions, strict=True)
-        )
-    ]
-    content = {
-        "@schema": SCHEMA,
-        "markups": [
-            {
-                "type": "Fiducial",
-                "coordinateSystem": "LPS",
-                "coordinateUnits": "mm",
-                "controlPoints": points,
-            }
-        ],
-    }
-    target = Path(path)
-    write_whole(target, json.dumps(content, indent=1, allow_nan=False) + "\n")
-    return target

@@ -72,29 +72,3 @@ def read_text(path: str | Path, kind: str) -> str:
         raise refusal(file, f"no readable file ({reason(error)})", kind, "mend the path") from None
     except UnicodeDecodeError:
         raise refusal(file, "no UTF-8 text", kind, "save it in Slicer again") from None
-
-
-def words_of(table: pd.DataFrame) -> list[str]:
-    """The points' descriptions; empty where the table has none."""
-    return list(table["description"] if "description" in table.columns else [""] * len(table))
-
-
-def places(table: pd.DataFrame) -> Array:
-    """Places (n, 3) [m] of a table.
-
-    Raises:
-        PlumblineError: A column is missing or holds no finite numbers.
-    """
-    missing = [name for name in ("label", "x", "y", "z") if name not in table.columns]
-    if missing:
-        found = f"columns {', '.join(map(str, table.columns))}"
-        raise refusal("table", found, f"a column {missing[0]!r}", "add it")
-    try:
-        values = table[["x", "y", "z"]].to_numpy(dtype=float)
-    except (TypeError, ValueError):
-        raise refusal("table", "words", "numbers in x, y, z", "mend the table") from None
-    if not np.isfinite(values).all():
-        row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
-        found = f"{values[row].tolist()}"
-        raise refusal(f"table, row {row} (from 0)", found, "finite numbers [m]", "mend that point")
-    return values

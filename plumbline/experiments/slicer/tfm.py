@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import shown
 from plumbline.experiments.slicer.points import FLIP, UNITS, check_axes, refusal
-from plumbline.kinematics.files import read_file, reason, write_whole
+from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.core.problem import Array
 
 HEAD = "#Insight Transform File V1.0"
@@ -48,13 +48,6 @@ def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
     parameters = " ".join(repr(float(value)) for value in numbers)
     lines = [HEAD, "#Transform 0", f"Transform: {KINDS[0]}", f"Parameters: {parameters}"]
     return "\n".join([*lines, "FixedParameters: 0 0 0", ""])
-
-
-def write_tfm(path: str | Path, T_RC: ArrayLike, axes: str = "LPS") -> Path:
-    """Write that text to a file; see :func:`tfm_text`."""
-    target = Path(path)
-    write_whole(target, tfm_text(T_RC, axes))
-    return target
 
 
 def read_tfm(path: str | Path, axes: str = "LPS") -> Array:

@@ -208,13 +208,22 @@ def test_a_file_of_the_user_s_stays_and_an_earlier_output_is_replaced(
     command = ["diagnose", str(BENCH), "--quiet", "--json", str(out)]
     assert [run(command), run(command)] == [0, 0]
     written = out.read_bytes()
-    for own in (b"mine", written.strip() + b"\n"):
+    figures = json.loads(written)
+    assert figures.pop("generator") == "plumbline"
+    for own in (b"mine", json.dumps(figures).encode(), json.dumps({"of": [figures]}).encode()):
         out.write_bytes(own)
         assert run(command) == 2
         assert out.read_bytes() == own
         assert "add --overwrite" in capsys.readouterr().err
     assert run([*command, "--overwrite"]) == 0
     assert out.read_bytes() == written
+    earlier = json.dumps(figures).encode() + b"\n \n"  # before there was the key
+    for ours in (json.dumps(json.loads(written)).encode(), earlier):
+        out.write_bytes(ours)
+        assert run(command) == 0
+        assert out.read_bytes() == written
+    listed = ["list", "--quiet", "--json", str(out)]
+    assert [run(listed), run(listed)] == [0, 0]  # a list has no keys
 
 
 @pytest.mark.parametrize("name", ["/sys/out.json", "/proc/out.json", "n" * 300])

@@ -17,14 +17,11 @@ from plumbline.experiments.slicer import (
     read_tfm,
     tfm_text,
     to_fiducials,
-    write_fcsv,
-    write_markups,
-    write_points,
-    write_tfm,
 )
 from plumbline.experiments.slicer.hdf5 import read_h5
 from plumbline.optim.registration import Kabsch
 from tests.phantoms import CT, LABELS, LESION, T_RC, mapped, registered, rigid
+from tests.slicer_files import write_points
 
 # As Slicer writes them, mm: two lists, one of them in RAS, a point without a place among them.
 MARKUPS = {
@@ -93,24 +90,11 @@ def test_the_older_list_is_read_with_either_header(tmp_path, axes, sign):
     assert found["description"].tolist() == ["skin", ""]
 
 
-@pytest.mark.parametrize("axes", ["LPS", "RAS"])
 @pytest.mark.parametrize("name", ["F.mrk.json", "F.fcsv", "F.json"])
-def test_what_is_written_is_read_back(tmp_path, name, axes):
-    path = write_points(tmp_path / name, table(), axes)
-    pd.testing.assert_frame_equal(read_points(path, axes), table(), rtol=1e-14)
-    other = read_points(path, "RAS" if axes == "LPS" else "LPS")
-    assert np.allclose(other[["x", "y"]], -CT[:, :2])
-
-
-def test_files_are_written_in_mm_along_lps(tmp_path):
-    content = json.loads(write_markups(tmp_path / "F.mrk.json", table(), "RAS").read_text())
-    (markups,) = content["markups"]
-    assert (markups["type"], markups["coordinateSystem"]) == ("Fiducial", "LPS")
-    assert markups["coordinateUnits"] == "mm"
-    assert np.allclose(markups["controlPoints"][1]["position"], [-110, -120, 147])
-    lines = write_fcsv(tmp_path / "F.fcsv", table()).read_text().splitlines()
-    assert lines[1] == "# CoordinateSystem = LPS"
-    assert lines[3].split(",")[:4] == ["1", "10.0", "20.0", "147.0"]
+def test_either_list_is_read_by_its_name_labels_and_words_as_they_stand(tmp_path, name):
+    path = write_points(tmp_path / name, table())
+    pd.testing.assert_frame_equal(read_points(path), table(), rtol=1e-14)
+    assert np.allclose(read_points(path, "RAS")[["x", "y"]], -CT[:, :2])
 
 
 def changed(**more):
@@ -166,10 +150,6 @@ def test_files_that_are_none_are_refused(tmp_path):
             reader(tmp_path / "latin")
     with pytest.raises(PlumblineError, match=r"expected \.mrk\.json or \.fcsv"):
         read_points(tmp_path / "points.txt")
-    with pytest.raises(PlumblineError, match="a column 'z'"):
-        write_points(tmp_path / "F.fcsv", table().drop(columns="z"))
-    with pytest.raises(PlumblineError, match=r"row 1 \(from 0\)"):
-        write_points(tmp_path / "F.fcsv", points_table("AB", [[0, 0, 0], [0, np.nan, 0]]))
 
 
 def test_the_direction_of_a_tfm_by_hand():
@@ -219,7 +199,7 @@ def test_a_published_pair_of_display_and_file_agrees(tmp_path):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_transform_is_read_back(tmp_path, seed, axes):
     T = rigid(seed)
-    assert np.allclose(read_tfm(write_tfm(tmp_path / "T.tfm", T, axes), axes), T, atol=1e-14)
+    assert np.allclose(read_tfm(write(tmp_path / "T.tfm", tfm_text(T, axes)), axes), T, atol=1e-14)
 
 
 def test_the_centre_of_rotation_is_heeded(tmp_path):
@@ -240,7 +220,7 @@ def test_a_file_moves_points_as_the_registration_does(tmp_path):
     # Both point lists in RAS, the transform written for RAS: what Slicer shows to the parent.
     ct, robot = (axes_changed(p, "LPS", "RAS") for p in (CT, mapped(CT)))
     answer = registered(Kabsch(), ct, robot)
-    T = read_tfm(write_tfm(tmp_path / "T.tfm", answer.T_RC, "RAS"), "LPS")
+    T = read_tfm(write(tmp_path / "T.tfm", tfm_text(answer.T_RC, "RAS")), "LPS")
     assert np.allclose(T, T_RC, atol=1e-9)
 
 
@@ -287,7 +267,7 @@ def test_a_transform_in_hdf5_is_the_one_in_text(axes, tmp_path):
     """Slicer writes either by the ending: the same 12 numbers, mm, from parent, and a centre."""
     h5py = pytest.importorskip("h5py")
     text, binary = tmp_path / "moved.tfm", tmp_path / "moved.h5"
-    write_tfm(text, T_RC)
+    write(text, tfm_text(T_RC))
     rows = [line.split(": ") for line in text.read_text().splitlines() if ": " in line]
     said = {key: value.strip() for key, value in rows}
     with h5py.File(binary, "w") as file:

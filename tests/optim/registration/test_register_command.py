@@ -7,7 +7,7 @@ import pytest
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
-from plumbline.experiments.slicer import points_table, read_tfm, tfm_text, write_points
+from plumbline.experiments.slicer import points_table, read_tfm, tfm_text
 from plumbline.optim.registration import METHODS
 from plumbline.optim.registration.fiducials import Fiducials, Points
 from tests.phantoms import (
@@ -21,6 +21,7 @@ from tests.phantoms import (
     registered,
     save_fiducials,
 )
+from tests.slicer_files import write_points
 
 NOTHING = Points((), np.empty((0, 3)), np.empty((0, 3)))
 FLIP = np.diag([-1.0, -1.0, 1.0])
@@ -132,11 +133,11 @@ def test_a_recording_takes_more_targets_from_a_list(capsys, tmp_path):
 )
 def test_files_that_make_no_registration_are_one_line(names, words, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_points("ct.mrk.json", points_table(LABELS, CT))
-    write_points("good.fcsv", points_table(LABELS, mapped(CT)))
-    write_points("twice.fcsv", points_table(["A", "A", "B", "C"], CT[:4]))
-    write_points("stray.fcsv", points_table(["X", "A", "B", "C"], CT[:4]))
-    write_points("two.fcsv", points_table(["A", "B"], CT[:2]))
+    write_points(tmp_path / "ct.mrk.json", points_table(LABELS, CT))
+    write_points(tmp_path / "good.fcsv", points_table(LABELS, mapped(CT)))
+    write_points(tmp_path / "twice.fcsv", points_table(["A", "A", "B", "C"], CT[:4]))
+    write_points(tmp_path / "stray.fcsv", points_table(["X", "A", "B", "C"], CT[:4]))
+    write_points(tmp_path / "two.fcsv", points_table(["A", "B"], CT[:2]))
     (tmp_path / "T.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     (tmp_path / "bad.tfm").write_text("nothing")
     (tmp_path / "a.tfm").write_text(tfm_text(T_RC))
