@@ -264,11 +264,7 @@ def so101(folder: Path) -> pd.DataFrame:
     file, table = drives.as_mjcf().text, []
     for m in (first, *others):
         inside = m.time > m.time[0] + 1.0  # where the joints begin within their play nobody knows
-        by = (
-            m.command,
-            replay(file, m.time, m.command),
-            drives.rollout(m.time, m.command),
-        )
+        by = (m.command, replay(file, m.time, m.command), drives.rollout(m.time, m.command))
         ideal, alone, best = (1e3 * np.sqrt(np.mean((x - m.q)[inside] ** 2)) for x in by)
         table.append({"motion": m.name, "before": ideal, "file": alone, "drives": best,
                       "gone": 1.0 - alone / ideal})  # fmt: skip

@@ -9,14 +9,7 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.pages import write_page
-from plumbline.experiments.console.outputs import (
-    Json,
-    Overwrite,
-    Quiet,
-    Report,
-    check_outputs,
-    say,
-)
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, Report, check_outputs, say
 
 if TYPE_CHECKING:
     from plumbline.optim.model import Applied

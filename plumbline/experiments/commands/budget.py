@@ -6,14 +6,7 @@ from typing import Annotated
 import typer
 
 from plumbline.experiments.commands.pages import write_page
-from plumbline.experiments.console.outputs import (
-    Json,
-    Overwrite,
-    Quiet,
-    Report,
-    check_outputs,
-    say,
-)
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, Report, check_outputs, say
 
 Spec = Annotated[Path, typer.Argument(metavar="SPEC.toml", help=r"The links, by \[\[link]].")]
 

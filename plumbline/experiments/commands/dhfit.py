@@ -14,13 +14,7 @@ import typer
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
 from plumbline.experiments.commands.pages import hand_out
-from plumbline.experiments.console.outputs import (
-    Json,
-    Quiet,
-    Report,
-    check_outputs,
-    write_text,
-)
+from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs, write_text
 
 if TYPE_CHECKING:
     from plumbline.optim.dh_fit import DHOptions

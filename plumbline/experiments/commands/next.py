@@ -53,8 +53,7 @@ Within = Annotated[
     Range, typer.Option(help="Joints within the range recorded so far, or within their limits.")
 ]
 Of = Annotated[
-    str,
-    typer.Option("--of", metavar="NAME", help="Of a session: the recording to go on with."),
+    str, typer.Option("--of", metavar="NAME", help="Of a session: the recording to go on with.")
 ]
 
 

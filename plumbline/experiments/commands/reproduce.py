@@ -6,13 +6,7 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.pages import hand_out
-from plumbline.experiments.console.outputs import (
-    Json,
-    Overwrite,
-    Quiet,
-    Report,
-    check_outputs,
-)
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, Report, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 

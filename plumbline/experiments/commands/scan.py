@@ -6,13 +6,7 @@ from typing import Annotated
 import typer
 
 from plumbline.experiments.commands.pages import hand_out
-from plumbline.experiments.console.outputs import (
-    Json,
-    Overwrite,
-    Quiet,
-    Report,
-    check_outputs,
-)
+from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, Report, check_outputs
 
 
 def scan(

@@ -18,10 +18,7 @@ Effects = Annotated[
 
 
 def list_(
-    effects: Effects = False,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
+    effects: Effects = False, json: Json = None, overwrite: Overwrite = False, quiet: Quiet = False
 ) -> None:
     """List the public recordings that can be fetched, or the library of effects."""
     check_output(json, "--json", overwrite=overwrite)

@@ -50,8 +50,7 @@ Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a
 
 def sweep(
     spec: Annotated[
-        Path,
-        typer.Argument(help="TOML: a recording or a reality, and what to vary or to draw."),
+        Path, typer.Argument(help="TOML: a recording or a reality, and what to vary or to draw.")
     ],
     json: Json = None,
     csv: Csv = None,

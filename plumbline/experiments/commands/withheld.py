@@ -68,8 +68,7 @@ def make(
     ] = "mixed",
     level: Annotated[str, typer.Option(help="faint, slight, clear or mixed.")] = "clear",
     observation: Annotated[
-        str,
-        typer.Option(help="tip_position, pose, fixed_point, joint_position or mixed."),
+        str, typer.Option(help="tip_position, pose, fixed_point, joint_position or mixed.")
     ] = "tip_position",
     gap: Annotated[
         tuple[float, float] | None,

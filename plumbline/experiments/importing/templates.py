@@ -23,10 +23,7 @@ class Template:
 
 
 TRACKED = "1 sigma per axis, m; left out, it is estimated"
-FIT = (
-    "[fit]",
-    'always = ["frame", "tool"]         # fitted in every model and never blamed',
-)
+FIT = ("[fit]", 'always = ["frame", "tool"]         # fitted in every model and never blamed')
 MOTION = (
     "[motion]",
     'command = "position"               # what u is: "position", "velocity", "rate", "torque"',
@@ -51,11 +48,7 @@ TEMPLATES: Mapping[str, Template] = {
         "the tip's pose in the device's frame: m, and a unit quaternion, scalar first",
         ("q#", "x", "y", "z", "qw", "qx", "qy", "qz"),
         TRACKED,
-        more=(
-            "# noise_std_rotation = 1e-4        # 1 sigma of rotations, rad",
-            "",
-            *FIT,
-        ),
+        more=("# noise_std_rotation = 1e-4        # 1 sigma of rotations, rad", "", *FIT),
     ),
     "fixed_point": Template(
         "the socket that holds the tip, by number; its place is unknown",

@@ -65,11 +65,7 @@ drawn = lru_cache(maxsize=4)(draw)  # controllers do the same task one after the
 
 
 def task(
-    number: int,
-    seed: int,
-    planner: Planner | None = None,
-    guided: bool = True,
-    most: int = 600,
+    number: int, seed: int, planner: Planner | None = None, guided: bool = True, most: int = 600
 ) -> Run:
     """Run the task of a number, for so many steps at most; families take turns."""
     family = list(FAMILIES)[number % len(FAMILIES)]

@@ -92,10 +92,7 @@ def crooked_tips(arm: Arm, errors: Array, give: Array, q: Array, tool: Array) ->
     shape = Shape.of(arm, len(q))
     shape.flex[:, :, 4] = errors[:, 4]
     shape = replace(
-        shape,
-        d=shape.d + errors[:, 0],
-        a=shape.a + errors[:, 1],
-        alpha=shape.alpha + errors[:, 2],
+        shape, d=shape.d + errors[:, 0], a=shape.a + errors[:, 1], alpha=shape.alpha + errors[:, 2]
     )
     built = replace(arm, theta=arm.theta + errors[:, 3])
     bent = q + give * load_torque(arm, forward(built, q, shape))

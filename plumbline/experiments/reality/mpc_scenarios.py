@@ -294,7 +294,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator], Draft]] = {
 # Obstacles as fast as a tip come across the way: a shaft moves slower than its tip, so nobody can
 # evade all of them, and contacts are counted, not excluded.
 PRESSED: dict[str, Callable[[np.random.Generator], Draft]] = {
-    "drifting obstacle": drifting_obstacle,
+    "drifting obstacle": drifting_obstacle
 }
 
 

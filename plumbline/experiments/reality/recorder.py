@@ -223,12 +223,7 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
     """
     trusted = np.delete(noise, np.asarray(gross, dtype=np.intp) - 1, axis=0)
     effects = [
-        {
-            "effect": m.effect,
-            "element": m.element,
-            "parameters": m.parameters(),
-            "gap_to_noise": g,
-        }
+        {"effect": m.effect, "element": m.element, "parameters": m.parameters(), "gap_to_noise": g}
         for m, g in zip(case.effects, case.gap_to_noise, strict=True)
     ]
     joint = gap(case.scene, case.effects, case.observation, case.sockets) if case.effects else 0.0

@@ -11,12 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
-from plumbline.experiments.reality.touch import (
-    Touch,
-    all_pairs,
-    point_distances,
-    segment_distances,
-)
+from plumbline.experiments.reality.touch import Touch, all_pairs, point_distances, segment_distances
 
 Array = NDArray[np.float64]
 DEPTHS = (17.0, 225.0)  # [mm] behind the trocar of starts and goals, of 15 to 230 that are allowed

@@ -203,9 +203,7 @@ def draw_session(
         chance = np.random.default_rng([seed, 1])
         session = replace(first, built=Built.drawing().with_errors(scale * errors))
         return replace(
-            session,
-            tips=session.visit(q, chance),
-            registration_tips=session.visit(q_four, chance),
+            session, tips=session.visit(q, chance), registration_tips=session.visit(q_four, chance)
         )
 
     low, high = 0.0, 1.0

@@ -71,7 +71,5 @@ class NeedleBending(Mechanism):
         across = self.size * (force - np.outer(force @ axis, axis))
         length = float(np.linalg.norm(scene.tool[0]))
         return replace(
-            scene,
-            tool=scene.tool + across,
-            turn=scene.turn + 1.5 / length * np.cross(axis, across),
+            scene, tool=scene.tool + across, turn=scene.turn + 1.5 / length * np.cross(axis, across)
         )

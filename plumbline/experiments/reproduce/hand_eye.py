@@ -44,11 +44,7 @@ METHODS = (  # in words, and as a figure's key
 
 
 def run(
-    seed: int,
-    progress: Progress | None = None,
-    *,
-    set_ups: int = SET_UPS,
-    detailed: int = DETAILED,
+    seed: int, progress: Progress | None = None, *, set_ups: int = SET_UPS, detailed: int = DETAILED
 ) -> Reproduction:
     """Simulate the set-ups and try every method on each."""
     trials, details = trials_of(seed, progress, set_ups, detailed)

@@ -259,10 +259,7 @@ def _pointing_table(arms: list[Pointed]) -> Table:
 
 
 def _notes(
-    found: Mapping[str, Localised],
-    times: Mapping[str, Ratio],
-    arms: list[Pointed],
-    draws: int,
+    found: Mapping[str, Localised], times: Mapping[str, Ratio], arms: list[Pointed], draws: int
 ) -> tuple[str, ...]:
     mean = {name: 1e3 * one.mean for name, one in found.items()}
     triples = {name: value for name, value in mean.items() if found[name] and len(name) == 5}

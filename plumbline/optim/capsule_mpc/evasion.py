@@ -144,12 +144,7 @@ class Evasion:
         return found
 
     def _way(
-        self,
-        i: int,
-        tip: Array,
-        rate: Array,
-        goal: Array,
-        both: Sequence[tuple[Array, Array]],
+        self, i: int, tip: Array, rate: Array, goal: Array, both: Sequence[tuple[Array, Array]]
     ) -> Array | None:
         """A rate (3,) that keeps clear; None if the way to the goal does."""
         body, way, last = self._bodies[i], goal - tip, self._out[i]

@@ -41,14 +41,7 @@ from plumbline.kinematics.capsules import (
 )
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
-from plumbline.optim.capsule_mpc.constants import (
-    ABSENT,
-    ACROSS,
-    COMMON,
-    DROPPED,
-    LIMITS,
-    TOUCHING,
-)
+from plumbline.optim.capsule_mpc.constants import ABSENT, ACROSS, COMMON, DROPPED, LIMITS, TOUCHING
 from plumbline.optim.capsule_mpc.pairs import Pair
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array

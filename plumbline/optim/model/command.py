@@ -186,13 +186,7 @@ def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool, dear: float = 1.0
 
 
 def _solved(
-    arm: Arm,
-    wanted: Array,
-    goal: Array,
-    context: Context,
-    *,
-    placed: bool,
-    far: bool = False,
+    arm: Arm, wanted: Array, goal: Array, context: Context, *, placed: bool, far: bool = False
 ) -> Command:
     """Commands about postures; where the orientation is ``far`` out of reach the place counts."""
     remembers = _remembers(arm)

@@ -44,12 +44,7 @@ class Motion:
     note: str = ""  # one line on the smoothing; empty where there was none
 
 
-def derived_motion(
-    q: Array,
-    velocity: Array | None,
-    time: Array | None,
-    origin: Origin,
-) -> Motion:
+def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin: Origin) -> Motion:
     """Velocities, smoothed, and accelerations from the same windows.
 
     Args:

@@ -10,12 +10,7 @@ from plumbline.experiments.reality.arm import Array, loads
 from plumbline.experiments.reality.body_effects import LinkMechanism, link_vector
 from plumbline.experiments.reality.scene import Mechanism, Scene
 from plumbline.experiments.reality.session import lagged
-from plumbline.experiments.reality.unseen.chances import (
-    TURN,
-    seconds,
-    turning,
-    unit,
-)
+from plumbline.experiments.reality.unseen.chances import TURN, seconds, turning, unit
 
 CAGE = 0.4  # turns of the cage for one of the ring
 

@@ -8,10 +8,7 @@ import numpy as np
 
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session
-from plumbline.experiments.reality.unseen.chances import (
-    TURN,
-    unit,
-)
+from plumbline.experiments.reality.unseen.chances import TURN, unit
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from plumbline.experiments.report.diagnosis.subject import (
-    Array,
-    Subject,
-    running,
-)
+from plumbline.experiments.report.diagnosis.subject import Array, Subject, running
 from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,

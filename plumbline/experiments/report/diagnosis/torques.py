@@ -7,14 +7,7 @@ from numpy.typing import NDArray
 from plumbline.experiments.report.diagnosis.figures import PANEL, cloud, top_of
 from plumbline.experiments.report.diagnosis.subject import Array, Subject
 from plumbline.experiments.report.diagnosis.traces import Traces, over_time
-from plumbline.experiments.report.style import (
-    AFTER,
-    BEFORE,
-    INK,
-    calm,
-    house_style,
-    new_figure,
-)
+from plumbline.experiments.report.style import AFTER, BEFORE, INK, calm, house_style, new_figure
 from plumbline.optim.diagnosis.findings import FrictionCurve
 
 SHOWN = 3  # joints whose torque is drawn over time: those with the largest gap in their own noise

@@ -57,10 +57,7 @@ class Programmed(ABC):
         """What ``nlpsol`` is given; ``equality`` says which constraints (c) are equations."""
 
     def solve(
-        self,
-        problem: Problem,
-        start: ArrayLike,
-        multipliers: tuple[Array, Array] | None = None,
+        self, problem: Problem, start: ArrayLike, multipliers: tuple[Array, Array] | None = None
     ) -> Solution:
         """Solve from a start (P,), clipped into the bounds.
 
