@@ -5,56 +5,28 @@ What is reported are ``quantities``: sums of parameters that the readings tell, 
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.diagnose import Folder, HeldOut, HeldOutBy, Seed
+from plumbline.experiments.commands.diagnose import Folder, HeldOutBy, Seed
 from plumbline.experiments.commands.pages import hand_out
 from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs, write_text
 
 if TYPE_CHECKING:
-    from plumbline.optim.dh_fit import DHOptions
-    from plumbline.optim.dh_fit import HeldOut as HeldOutMisfits
+    from plumbline.optim.dh_fit import DHOptions, HeldOut
     from plumbline.optim.dh_fit.export import Exported
     from plumbline.optim.recording.recording import Recording
 
 
-class Objective(StrEnum):
-    """What a misfit costs."""
-
-    NORMS = "norms"
-    SQUARES = "squares"
-
-
-class SolverName(StrEnum):
-    """What solves the problem."""
-
-    GAUSS_NEWTON = "gauss-newton"
-    SQP = "sqp"
-    SQP_BFGS = "sqp-bfgs"
-    IPOPT = "ipopt"
-    TRUST_REGION = "trust-region"
-    LEVENBERG_MARQUARDT = "levenberg-marquardt"
-
-
-class Frame(StrEnum):
-    """Where the camera's frame comes from."""
-
-    JOINT = "joint"
-    REGISTRATION = "registration"
-
-
-class Parameters(StrEnum):
-    """What is free."""
-
-    IDENTIFIABLE = "identifiable"
-    ALL = "all"
-
-
+Objective = Literal["norms", "squares"]
+SolverName = Literal[
+    "gauss-newton", "sqp", "sqp-bfgs", "ipopt", "trust-region", "levenberg-marquardt"
+]
+Frame = Literal["joint", "registration"]
+Parameters = Literal["identifiable", "all"]
 Urdf = Annotated[Path | None, typer.Option(metavar="OUT", help="Write the fitted robot as URDF.")]
 Toml = Annotated[Path | None, typer.Option(metavar="OUT", help="Write it as DH rows in TOML.")]
 DeltaLength = Annotated[
@@ -79,13 +51,13 @@ def dhfit(
     toml: Toml = None,
     delta_length: DeltaLength = 0.01,
     delta_angle: DeltaAngle = 0.0873,
-    objective: Objective = Objective.NORMS,
+    objective: Objective = "norms",
     smoothing: Smoothing = 1e-6,
-    solver: SolverName = SolverName.GAUSS_NEWTON,
-    frame: Frame = Frame.JOINT,
-    parameters: Parameters = Parameters.IDENTIFIABLE,
+    solver: SolverName = "gauss-newton",
+    frame: Frame = "joint",
+    parameters: Parameters = "identifiable",
     tilts: Tilts = True,
-    held_out: HeldOutBy = HeldOut.AUTO,
+    held_out: HeldOutBy = "auto",
     seed: Seed = 0,
     overwrite: Replace = False,
     report: Report = None,
@@ -94,13 +66,13 @@ def dhfit(
     """Fit the links of a robot to tip readings; say what the readings can tell."""
     outputs = {"--json": json, "--urdf": urdf, "--toml": toml, "--report": report}
     check_outputs(outputs, [folder], overwrite=overwrite)
-    options = _options(
-        objective, smoothing, solver, frame, parameters, tilts, delta_length, delta_angle
-    )
-    from plumbline.optim.dh_fit import fit_dh
+    from plumbline.optim.dh_fit import BY_NAME, DHOptions, Norms, Squares, fit_dh
     from plumbline.optim.dh_fit.export import as_toml, as_urdf
     from plumbline.optim.recording.loading import load_recording
 
+    loss = Norms(smoothing) if objective == "norms" else Squares()
+    by = BY_NAME[solver]
+    options = DHOptions(loss, frame, parameters, tilts, delta_length, delta_angle, solver=by)
     recording = load_recording(folder)
     fit = fit_dh(recording, options)
     unseen = _unseen(recording, options, held_out, seed)
@@ -117,7 +89,7 @@ def dhfit(
     hand_out(fit, content, json, report, quiet, unseen=unseen, files=told)
 
 
-def _found(unseen: HeldOutMisfits | None, files: dict[str, Exported]) -> dict[str, Any]:
+def _found(unseen: HeldOut | None, files: dict[str, Exported]) -> dict[str, Any]:
     """What is found about a fit: rows not seen, and files read again."""
     if unseen is None:
         misfits = None
@@ -127,41 +99,16 @@ def _found(unseen: HeldOutMisfits | None, files: dict[str, Exported]) -> dict[st
     return {"held_out": misfits, "files": told}
 
 
-def _options(
-    objective: Objective,
-    smoothing: float,
-    solver: SolverName,
-    frame: Frame,
-    parameters: Parameters,
-    tilts: bool,
-    delta_length: float,
-    delta_angle: float,
-) -> DHOptions:
-    from plumbline.optim.dh_fit import BY_NAME, DHOptions, Norms, Squares
-
-    return DHOptions(
-        loss=Norms(smoothing) if objective == Objective.NORMS else Squares(),
-        frame=frame.value,
-        parameters=parameters.value,
-        hayati=tilts,
-        delta_length=delta_length,
-        delta_angle=delta_angle,
-        solver=BY_NAME[solver.value],
-    )
-
-
-def _unseen(
-    recording: Recording, options: DHOptions, kind: HeldOut, seed: int
-) -> HeldOutMisfits | None:
+def _unseen(recording: Recording, options: DHOptions, kind: str, seed: int) -> HeldOut | None:
     """Misfits of rows that no fit has seen; None where there are too few readings."""
     from plumbline.optim.dh_fit import held_out
     from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 
     rows = recording.training
     try:
-        fold = fold_of_rows(rows, kind.value, seed)
+        fold = fold_of_rows(rows, kind, seed)
     except ValueError as error:
-        raise PlumblineError(f"--held-out {kind.value}: {error}") from None
+        raise PlumblineError(f"--held-out {kind}: {error}") from None
     try:
         return held_out(rows, options, fold)
     except PlumblineError:

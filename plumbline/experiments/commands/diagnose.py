@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -35,16 +34,6 @@ def effects_beginning(begun: str) -> list[str]:
     return sorted(name for name in REGISTRY if name.startswith(begun))
 
 
-class HeldOut(StrEnum):
-    """What is left out together."""
-
-    AUTO = "auto"
-    GROUPS = "groups"
-    TIME = "time"
-    WORKSPACE = "workspace"
-    ROWS = "rows"
-
-
 MOST_CASES = 10_000  # a day at ten seconds each; shares are known to half a percent
 Folder = Annotated[Path, typer.Argument(help="A recording: dataset.toml and samples.csv.")]
 Folders = Annotated[
@@ -54,7 +43,10 @@ Folders = Annotated[
         help="A recording: dataset.toml and samples.csv; several of one robot; or a session.toml.",
     ),
 ]
-HeldOutBy = Annotated[HeldOut, typer.Option("--held-out", help="What is left out together.")]
+HeldOutBy = Annotated[
+    Literal["auto", "groups", "time", "workspace", "rows"],
+    typer.Option("--held-out", help="What is left out together."),
+]
 Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
 Also = Annotated[
     Path | None,
@@ -102,7 +94,7 @@ def diagnose(
     folders: Folders,
     json: Json = None,
     report: Report = None,
-    held_out: HeldOutBy = HeldOut.AUTO,
+    held_out: HeldOutBy = "auto",
     seed: Seed = 0,
     also: Also = None,
     without: Without = None,
@@ -163,7 +155,7 @@ def refuse_for_parts(recording: Recording, asked: Mapping[str, object]) -> None:
 
 
 def _options(
-    held_out: HeldOut, seed: int, without: Sequence[str], unlisted: float | None, *, force: bool
+    held_out: str, seed: int, without: Sequence[str], unlisted: float | None, *, force: bool
 ) -> DiagnosisOptions:
     """The options.
 
@@ -175,7 +167,7 @@ def _options(
 
     prior = UNLISTED if unlisted is None else unlisted
     try:
-        return DiagnosisOptions(held_out.value, seed, tuple(without), force=force, unlisted=prior)
+        return DiagnosisOptions(held_out, seed, tuple(without), force=force, unlisted=prior)
     except PlumblineError as error:
         raise PlumblineError(f"--{error}") from None
 

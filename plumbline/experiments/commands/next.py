@@ -7,9 +7,8 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -38,19 +37,13 @@ NAMED = 3  # causes of an explanation that a line names
 SIDES = {-1: "-", 0: "0", 1: "+"}
 
 
-class Range(StrEnum):
-    """How far the joints may go."""
-
-    RECORDED = "recorded"
-    LIMITS = "limits"
-
-
 Count = Annotated[int, typer.Option(min=1, max=MOST, help="How many rows.")]
 Csv = Annotated[
     Path | None, typer.Option(metavar="OUT.csv", help="Write a samples.csv to be filled in.")
 ]
 Within = Annotated[
-    Range, typer.Option(help="Joints within the range recorded so far, or within their limits.")
+    Literal["recorded", "limits"],
+    typer.Option(help="Joints within the range recorded so far, or within their limits."),
 ]
 Of = Annotated[
     str, typer.Option("--of", metavar="NAME", help="Of a session: the recording to go on with.")
@@ -84,7 +77,7 @@ def next_(
     json: Json = None,
     csv: Csv = None,
     seed: Seed = 0,
-    within: Within = Range.RECORDED,
+    within: Within = "recorded",
     of: Of = "",
     force: Force = False,
     overwrite: Overwrite = False,
@@ -119,7 +112,7 @@ def next_(
     with progress_bar(quiet=quiet or json == "-") as progress:
         asked = DiagnosisOptions(seed=seed, force=force)
         diagnosis = diagnosis_module.diagnose(recording, asked, progress=progress)
-    options = DesignOptions(count=count, seed=seed, within=within.value)
+    options = DesignOptions(count=count, seed=seed, within=within)
     found = in_new_groups(
         recording, next_experiment(diagnosis.selected, diagnosis.verdict, options)
     )
@@ -127,7 +120,7 @@ def next_(
 
 
 def _of_session(
-    folder: Path, name: str, options: DiagnosisOptions, count: int, within: Range, silent: bool
+    folder: Path, name: str, options: DiagnosisOptions, count: int, within: str, silent: bool
 ) -> tuple[Recording, NextExperiment, Path]:
     """Rows for one recording of a session by what all of them leave open; its folder.
 
@@ -167,7 +160,7 @@ def _of_session(
             f"{folder}: {kind}, tips, poses or second encoders expected to propose rows for; name "
             "such a recording with --of, or ask for the next rows of one recording's folder"
         )
-    asked = DesignOptions(count=count, seed=options.seed, within=within.value, recording=part.name)
+    asked = DesignOptions(count=count, seed=options.seed, within=within, recording=part.name)
     own = next(p for p, one in zip(places, parts, strict=True) if one.sha256 == part.sha256)
     return part, next_experiment(found.selected, found.verdict, asked), own
 

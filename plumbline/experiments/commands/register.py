@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -24,13 +23,8 @@ if TYPE_CHECKING:
     from plumbline.optim.registration.fiducials import Fiducials
 
 
-class Axes(StrEnum):
-    """Which way CT's axes point: left, posterior, superior; or right, anterior, superior."""
-
-    LPS = "LPS"
-    RAS = "RAS"
-
-
+# Which way CT's axes point: left, posterior, superior; or right, anterior, superior.
+Axes = Literal["LPS", "RAS"]
 Files = Annotated[
     list[Path],
     typer.Argument(
@@ -70,7 +64,7 @@ def register(
     triple: TripleOf = None,
     json: Json = None,
     tfm: Tfm = None,
-    ct_axes: CtAxes = Axes.LPS,
+    ct_axes: CtAxes = "LPS",
     robot_axes: RobotAxes = None,
     ct_resolution: Resolution = None,
     robot_std: RobotStd = None,
@@ -85,7 +79,7 @@ def register(
     from plumbline.optim.registration import RegistrationOptions
     from plumbline.optim.registration import register as registered
 
-    ct, robot = ct_axes.value, (robot_axes or ct_axes).value
+    ct, robot = ct_axes, robot_axes or ct_axes
     stated = _noise(ct_resolution, robot_std)
     fiducials, transforms = given(files, ct, robot)
     chosen = _method(fiducials, method, triple)
