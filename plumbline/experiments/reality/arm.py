@@ -166,10 +166,3 @@ def point_torque(arm: Arm, frames: Array, point: Array, force: Array) -> Array:
     pushed = np.broadcast_to(force, lever.shape)
     along = np.where(arm.prismatic[None, :, None], pushed, np.cross(lever, pushed))
     return np.asarray(np.einsum("nik,nik->ni", frames[:, :-1, :3, 2], along))
-
-
-def potential(arm: Arm, q: Array) -> Array:
-    """Potential energy (N,) [J] of the arm's weight."""
-    frames = forward(arm, q)
-    centres = frames[:, 1:, :3, 3] + np.einsum("nijk,ik->nij", frames[:, 1:, :3, :3], arm.com)
-    return np.asarray(-np.einsum("i,nik,k->n", arm.mass, centres, arm.gravity))

@@ -10,7 +10,6 @@ from plumbline.experiments.reality.arm import (
     forward,
     load_torque,
     point_torque,
-    potential,
     rotations,
 )
 from plumbline.experiments.reality.arms import ARMS, kr300, ur5
@@ -86,6 +85,13 @@ def test_turning_joint_1_turns_the_whole_arm() -> None:
     np.testing.assert_allclose(
         forward(ur5(), turned)[:, -1, :3, :3], spin @ forward(ur5(), q)[:, -1, :3, :3], atol=1e-12
     )
+
+
+def potential(arm, q):
+    """Potential energy (N,) [J] of the arm's weight."""
+    frames = forward(arm, q)
+    centres = frames[:, 1:, :3, 3] + np.einsum("nijk,ik->nij", frames[:, 1:, :3, :3], arm.com)
+    return -np.einsum("i,nik,k->n", arm.mass, centres, arm.gravity)
 
 
 @pytest.mark.parametrize("name", sorted(ARMS))

@@ -7,9 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from plumbline.errors import PlumblineError
 from plumbline.experiments.mpc.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
-from plumbline.kinematics.link_capsules import bones, from_urdf
+from plumbline.kinematics.link_capsules import bones
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.capsule_mpc import (
     Controller,
@@ -23,36 +22,6 @@ from plumbline.optim.capsule_mpc import (
 from plumbline.optim.capsule_mpc.arms import held_tip
 from plumbline.optim.capsule_mpc.stopping import held_exactly
 from plumbline.optim.capsule_mpc.sweeps import tip_speed
-
-URDF = """<robot name="r">
-<link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-<link name="one"><collision><origin xyz="0 0 0.2" rpy="0 1.5707963267948966 0"/>
-<geometry><cylinder radius="0.03" length="0.4"/></geometry></collision></link>
-<link name="two"><collision><geometry><box size="0.1 0.6 0.08"/></geometry></collision></link>
-<joint name="a" type="revolute"><parent link="base"/><child link="one"/><axis xyz="0 0 1"/>
-<origin xyz="0 0 0.1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
-<joint name="b" type="revolute"><parent link="one"/><child link="two"/><axis xyz="0 1 0"/>
-<origin xyz="0 0 0.4"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>"""
-
-
-def test_a_urdf_s_shapes_lie_inside_of_their_capsules():
-    robot = Robot.from_urdf(URDF)
-    base, one, two = from_urdf(robot, robot.chain())
-    assert (base.joint, one.joint, two.joint) == (-1, 0, 1)
-    assert base.radius == pytest.approx(0.1)
-    assert one.ends == pytest.approx(np.array([[-0.2, 0, 0.2], [0.2, 0, 0.2]]), abs=1e-9)
-    corners = np.array(np.meshgrid([-0.05, 0.05], [-0.3, 0.3], [-0.04, 0.04])).reshape(3, -1).T
-    along = np.clip(corners[:, 1], *np.sort(two.ends[:, 1]))
-    off = corners - np.stack([0 * along, along, 0 * along], axis=1)
-    assert np.linalg.norm(off, axis=1).max() <= two.radius + 1e-12
-
-
-def test_a_mesh_is_refused_by_name():
-    mesh = URDF.replace('<sphere radius="0.1"/>', '<mesh filename="x.stl"/>')
-    with pytest.raises(PlumblineError, match="link 'base': collision geometry 'mesh'"):
-        from_urdf(Robot.from_urdf(mesh), Robot.from_urdf(mesh).chain())
-    with pytest.raises(PlumblineError, match="no URDF"):
-        from_urdf(Robot.bundled("ur5"), Robot.bundled("ur5").chain())
 
 
 @pytest.mark.parametrize("name", ["ur5", "laparoscopic"])
