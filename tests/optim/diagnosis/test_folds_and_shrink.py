@@ -12,7 +12,7 @@ from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.tool_slip import ToolByGroup
-from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import Explained, _in_between, diagnose, task_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -24,6 +24,7 @@ from plumbline.optim.diagnosis.predict import shrink
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import square_with, squares_without
 from plumbline.optim.diagnosis.predict.shrink import (
+    _bounded,
     blocks_of_rows,
     fold_models,
     held_out_residuals,
@@ -155,10 +156,28 @@ def test_a_fold_s_step_that_leads_far_off_is_not_taken(offset_recording, monkeyp
     grams = Mapped(union.problem).grams(x, folds)
     away = np.zeros(len(x))
     away[: pool.always] = 30.0
-    monkeypatch.setattr(shrink, "_step", lambda *_: x / union.problem.scale + away)
+    away *= union.problem.scale
+    monkeypatch.setattr(shrink, "_bounded", lambda *_: away)
     found, ended = shrink._settled(pool, union, folds == 0, model, x, x, grams)
-    assert found is x
+    np.testing.assert_array_equal(found, x)
     assert not ended.converged
+
+
+def test_a_fold_s_fit_stays_within_the_bounds_and_is_judged_there(offset_recording):
+    pool, folds, choice, best = pool_of(offset_recording)
+    model = fold_models(pool, choice, variance=1e-8)[0]
+    union = shrink._union(pool, [model], best)
+    start = union.started(best.by_name)
+    grams = Mapped(union.problem).grams(start, folds)
+    offset, half = best.x[-1], best.x.copy()
+    half[-1] = 0.5 * offset
+    bound = np.sort([np.full(len(half), -np.inf), np.where(np.arange(len(half)) < 9, np.inf, 0)], 0)
+    bound[:, -1] = np.sort([0.0, 0.5 * offset])
+    problem = replace(union.problem, lower=bound[0], upper=bound[1])
+    held = replace(union, problem=problem)
+    found, ended = shrink._settled(pool, held, folds == 0, model, half, start, grams)
+    assert found[-1] == 0.5 * offset
+    assert ended.converged
 
 
 def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_halved(offset_recording):
@@ -199,16 +218,15 @@ def test_a_fold_s_step_is_taken_where_it_comes_nearer_and_costs_no_more(
 
     def stands(*of):
         met.append(of[-1])
-        first = of[-1] is x
+        first = np.array_equal(of[-1], x)
         there = to_go * (long or 1.0)
         ended = SimpleNamespace(stationarity=long or 1.0 if first else there, converged=not first)
-        return ended, (1.0 if first else rise) * 10.0 * square
+        return ended, (1.0 if first else rise) * 10.0 * square, 1e-9 * union.problem.scale
 
     monkeypatch.setattr(shrink, "_judged", stands)
-    monkeypatch.setattr(shrink, "_step", lambda *_: x / union.problem.scale)
     monkeypatch.setattr(shrink, "LONG", 1 if long else 1000)
     found, _ = shrink._settled(pool, union, folds == 0, model, x, x, rows.grams(x, folds))
-    assert (found is not x) == taken
+    assert np.array_equal(found, x) != taken
     assert len(met) == asked
 
 
@@ -374,3 +392,24 @@ def test_a_fold_departs_from_the_selection_of_all_rows_only_if_its_rows_say_so(t
     X[:turned, 1] += 0.006
     found = shrink._chosen_anew(selection(X, t, 0.01), [SelectedTerm(1, 3.0)])
     assert {c.index for c in found} == expected
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_fold_s_step_ends_at_bounds_where_the_others_are_least(seed):
+    rng = np.random.default_rng(seed)
+    J, r, scale = rng.normal(size=(30, 6)), rng.normal(size=30), rng.uniform(0.1, 10.0, 6)
+    gram, wide = Gram(J.T @ J, J.T @ r, float(r @ r), 30.0), np.full(6, 9.0)
+    none = np.zeros(6, dtype=bool)
+    whole = _bounded(gram, none, -wide, wide, scale)
+    np.testing.assert_allclose(whole, -np.linalg.lstsq(J, r)[0], rtol=1e-6)
+    low, high = np.minimum(0.0, 0.5 * whole), np.maximum(0.0, 2.0 * whole)
+    low[3:], high[3:] = -wide[3:], wide[3:]
+    low[0], high[0] = sorted([0.0, 0.3 * whole[0]])  # which the step would pass
+    step = _bounded(gram, none, low, high, scale)
+    assert step[0] == 0.3 * whole[0]
+    assert ((step >= low) & (step <= high)).all()
+    rests = (step == low) | (step == high)
+    slope = gram.vector + gram.matrix @ step
+    np.testing.assert_allclose(slope[~rests], 0.0, atol=1e-6 * np.abs(gram.vector).max())
+    held = np.arange(6) == 1
+    assert _bounded(gram, held, -wide, wide, scale)[1] == 0.0

@@ -229,14 +229,15 @@ def _settled(
     found: tuple[Array, Judged, float] | None = None
     # Of many rows every step is dear: enough are those that promise a change that tells.
     long = len(left_out) >= LONG
-    x = _halved(both[0], np.where(np.isin(np.arange(len(x)), together), start, 0.0), x)
+    first = np.where(np.isin(np.arange(len(x)), together), start, 0.0)
+    x = _halved(both[0], first, np.clip(x, problem.lower, problem.upper))
     for _ in range(FOLD_STEPS):
         most = (1.0 + FOLD_BELIEVED) * found[2] if found else np.inf
         near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
-        ended, cost = _judged(pool, problem, model, together, near[0], x)
+        ended, cost, step = _judged(pool, problem, model, together, near[0], x)
         if found and not ended.stationarity < SLOW * found[1].stationarity:
             near = bends = [mapped.grams(x)[0] for mapped in both]
-            ended, cost = _judged(pool, problem, model, together, near[0], x)
+            ended, cost, step = _judged(pool, problem, model, together, near[0], x)
         # Standard errors to go are few as well where a step has led far off.
         if found and not (ended.stationarity < found[1].stationarity and cost < most):
             break
@@ -244,9 +245,11 @@ def _settled(
         told = ended.stationarity**2 <= FOLD_BELIEVED * near[0].count
         if ended.converged or (long and told):
             break
-        gram = near[0] + pool.shared_at(x[: pool.always]).padded(problem.size)
-        linear, fold = (Linear.about(g, x, problem.scale) for g in (gram, near[1]))
-        x = _halved(both[0], x, _step(pool, linear, fold, together, model) * problem.scale)
+        linear, fold = (Linear.about(g, x, problem.scale) for g in near)
+        own, z = _own(pool, model, linear, together), (x + step) / problem.scale
+        if len(own):
+            z[own] = _refitted(fold, together, z[together], own)
+        x = _halved(both[0], x, z * problem.scale)
     assert found is not None
     return found[:2]
 
@@ -266,8 +269,11 @@ def _halved(rows: Mapped, start: Array, end: Array) -> Array:
 
 def _judged(
     pool: Pool, problem: Problem, model: FoldModel, together: Columns, gram: Gram, x: Array
-) -> tuple[Judged, float]:
-    """How a fold's fit stands at x (P,) by the others' normal equations, and what it costs."""
+) -> tuple[Judged, float, Array]:
+    """How a fold's fit stands at x (P,) by the others' normal equations, its cost and next step.
+
+    What its gradient presses against a bound that it rests on stays there.
+    """
     ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
     pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[together]
     # What is the fold's own is where its own rows have it: the others have no say in it.
@@ -275,7 +281,29 @@ def _judged(
     said = ~np.isin(together, own)
     gram = gram + pool.shared_at(x[: pool.always]).padded(problem.size)
     pulled = gram.part(together[said]).pulled(pull[said], x[together[said]])
-    return judged_by_gram(pulled), pulled.square
+    at = together[said]
+    low, high = (bound[at] - x[at] for bound in (problem.lower, problem.upper))
+    held = ((low >= 0.0) & (pulled.vector > 0.0)) | ((high <= 0.0) & (pulled.vector < 0.0))
+    step = np.zeros(problem.size)
+    step[at] = _bounded(pulled, held, low, high, problem.scale[at])
+    return judged_by_gram(pulled.part(np.flatnonzero(~held))), pulled.square, step
+
+
+def _bounded(gram: Gram, held: NDArray[np.bool_], low: Array, high: Array, scale: Array) -> Array:
+    """Newton's step (P,) with some unknowns held: what it would carry past its bound stays there.
+
+    The bounds are on the step.
+    """
+    step = np.zeros(len(held))
+    while True:
+        free = np.flatnonzero(~held)
+        slope = gram.vector + gram.matrix @ np.where(held, step, 0.0)
+        about = Linear(gram.matrix * np.outer(scale, scale), -slope * scale, 0.0, 0.0)
+        step[free] = about.solve(free, flat_prior(about, len(free))) * scale[free]
+        beyond = ~held & ((step < low) | (step > high))
+        if not beyond.any():
+            return step
+        step, held = np.clip(step, low, high), held | beyond
 
 
 def _columns_of(pool: Pool, union: Model, model: FoldModel) -> Columns:
