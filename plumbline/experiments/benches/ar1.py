@@ -13,23 +13,28 @@ Where nothing is wrong nothing may be told. Copies are also made of arms with on
 of a reading know what the reading knows, and the answer must be the same.
 """
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from plumbline.experiments.benches.asking import SURE, Asked, Verdict, counted, run_bench, surest
+from plumbline.experiments.benches.asking import (
+    SURE,
+    Asked,
+    Verdict,
+    counted,
+    loaded,
+    run_bench,
+    surest,
+)
 from plumbline.experiments.console.measured import Found
-from plumbline.experiments.reality import Case, Plan, draw_case, write
+from plumbline.experiments.reality import Case, Plan, draw_case
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.recorder import simulate
 from plumbline.experiments.reality.scene import Scene, measured
 from plumbline.optim.core.shares import Share
-from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
 CORRELATION = 0.9  # of neighbours along the clock, and of the readings of one posture
@@ -72,9 +77,7 @@ def recorded(case: Case, noise: Array, copies: int = 1) -> Recording:
     points = measured(case.scene, case.effects) + case.noise_std * noise
     columns = tables.columns | dict(zip("xyz", points.T, strict=True))
     columns = {name: np.repeat(values, copies) for name, values in columns.items()}
-    with tempfile.TemporaryDirectory() as folder:
-        write(Path(folder), replace(tables, columns=columns))
-        return load_recording(Path(folder))
+    return loaded(replace(tables, columns=columns))
 
 
 def clean(number: int, seed: int, kind: str = "none", rows: tuple[int, int] = (60, 140)) -> Case:

@@ -1,7 +1,9 @@
 """How the benches of the diagnosis ask it, and what they read in its answer: the verdict's JSON."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -9,9 +11,13 @@ import typer
 
 from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.reality.recorder import Recording as Tables
+from plumbline.experiments.reality.recorder import write
+from plumbline.experiments.sources import fetch
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
 Verdict = Mapping[str, Any]
@@ -60,6 +66,19 @@ def surest(verdict: Verdict) -> float:
     """Probability of the surest statement that anything is wrong."""
     causes = [float(cause["probability"]) for cause in verdict["causes"]]
     return max([*causes, float(verdict.get("outside_probability") or 0.0)])
+
+
+def loaded(tables: Tables) -> Recording:
+    """A simulated recording as a user would load it: by way of its files."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder), tables)
+        return load_recording(Path(folder))
+
+
+def fetched(names: Iterable[str]) -> list[Recording]:
+    """Public recordings by their names."""
+    with tempfile.TemporaryDirectory() as folder:
+        return [load_recording(fetch(name, Path(folder))) for name in names]
 
 
 def thinned(recording: Recording, rows: int) -> Recording:

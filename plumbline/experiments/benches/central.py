@@ -9,21 +9,19 @@ import multiprocessing
 import resource
 import statistics
 import sys
-import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated
 
 import pandas as pd
 import typer
 
+from plumbline.experiments.benches.asking import loaded
 from plumbline.experiments.console.measured import Found, tell, timed
 from plumbline.experiments.console.outputs import Json
-from plumbline.experiments.reality import Plan, draw_case, simulate, write
+from plumbline.experiments.reality import Plan, draw_case, simulate
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
 ARM, SEED = "ur10", 5
@@ -42,19 +40,17 @@ class Cost:
     ratio: float | None = None  # time over that of a tenth of the rows; None for the fewest
 
 
-def recorded(folder: Path, rows: int, effect: str) -> Recording:
+def recorded(rows: int, effect: str) -> Recording:
     """A simulated recording of one arm with one effect three times as large as the noise."""
     plan = Plan(
         rows=(rows, rows), gap=(3.0, 3.0), surgical=0.0, moving=0.0, effects=(effect,), arms=(ARM,)
     )
-    target = folder / f"{ARM}-{effect}-{rows}"
-    write(target, simulate(draw_case(plan, target.name, SEED))[0])
-    return load_recording(target)
+    return loaded(simulate(draw_case(plan, f"{ARM}-{effect}-{rows}", SEED))[0])
 
 
-def cost_of(folder: Path, rows: int) -> Cost:
+def cost_of(rows: int) -> Cost:
     """Time and memory of a diagnosis; the memory is the process's own, so give it a fresh one."""
-    recording = recorded(folder, rows, "transmission_ripple")
+    recording = recorded(rows, "transmission_ripple")
     diagnosis, seconds = timed(lambda: diagnose(recording), RUNS[rows])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     unit = 1e6 if sys.platform == "darwin" else 1e3  # bytes there, kilobytes elsewhere
@@ -63,13 +59,13 @@ def cost_of(folder: Path, rows: int) -> Cost:
     return Cost(rows, statistics.median(seconds), seconds[0], peak / unit, named)
 
 
-def costs(folder: Path, counts: Sequence[int]) -> tuple[Cost, ...]:
+def costs(counts: Sequence[int]) -> tuple[Cost, ...]:
     """The cost of every number of rows, each in a process of its own."""
     found: list[Cost] = []
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=fresh, max_tasks_per_child=1) as pool:
         for rows in counts:
-            now = pool.submit(cost_of, folder, rows).result()
+            now = pool.submit(cost_of, rows).result()
             ratio = now.seconds / found[-1].seconds if found else None
             found.append(replace(now, ratio=ratio))
     return tuple(found)
@@ -85,9 +81,8 @@ def bench(
     """
 
     def measure() -> Found:
-        with tempfile.TemporaryDirectory(prefix="plumbline-bench-") as scratch:
-            counts = [n for n in RUNS if not quick or n <= 10_000]
-            return {"diagnosis": pd.DataFrame(costs(Path(scratch), counts))}
+        counts = [n for n in RUNS if not quick or n <= 10_000]
+        return {"diagnosis": pd.DataFrame(costs(counts))}
 
     tell(measure, json)
 

@@ -12,11 +12,9 @@ whose root mean square is 1 where the stated errors hold from one recording to t
 could show it; where the other says that it cannot tell it from what it names, that is said apart.
 """
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -31,6 +29,7 @@ from plumbline.experiments.benches.asking import (
     Verdict,
     asking,
     counted,
+    fetched,
     key_of,
     label,
     probability_of,
@@ -38,11 +37,10 @@ from plumbline.experiments.benches.asking import (
 )
 from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
-from plumbline.experiments.sources import fetch, list_sources
+from plumbline.experiments.sources import list_sources
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.measurement.observation import scope_of
-from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
 ROBOTS = {
@@ -178,8 +176,8 @@ def tables(pairs: tuple[Pair, ...]) -> Found:
 def read(names: tuple[str, ...]) -> dict[str, Recording]:
     """The public recordings of one robot that this version knows."""
     known = {source.name for source in list_sources()}
-    with tempfile.TemporaryDirectory() as folder:
-        return {name: load_recording(fetch(name, Path(folder))) for name in names if name in known}
+    there = [name for name in names if name in known]
+    return dict(zip(there, fetched(there), strict=True))
 
 
 def measured(names: tuple[str, ...], ask: Asked, rows: int) -> Found:

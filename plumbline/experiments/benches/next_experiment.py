@@ -10,7 +10,6 @@ ones do? One reading of a dozen rows is mostly luck, so each is read several tim
 drawn anew each time. Intervals are those of a bootstrap over the cases.
 """
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,11 +18,10 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches.asking import counted, label
+from plumbline.experiments.benches.asking import counted, label, loaded
 from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
-from plumbline.experiments.reality import Case, Plan, draw_case, simulate, write
-from plumbline.experiments.reality import Recording as Tables
+from plumbline.experiments.reality import Case, Plan, draw_case, simulate
 from plumbline.experiments.reality.more import extended, read_on
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
@@ -32,21 +30,12 @@ from plumbline.optim.diagnosis.design.next_experiment import next_experiment
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import AtRandom, Criterion, DOptimal, Resolution
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
 ROWS = 12
 RANDOM = (12, 30, 60)
 RESAMPLES = 2000
 DESIGNED: tuple[Criterion, ...] = (Resolution(), DOptimal())
-
-
-def loaded(tables: Tables) -> Recording:
-    """A recording, by way of its files."""
-    with tempfile.TemporaryDirectory(prefix="plumbline-next-") as scratch:
-        folder = Path(scratch) / "case"
-        write(folder, tables)
-        return load_recording(folder)
 
 
 def with_rows(case: Case, before: Recording, rows: FutureRows, reading: int = 0) -> Recording:

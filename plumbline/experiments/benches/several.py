@@ -11,9 +11,7 @@ sure and wrong if it gives another one more than 0.95.
 that were left out.
 """
 
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 from time import process_time
 from typing import Annotated
 
@@ -21,17 +19,15 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches.asking import SURE, label, thinned
+from plumbline.experiments.benches.asking import SURE, fetched, label, loaded, thinned
 from plumbline.experiments.console.measured import Found, tell
 from plumbline.experiments.console.outputs import Json
-from plumbline.experiments.reality import Plan, draw_case, simulate, write
+from plumbline.experiments.reality import Plan, draw_case, simulate
 from plumbline.experiments.reality.draws import draw
 from plumbline.experiments.reality.gap import scaled
 from plumbline.experiments.reality.recorder import Case
-from plumbline.experiments.sources import fetch
 from plumbline.optim.diagnosis.of_any_kind import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
 ARM = "ur5"
@@ -42,7 +38,7 @@ ALL = "all together"
 SERIES = ("ur10-grid", "ur10-joints", "ur10-iso")
 
 
-def drawn_session(seed: int, folder: Path, rows: int = 100) -> tuple[list[Recording], str]:
+def drawn_session(seed: int, rows: int = 100) -> tuple[list[Recording], str]:
     """Recordings of one arm with one cause, and the cause as a label."""
     rng = np.random.default_rng([seed, 11])
     sized = None
@@ -51,12 +47,12 @@ def drawn_session(seed: int, folder: Path, rows: int = 100) -> tuple[list[Record
         cases = [_case(k, told, first, rows) for k, told in enumerate(KINDS)]
         scene, target = cases[0].scene, GAP * cases[0].noise_std
         sized = scaled(scene, draw(name, scene, rng), target, KINDS["tips"])
+    found = []
     for case in cases:
         seen = case.name != "encoders" or name != "sensor_scale"
         at_work = replace(case, effects=(sized,), gap_to_noise=(GAP,)) if seen else case
-        tables, _ = simulate(at_work)
-        write(folder / case.name, tables)
-    return [load_recording(folder / told) for told in KINDS], label((name, sized.element))
+        found.append(loaded(simulate(at_work)[0]))
+    return found, label((name, sized.element))
 
 
 def _case(k: int, told: str, first: int, rows: int) -> Case:
@@ -71,8 +67,7 @@ def scored(sessions: int, seed: int) -> pd.DataFrame:
     """Each recording alone, and all of them; seconds are of one core, in the mean."""
     said = []
     for k in range(sessions):
-        with tempfile.TemporaryDirectory() as folder:
-            parts, truth = drawn_session(seed + k, Path(folder))
+        parts, truth = drawn_session(seed + k)
         asked = [[part] for part in parts] + [parts]
         for name, which in zip((*KINDS, ALL), asked, strict=True):
             begun = process_time()
@@ -90,9 +85,7 @@ def scored(sessions: int, seed: int) -> pd.DataFrame:
 
 def series(rows: int) -> pd.DataFrame:
     """RMS left of rows left out [mm]: each series of the UR10 alone, and all of them."""
-    with tempfile.TemporaryDirectory() as folder:
-        whole = [load_recording(fetch(name, Path(folder))) for name in SERIES]
-    parts = [thinned(r, rows) for r in whole]
+    parts = [thinned(r, rows) for r in fetched(SERIES)]
     alone = [diagnose(part).gap.after for part in parts]
     together = diagnose(parts).verdict.recordings
     return pd.DataFrame([

@@ -21,10 +21,10 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.benches.asking import counted, label
+from plumbline.experiments.benches.asking import counted, fetched, label, loaded
 from plumbline.experiments.console.measured import Found, tell, timed
 from plumbline.experiments.console.outputs import Json
-from plumbline.experiments.reality import Plan, draw_case, simulate, write
+from plumbline.experiments.reality import Plan, draw_case, simulate
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.draws import draw
 from plumbline.experiments.reality.gap import scaled
@@ -44,7 +44,6 @@ from plumbline.optim.model import Model, apply
 from plumbline.optim.model.export.replay import replay
 from plumbline.optim.model.making import Fit, model_of
 from plumbline.optim.model.rows import columns_of
-from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.registration import MarkerNoise, build_fiducials, register
 from plumbline.optim.registration.least_squares import Anisotropic
@@ -94,13 +93,6 @@ def again(case: Case, seed: int, effects: tuple[Mechanism, ...]) -> Case:
                    gap_to_noise=case.gap_to_noise)  # fmt: skip
 
 
-def recorded(case: Case, folder: Path) -> Recording:
-    """Its recording as a user would load it."""
-    tables, _ = simulate(case)
-    write(folder / case.name, tables)
-    return load_recording(folder / case.name)
-
-
 def nominal(recording: Recording, model: Model) -> Model:
     """The robot as it was delivered, frame and tool fitted to the same rows."""
     end, bare = refit(recording, (), np.empty(0)), build_model(recording, ())
@@ -137,12 +129,10 @@ def taken_home(seed: int, rows: int) -> tuple[dict[str, object], Chains]:
     goal, which = ideal.pose_in_device()[0], int(rng.integers(len(case.effects)))
     grown = list(case.effects)
     grown[which] = grown[which].sized(GROWN * grown[which].size)
-    with tempfile.TemporaryDirectory() as folder:
-        home = Path(folder)
-        recording = recorded(case, home)
-        model = diagnose(recording, DiagnosisOptions(force=True)).model()
-        same = apply(model, recorded(again(case, seed + 5000, case.effects), home / "same"))
-        other = apply(model, recorded(again(case, seed + 6000, tuple(grown)), home / "other"))
+    recording = loaded(simulate(case)[0])
+    model = diagnose(recording, DiagnosisOptions(force=True)).model()
+    same = apply(model, loaded(simulate(again(case, seed + 5000, case.effects))[0]))
+    other = apply(model, loaded(simulate(again(case, seed + 6000, tuple(grown)))[0]))
     robots = (nominal(recording, model), model)
     sizes = [np.sqrt(np.mean(missed(case, m, session.q, goal, session.direction) ** 2))
              for m in robots]  # fmt: skip
@@ -230,9 +220,9 @@ def _controller(rng: np.random.Generator) -> Told:
     return source, mean, std**2 * np.eye(3)
 
 
-def ur10(folder: Path) -> pd.DataFrame:
+def ur10() -> pd.DataFrame:
     """The UR10's model on its other series: whole, and as the exported file says it [mm]."""
-    grid, *others = (load_recording(fetch(name, folder)) for name in SERIES)
+    grid, *others = fetched(SERIES)
     model = diagnose(grid).model()
     urdf = Robot.from_urdf(model.as_urdf().text)
     table = []
@@ -289,7 +279,7 @@ def bench(
         with tempfile.TemporaryDirectory() as folder:
             if real:
                 found["SO-101, RMS of six joints [mrad]"] = so101(Path(folder))
-                found["UR10, RMS of the tip [mm]"] = ur10(Path(folder))
+                found["UR10, RMS of the tip [mm]"] = ur10()
         return found
 
     tell(measure, json)

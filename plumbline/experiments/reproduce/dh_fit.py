@@ -35,7 +35,7 @@ from plumbline.experiments.reproduce.dh_fit_sessions import (
     registration_of,
     words,
 )
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
 from plumbline.optim.recording.building import build_recording
 
@@ -61,7 +61,7 @@ class Group:
 
 def run(seed: int, progress: Progress | None = None, *, several: int = len(PAPER)) -> Reproduction:
     """Simulate, fit and tabulate; ``several`` of the paper's groups, or all."""
-    tell = progress or _silent
+    tell = progress or silent
     groups, fine = [], []
     for k in range(several):
         tell(f"group {k + 1} of {several}", k / 8.0)
@@ -105,10 +105,6 @@ NOTES = (
     f"mean of {VISITS} visits; the figure is the mean over the points and over five arms. Absolute "
     "is the largest misfit of any point.",
 )
-
-
-def _silent(words: str, share: float) -> None:
-    """Tell nobody."""
 
 
 def _group(seed: int, k: int, noise: float, wander: tuple[float, float], box: Box) -> Group:

@@ -19,7 +19,7 @@ from plumbline.experiments.reproduce.hand_eye_trials import (
     trial,
 )
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.hand_eye.constants import BIAS_STD
 
 TITLE = "Range-finder hand-eye calibration on planes"
@@ -64,8 +64,7 @@ def trials_of(
         trials.append(trial(case))
         if number in chosen:
             details.append(detail(case, trials[-1], seed, number))
-        if progress is not None:
-            progress(f"set-up {number + 1} of {set_ups}", (number + 1) / set_ups)
+        (progress or silent)(f"set-up {number + 1} of {set_ups}", (number + 1) / set_ups)
     return trials, details
 
 

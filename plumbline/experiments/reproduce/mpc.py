@@ -19,7 +19,7 @@ from plumbline.experiments.mpc.passes import SAFE, Passes, passes
 from plumbline.experiments.reality.mpc_scenarios import FAMILIES, STATED
 from plumbline.experiments.reproduce import Reproduction, Table, figure
 from plumbline.optim.capsule_mpc import RealTime
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
 
 EACH = 6  # tasks of a family
 FORESEEN = 4  # tasks of a family in the comparison
@@ -32,16 +32,17 @@ SOURCE = "Patent abstract, 'multi-arm obstacle avoidance by model prediction' (f
 
 def run(seed: int = 0, progress: Progress | None = None) -> Reproduction:
     """Run the tasks, the comparison with one step, and the parallel passes."""
+    tell = progress or silent
     count = EACH * len(FAMILIES)
     runs = []
     for number in range(count):
-        _tell(progress, f"task {number + 1} of {count}", 0.5 * number / count)
+        tell(f"task {number + 1} of {count}", 0.5 * number / count)
         runs.append(task(number, seed))
     both = []
     for k, family in enumerate(COMPARED):
-        _tell(progress, f"foresight: {family}", 0.5 + 0.4 * k / len(COMPARED))
+        tell(f"foresight: {family}", 0.5 + 0.4 * k / len(COMPARED))
         both += foresight.compared(FORESEEN, seed, compiled=False, families=(family,))
-    _tell(progress, "parallel passes", 0.9)
+    tell("parallel passes", 0.9)
     planes = passes("planes", RealTime(compiled=False), PASSES, seed)
     scalar = passes("scalar", RealTime(compiled=False), PASSES, seed)
     compared = Table("Goals reached without contact, and contacts", foresight.HEADS, _rows(both))
@@ -62,11 +63,6 @@ def _said(figures: dict[str, Any]) -> str:
 
 def _rows(both: list[foresight.Tried]) -> tuple[tuple[str, ...], ...]:
     return tuple(foresight.cells(both))
-
-
-def _tell(progress: Progress | None, words: str, share: float) -> None:
-    if progress is not None:
-        progress(words, share)
 
 
 def _times(runs: list[Run]) -> dict[str, float]:

@@ -28,7 +28,7 @@ from plumbline.experiments.reproduce.registration_trial import (
     published_errors,
     published_frame,
 )
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.pointing import Status
 from plumbline.optim.registration import Anisotropic, Kabsch, Method, ThreePoint
 
@@ -83,7 +83,7 @@ class Localised:
 
 def run(seed: int, progress: Progress | None = None, *, draws: int = DRAWS) -> Reproduction:
     """Make the paper's figures again."""
-    tell = progress or (lambda words, share: None)
+    tell = progress or silent
     tell("published points", 0.0)
     T_RC = published_frame()
     rng = np.random.default_rng(seed)

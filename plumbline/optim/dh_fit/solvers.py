@@ -19,7 +19,6 @@ steps are made on some of them: close to the optimum two or three passes over al
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +27,7 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, Solver, Sqp, TrustRegion
+from plumbline.optim.core.solvers.solver import OfRows
 from plumbline.optim.core.stored import register_kinds
 from plumbline.optim.dh_fit.constants import (
     FACTOR,
@@ -46,7 +46,7 @@ from plumbline.optim.dh_fit.sums import Pass, Sums
 
 
 @dataclass(frozen=True)
-class GaussNewton:
+class GaussNewton(OfRows):
     """Options of the solver."""
 
     max_iterations: int = 300  # steps tried at most
@@ -55,11 +55,6 @@ class GaussNewton:
     damping: float = 1e-4  # first mu
     few: int = 2000  # readings that the first steps are made on, if there are many more
     name: str = "gauss-newton"
-
-    bounds: ClassVar[bool] = True
-    constraints: ClassVar[bool] = False
-    objective: ClassVar[bool] = False
-    rows: ClassVar[bool] = True
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve a problem of links from a start (P,), clipped into the bounds."""
@@ -191,7 +186,7 @@ def _bounded_step(
 
 
 @dataclass(frozen=True)
-class Narrowing:
+class Narrowing(OfRows):
     """A solver that is led to the corner of the norms.
 
     With norms the corner at zero is narrowed in steps, from the misfits' own size to the smoothing
@@ -201,11 +196,6 @@ class Narrowing:
     name: str  # what it is called on the command line
     solver: Solver  # what solves each step, from the optimum of the one before
     rounds: int = 1  # how often it solves the last: tolerances speak of the start's objective
-
-    bounds: ClassVar[bool] = True
-    constraints: ClassVar[bool] = False
-    objective: ClassVar[bool] = False
-    rows: ClassVar[bool] = True
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve a problem of links from a start (P,), clipped into the bounds."""

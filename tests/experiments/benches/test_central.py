@@ -40,8 +40,8 @@ def test_a_fit_by_finite_differences_ends_where_ours_does(effect):
     assert found.cost == pytest.approx(ours.cost, rel=1e-5)
 
 
-def test_a_bench_recording_has_the_rows_that_it_was_asked_for(tmp_path):
-    recording = recorded(tmp_path, 40, "joint_offset")
+def test_a_bench_recording_has_the_rows_that_it_was_asked_for():
+    recording = recorded(40, "joint_offset")
     assert (len(recording), recording.chain.n) == (40, 6)
 
 

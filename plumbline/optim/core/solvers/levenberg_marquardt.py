@@ -7,7 +7,6 @@ Memory does not grow with the rows.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,21 +14,16 @@ from numpy.typing import ArrayLike
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers.solver import refuse
+from plumbline.optim.core.solvers.solver import OfRows, refuse
 
 
 @dataclass(frozen=True)
-class LevenbergMarquardt:
+class LevenbergMarquardt(OfRows):
     """Options of the solver."""
 
     max_iterations: int = 60  #: steps tried at most
     tolerance: float = 1e-11  #: relative drop of cost below which it stops
     damping: float = 1e-6  #: first damping relative to the curvature
-
-    bounds: ClassVar[bool] = True
-    constraints: ClassVar[bool] = False
-    objective: ClassVar[bool] = False
-    rows: ClassVar[bool] = True
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""

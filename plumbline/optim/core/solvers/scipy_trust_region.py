@@ -5,7 +5,6 @@ memory: for recordings of up to some ten thousand rows.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,20 +13,15 @@ from scipy.optimize import least_squares
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers.solver import refuse
+from plumbline.optim.core.solvers.solver import OfRows, refuse
 
 
 @dataclass(frozen=True)
-class TrustRegion:
+class TrustRegion(OfRows):
     """Options of the solver."""
 
     max_iterations: int = 200  #: evaluations at most
     tolerance: float = 1e-12  #: relative tolerance on cost, step and gradient
-
-    bounds: ClassVar[bool] = True
-    constraints: ClassVar[bool] = False
-    objective: ClassVar[bool] = False
-    rows: ClassVar[bool] = True
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""

@@ -25,6 +25,15 @@ class Solver(Protocol):
         """
 
 
+class OfRows:
+    """What solvers of calibrations take: rows within bounds, and nothing else."""
+
+    bounds: ClassVar[bool] = True
+    constraints: ClassVar[bool] = False
+    objective: ClassVar[bool] = False
+    rows: ClassVar[bool] = True
+
+
 def refuse(solver: Solver, problem: Problem) -> None:
     """Raise a PlumblineError if the problem has a part that the solver would ignore."""
     for part, count in problem.parts.items():
