@@ -1,7 +1,7 @@
 r"""The fitted robot as files, read again before anyone relies on them.
 
-What Pinocchio makes of the URDF and of the DH rows is held against the product of the fitted links,
-worked out here in NumPy:
+What the chain read from the URDF, or from the DH rows, is held against the product of the fitted
+links, worked out here in NumPy:
 
 .. math:: \max_q |T_{file}(q) - T_{fit}(q)| \le 10^{-9} .
 """
@@ -12,7 +12,6 @@ import tomllib
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_export import NAME, dh_toml, safe_tip, urdf_text
@@ -58,28 +57,16 @@ def as_toml(fit: DHFit) -> Exported:
 
 def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Exported:
     tip = tip if tip in robot.tip_frames else safe_tip(tip)
-    chain = robot.chain(tip)
     q = fit.recording.q
-    rows = np.linspace(0, len(q) - 1, min(len(q), POSTURES)).astype(int)
-    data, frame = chain.model.createData(), _frame(chain.model, tip)
-    worst = 0.0
-    for posture in q[rows]:
-        pin.framesForwardKinematics(chain.model, data, chain.configuration(posture))
-        there = data.oMf[frame].homogeneous
-        worst = max(worst, float(np.abs(there - pose(fit.links, posture)).max()))
+    q = q[np.linspace(0, len(q) - 1, min(len(q), POSTURES)).astype(int)]
+    here = np.array([pose(fit.links, posture) for posture in q])
+    worst = float(np.abs(robot.chain(tip).placement(q) - here).max())
     if not worst <= AGREES:
         raise PlumblineError(
             f"{fit.recording.name}: the exported {what} miss the fit by {worst:.1e}, at most "
             f"{AGREES:.0e} allowed; nothing was written"
         )
     return Exported(text, tip, worst)
-
-
-def _frame(model: pin.Model, name: str) -> int:
-    """Number of a frame; a link goes before a fixed joint of the same name."""
-    links = [i for i, f in enumerate(model.frames) if f.name == name]
-    bodies = [i for i in links if model.frames[i].type == pin.FrameType.BODY]
-    return (bodies or links)[0]
 
 
 def pose(links: LinkTable, q: Array) -> Array:
