@@ -38,10 +38,6 @@ def _other(scene: Scene, first: int, rng: np.random.Generator) -> int:
     return _pick(turning, rng)
 
 
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
 def _unit(rng: np.random.Generator) -> tuple[float, ...]:
     u: Array = rng.normal(size=3)
     return tuple(float(v) for v in u / np.linalg.norm(u))
@@ -78,7 +74,7 @@ def _coupling(scene: Scene, rng: np.random.Generator) -> Mechanism:
         if 1 <= k <= n and not scene.arm.prismatic[[j - 1, k - 1]].any()
     ]
     dragged, source = pairs[int(rng.integers(len(pairs)))]
-    return joint.JointCoupling(_sign(rng), dragged, source)
+    return joint.JointCoupling(float(rng.choice([-1.0, 1.0])), dragged, source)
 
 
 def _geometry(scene: Scene, rng: np.random.Generator) -> Mechanism:

@@ -36,7 +36,7 @@ class Kept:
             PlumblineError: It cannot be written.
         """
         try:
-            self.file.write(_line(line))
+            self.file.write(json.dumps(line, allow_nan=False).encode() + b"\n")
             self.file.flush()
         except OSError as error:
             raise _unusable(self.path, error) from None
@@ -76,10 +76,6 @@ def keeping(path: Path, of: dict[str, str]) -> Iterator[Kept]:
         if not lines:
             kept.add(of)
         yield kept
-
-
-def _line(content: dict[str, Any]) -> bytes:
-    return json.dumps(content, allow_nan=False).encode() + b"\n"
 
 
 def _understood(path: Path, whole: bytes) -> list[dict[str, Any]]:

@@ -143,7 +143,7 @@ def hand_eye(
         calibration=c,
         boards=_boards(c, recording.labels),
         angles=np.array([c.planes[i].angle_to(c.planes[j]) for i, j in pairs]),
-        repeatability=_repeatability(c, recording),
+        repeatability=None if recording.marks is None else repeatability(c.beam, recording.marks),
         point_std=point_std(c),
         held_out=_held_out(c, recording),
         next=found,
@@ -154,10 +154,6 @@ def hand_eye(
             *_noise_notes(c, recording.noise_std),
         ),
     )
-
-
-def _repeatability(c: Calibration, recording: RangeRecording) -> float | None:
-    return None if recording.marks is None else repeatability(c.beam, recording.marks)
 
 
 def _held_out(c: Calibration, recording: RangeRecording) -> float | None:

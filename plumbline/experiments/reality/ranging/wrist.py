@@ -41,7 +41,7 @@ def inverse(arm: Arm, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
                 k = 4 * shoulder + 2 * elbow + wrist
                 q[:, k, :3], q[:, k, 3:] = first, _last_three(rest, wrist)
                 there[:, k] = found
-    q = _wrapped(q)
+    q = np.asarray((q + np.pi) % (2.0 * np.pi) - np.pi)
     inside = np.all((q >= arm.lower) & (q <= arm.upper), axis=2)
     return q, there & inside
 
@@ -81,8 +81,3 @@ def _last_three(rest: Array, wrist: int) -> Array:
     roll = np.arctan2(sign * rest[:, 1, 2], sign * rest[:, 0, 2])
     spin = np.arctan2(sign * rest[:, 2, 1], -sign * rest[:, 2, 0])
     return np.stack([roll, bend, spin], axis=1)
-
-
-def _wrapped(q: Array) -> Array:
-    """The same angles within half a turn of zero."""
-    return np.asarray((q + np.pi) % (2.0 * np.pi) - np.pi)
