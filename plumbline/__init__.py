@@ -217,28 +217,10 @@ _HOME = {
     "write_report": "experiments.report.writing:write_report",
 }
 
-# Who draws what a method answers with.
-_REPORT = f"{__name__}.experiments.report"
-import_module(f"{__name__}.pictures").CARDS.update(
-    Verdict=f"{_REPORT}.diagnosis.card:card",
-)
-import_module(f"{__name__}.pictures").NAMED.update(
-    DHFit=f"{_REPORT}.named:of_dh_fit",
-    Diagnosis=f"{_REPORT}.named:of_diagnosis",
-    HandEye=f"{_REPORT}.named:of_hand_eye",
-    MotionDiagnosis=f"{_REPORT}.named:of_motion",
-    Registration=f"{_REPORT}.named:of_registration",
-)
-import_module(f"{__name__}.pictures").PICTURES.update(
-    Budget=f"{_REPORT}.budget.page:waterfall",
-    AngleMap=f"{_REPORT}.pointing.figures:angle_map",
-    DHFit=f"{_REPORT}.dh_fit.pictures:correlations",
-    HandEye=f"{_REPORT}.hand_eye.pictures:answer_picture",
-    Registration=f"{_REPORT}.registration.figures:misfits_and_targets",
-    ScanAnswer=f"{_REPORT}.hand_eye.scan:scan_picture",
-    Sweep=f"{_REPORT}.pointing.figures:joint_path",
-    Verdict=f"{_REPORT}.diagnosis.causes:staircase",
-)
+# Who shows what a method answers with.
+_SHOWN = import_module(f"{__name__}.pictures")
+_SHOWN.CARDS["Verdict"] = f"{__name__}.experiments.report.diagnosis.card:card"
+_SHOWN.DRAWN.append(f"{__name__}.experiments.report.drawn")
 
 
 def __getattr__(name: str) -> Any:

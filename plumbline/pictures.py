@@ -1,9 +1,4 @@
-"""How an answer is drawn is filled in from outside: an answer knows nothing of pictures."""
+"""How an answer is shown is filled in from outside: an answer knows nothing of pictures."""
 
-from __future__ import annotations
-
-# Class of an answer -> "module:function"
-PICTURES: dict[str, str] = {}
-# Class of an answer -> "module:function" that gives its pictures by name, each undrawn
-NAMED: dict[str, str] = {}
-CARDS: dict[str, str] = {}  # of answers that do not make their own
+CARDS: dict[str, str] = {}  # class of an answer that makes none of its own -> "module:function"
+DRAWN: list[str] = []  # modules whose ``DRAWN`` has the pictures by name, by the class of an answer

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
 from plumbline.kinematics.files import read_file, reason, write_whole
 from plumbline.optim.core.stored import plain, restored, stored
-from plumbline.pictures import CARDS, NAMED, PICTURES
+from plumbline.pictures import CARDS, DRAWN
 
 if TYPE_CHECKING:
     from plumbline.optim.core.judged import Judgement
@@ -42,15 +42,16 @@ class Answer:
 
     def card(self) -> str:
         """A compact piece of HTML that needs nothing else, every word of the data escaped."""
-        return str(_maker(CARDS, self)(self))
+        module, _, function = CARDS[type(self).__name__].partition(":")
+        return str(getattr(import_module(module), function)(self))
 
     def _repr_html_(self) -> str:
         return self.card()
 
     @property
     def pictures(self) -> tuple[str, ...]:
-        """Names of the pictures that :meth:`plot` draws besides the first."""
-        return tuple(_maker(NAMED, self)(self)) if type(self).__name__ in NAMED else ()
+        """Names of the pictures that :meth:`plot` draws, the first of them unless one is named."""
+        return tuple(_drawers(self))
 
     def plot(self, name: str = "") -> Any:
         """The picture that says most about it, or the one of a name.
@@ -62,19 +63,19 @@ class Answer:
             PlumblineError: Nobody draws this kind of answer, there is no picture of that name, or
                 the data have nothing for it.
         """
-        return self._named(name) if name else _maker(PICTURES, self)(self)
-
-    def _named(self, name: str) -> Any:
-        if name not in self.pictures:
+        made = _drawers(self)
+        if not made:
+            raise PlumblineError(f"plot of a {type(self).__name__}: none; use its figures instead")
+        if name and name not in made:
             raise PlumblineError(
                 f"picture {shown(name)}: not one of a {type(self).__name__}. Best matches are "
-                f"{best_matches(name, self.pictures) or 'none'}"
+                f"{best_matches(name, made) or 'none'}"
             )
-        picture = _maker(NAMED, self)(self)[name]()
+        picture = made[name or next(iter(made))]()
         if picture is None:
             raise PlumblineError(
                 f"picture {name}: the data have nothing for it, such as a column that was not "
-                f"recorded; others are {listed(k for k in self.pictures if k != name)}"
+                f"recorded; others are {listed(k for k in made if k != name)}"
             )
         return picture
 
@@ -132,15 +133,10 @@ class Answer:
             ) from (None)
 
 
-def _maker(makers: Mapping[str, str], answer: Answer) -> Callable[[Any], Any]:
-    """Who draws this kind of answer."""
-    name = type(answer).__name__
-    if name not in makers:
-        known = ", ".join(sorted(makers)) or "nothing"
-        raise PlumblineError(f"plot of a {name}: drawn are {known}; use its figures instead")
-    module, _, function = makers[name].partition(":")
-    found: Callable[[Any], Any] = getattr(import_module(module), function)
-    return found
+def _drawers(answer: Answer) -> Mapping[str, Callable[[], Any]]:
+    """The pictures of an answer by name, undrawn; none where nobody draws its kind."""
+    known = [module.DRAWN for module in map(import_module, DRAWN)]
+    return next((d[k](answer) for d in known if (k := type(answer).__name__) in d), {})
 
 
 def _content(path: Path) -> dict[str, Any]:

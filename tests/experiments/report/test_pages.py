@@ -13,13 +13,12 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from plumbline import PlumblineError, fit_dh, load, register, write_report
 from plumbline.experiments.commands.app import run
-from plumbline.experiments.report import named
 from plumbline.experiments.report.diagnosis.html import html_report
 from plumbline.experiments.report.diagnosis.ranks import band, picture
 from plumbline.experiments.report.diagnosis.scene import scene
 from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.diagnosis.turned import turned
-from plumbline.experiments.report.named import of_diagnosis
+from plumbline.experiments.report.drawn import of_diagnosis
 from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
 from plumbline.experiments.report.registration.figures import misfits_and_targets
 from plumbline.experiments.report.style import by_depth, house_style, new_figure, numbered, svg
@@ -199,7 +198,7 @@ def test_a_notebook_shows_the_report_s_scene_in_a_frame_that_fetches_nothing():
     assert json.loads(html.unescape(data)) == json.loads(scene(Subject.of(diagnosis)))
     assert not tags(page).open
     assert "http" not in page
-    assert named.of_diagnosis(diagnosis)["scene"]() == turned(diagnosis)
+    assert of_diagnosis(diagnosis)["scene"]() == turned(diagnosis)
     encoders = replace(diagnosis.recording, observation="joint_position")
     with pytest.raises(PlumblineError, match="scene: joint_position observed, tips or poses"):
         turned(replace(diagnosis, recording=encoders))

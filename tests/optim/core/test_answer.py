@@ -50,9 +50,12 @@ def draw(made: Made) -> Figure:
     return Figure()
 
 
+DRAWN = {"Made": lambda made: {"only": lambda: draw(made)}}
+
+
 @pytest.fixture
 def made(monkeypatch) -> Made:
-    monkeypatch.setitem(module.PICTURES, "Made", f"{__name__}:draw")
+    monkeypatch.setattr(module, "DRAWN", [__name__])
     points = np.array([[1.0, np.nan], [np.inf, 1e-300], [0.1, -np.inf]])
     fits = (Judged("a fit", True, 1e-9),)
     return Made(
@@ -130,6 +133,6 @@ def test_a_damaged_answer_is_refused_in_one_line(made, tmp_path, damage, words):
 
 
 def test_what_nobody_draws_is_said(made, monkeypatch):
-    monkeypatch.delitem(module.PICTURES, "Made")
+    monkeypatch.setattr(module, "DRAWN", [])
     with pytest.raises(PlumblineError, match="Made"):
         made.plot()

@@ -24,7 +24,6 @@ from plumbline.experiments.report.style import (
     numbered,
 )
 from plumbline.optim.core.problem import Array
-from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.calibrate import Calibration
 from plumbline.optim.hand_eye.readings import Beam, Readings
 from plumbline.optim.hand_eye.single_plane import Selection
@@ -113,11 +112,6 @@ def residuals(calibration: Calibration) -> Figure:
         axes.set_title("What is left over; lines at two sigmas, as fitted")
         calm(axes)
     return figure
-
-
-def answer_picture(answer: HandEye) -> Figure:
-    """What the fit behind an answer leaves over."""
-    return residuals(answer.calibration)
 
 
 def bows(calibration: Calibration) -> Figure:
