@@ -3,7 +3,7 @@
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.optim.diagnosis.diagnose import task_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.task import find_causes
+from plumbline.optim.diagnosis.posterior.search import find_causes
 from plumbline.optim.diagnosis.verdict.explanation import explain
 
 

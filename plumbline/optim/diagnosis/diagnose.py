@@ -23,10 +23,11 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import (
     SelectedModel,
+    Task,
     about_its_fit,
+    find_causes,
     foretold_wrongly,
 )
-from plumbline.optim.diagnosis.posterior.task import Task, find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while

@@ -39,12 +39,8 @@ NEXT_SLOT_ODDS = 0.1
 # UR10's 190 a fold that begins with none ends in others, and leaves 56.3 um, not 54.6.
 MANY_SLOTS = 40
 BETTER = 1e-6  # log odds by which another model must win: more than rounding
-TAKES_SEVERAL = 10  # terms from which a model takes others along with the best (cost only)
-AT_ONCE, AMONG = 8, 40  # so many at the most, of so many of the best (cost only)
-AS_STRONG = 0.3  # of the best one's log odds, which these have at the least (cost only)
-LITTLE_OVERLAP = 0.02  # their largest squared correlation: each adds what others lack (cost only)
 
-# Search (posterior/search, task).
+# Search (posterior/search).
 WIDE_PRIOR = 30.0  # width about its fit of what is always fitted [its scale]: data decide
 LONG = 4000  # rows from which a part is searched first, and few steps are enough (cost only)
 
@@ -104,10 +100,6 @@ DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], ro
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.01 (test_joint_posterior.py)
 MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
-MOST_ADDED = 12  # terms that a state too long for that gets in one pass (cost only)
-NEARLY_NOTHING = (
-    14.0  # log odds behind the best at which a state does not count: a millionth (cost only)
-)
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)

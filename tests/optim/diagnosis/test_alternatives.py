@@ -86,7 +86,7 @@ def of_none(term):
 
 
 def unlisted_priors(asked):
-    terms = zip(asked.problem.log_priors.tolist(), asked.problem.terms, strict=True)
+    terms = zip(asked.problem.log_priors.tolist(), asked.problem.candidates, strict=True)
     return [log for log, term in terms if of_none(term)]
 
 
@@ -157,7 +157,7 @@ def test_every_kind_of_dependence_is_as_likely_as_any_other_then_its_elements():
 
 
 def test_labels_say_stage_element_dependence_and_effect(asked):
-    for i, term in enumerate(asked.problem.terms):
+    for i, term in enumerate(asked.problem.candidates):
         label, at, _, odd = (int(level[i]) for level in asked.problem.labels)
         mechanism = asked.mechanisms[label]
         assert asked.places[at] == mechanism[:2]
@@ -244,7 +244,7 @@ def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, ask
     """Every column and the target, against residuals of dense least squares on the nuisances."""
     pool = place.pool
     ports, _ = offered
-    found = [t.family for t in asked.problem.terms if of_none(t)]
+    found = [t.family for t in asked.problem.candidates if of_none(t)]
     spread = spread_of_noise(pool, place.chosen, ports)
     blocks = [ports.base, *(f.columns for f in found)]
     flat = [(block / spread).reshape(len(block), -1) for block in blocks]
@@ -253,7 +253,7 @@ def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, ask
     left = families - nuisances @ np.linalg.lstsq(nuisances, families, rcond=None)[0]
     rest = target - nuisances @ np.linalg.lstsq(nuisances, target, rcond=None)[0]
     linear = asked.problem.linear
-    columns = np.concatenate([t.columns for t in asked.problem.terms if of_none(t)])
+    columns = np.concatenate([t.columns for t in asked.problem.candidates if of_none(t)])
     size = np.linalg.norm(left, axis=0)
     kept = size > 1e-6 * size.max()
     size, columns, left = size[kept], columns[kept], left[:, kept]
@@ -291,7 +291,7 @@ def test_what_a_joint_may_do_is_gone_where_it_moves_nothing_and_what_others_do_i
     none = problem.shared.beyond(frozenset({asked.places.index(("sensor", None))}))
     before, after, last = (np.diag(each.G) for each in (problem.linear, rest, none))
     others = []
-    for term in problem.terms[: asked.library]:
+    for term in problem.candidates[: asked.library]:
         seen = before[term.columns].sum()
         left = after[term.columns].sum() / max(seen, 1e-300)
         if (str(term.effect.stage), term.effect.element) == ("joint", joint):
@@ -304,7 +304,7 @@ def test_what_a_joint_may_do_is_gone_where_it_moves_nothing_and_what_others_do_i
 
 
 def test_a_gross_row_s_columns_move_that_row_alone(place, asked):
-    term = asked.problem.terms[asked.gross_rows[7]]
+    term = asked.problem.candidates[asked.gross_rows[7]]
     assert isinstance(term, GrossRow)
     assert len(term.columns) == 3
 
@@ -318,7 +318,7 @@ def test_families_that_go_on_include_the_best(tmp_path, monkeypatch):
     selected = searched(recording, [ModelledScale])[0]
     monkeypatch.setattr(design, "MOST_FAMILIES", 1)
     found = alternatives(selected.pool, selected.chosen, UNLISTED, 0)
-    [only] = [t.family for t in found.problem.terms if of_none(t)]
+    [only] = [t.family for t in found.problem.candidates if of_none(t)]
     assert only.words == "joint 2's error depends on joint 3's angle"
 
 
@@ -328,7 +328,7 @@ def test_no_more_families_go_on_than_may(asked):
 
 def test_columns_of_a_family_are_its_leading_ones(asked):
     """And of what resembles an effect as many besides the effect's own."""
-    found = [t for t in asked.problem.terms if of_none(t)]
+    found = [t for t in asked.problem.candidates if of_none(t)]
     alike = [t for t in found if t.family.words.startswith("nearly as")]
     assert max(len(t.columns) for t in found if t not in alike) <= FULLEST
     assert alike

@@ -119,7 +119,7 @@ def sampled(scale=0.6, offset=0.3, lacked=0.2, beside=0.1, gross=0.7):
     linear = Linear(np.eye(5), np.zeros(5), 1.0, 9.0)
     is_gross = np.arange(5) == 4
     lacking = np.array([isinstance(term, Unlisted) for term in terms])
-    problem = JointProblem(linear, terms, np.zeros(5), is_gross, labels, NoisePrior(), lacking)
+    problem = JointProblem(linear, terms, NoisePrior(), np.zeros(5), is_gross, labels, lacking)
     marginals = (
         np.array([scale, offset, lacked, beside, 0.0]),
         np.array([0.99, beside, 0.0]),
@@ -211,7 +211,7 @@ def test_unlisted_mechanisms_share_the_gap_by_what_they_move():
 
 def test_what_is_named_is_fitted_as_the_best_state_has_it():
     alt, found = sampled()
-    candidates = alt.problem.terms[:2]
+    candidates = alt.problem.candidates[:2]
     chosen = (SelectedTerm(1, 9.0),)
     selected = SimpleNamespace(selection=SimpleNamespace(candidates=candidates), chosen=chosen)
 

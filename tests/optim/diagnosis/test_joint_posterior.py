@@ -12,9 +12,10 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot
-from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coarsened, one_by_one
+from plumbline.optim.diagnosis.posterior.one_by_one import coarsened, one_by_one
 from plumbline.optim.diagnosis.posterior.parts import Parts
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.slots import added_evidence
 from plumbline.optim.diagnosis.prior import (
     DEVIATIONS,
     FIRST_SLOT_ODDS,
@@ -66,10 +67,10 @@ def problem(X, t, sizes=None, rows=(), labels=None, noise=None, width=30.0):
     return JointProblem(
         statistics(np.hstack([X, own]), t),
         (*listed, *gross),
+        noise or NoisePrior(SIGMA, 1e9),
         np.array([c.log_prior for c in listed] + [-np.inf] * len(gross)),
         np.arange(count) >= len(listed),
         np.asarray(labels),
-        noise or NoisePrior(SIGMA, 1e9),
     )
 
 
@@ -81,18 +82,18 @@ def by_enumeration(asked, most=4):
     G, b = asked.linear.G / SIGMA**2, asked.linear.b / SIGMA**2
     logs, sets = [], []
     for size in range(most + 1):
-        for chosen in combinations(range(len(asked.terms)), size):
+        for chosen in combinations(range(len(asked.candidates)), size):
             mine = [i for i in chosen if not asked.gross[i]]
             log = (size - len(mine)) * np.log(GROSS_ODDS / (1 - GROSS_ODDS))
             log += asked.log_priors[mine].sum()
             # Of a geometric number of causes: k of them may be drawn in k! orders.
             slots = [FIRST_SLOT_ODDS, *(NEXT_SLOT_ODDS * k for k in range(1, most))]
             log += np.log(slots[: len(mine)]).sum()
-            logs.append(log + _evidence(G, b, [asked.terms[i].columns for i in chosen]))
+            logs.append(log + _evidence(G, b, [asked.candidates[i].columns for i in chosen]))
             sets.append(chosen)
     weights = np.exp(np.array(logs) - logsumexp(logs))
     found = [np.zeros(size) for size in asked.sizes]
-    gross = np.zeros(len(asked.terms))
+    gross = np.zeros(len(asked.candidates))
     for weight, chosen in zip(weights, sets, strict=True):
         mine = [i for i in chosen if not asked.gross[i]]
         gross[[i for i in chosen if asked.gross[i]]] += weight
@@ -409,7 +410,7 @@ def test_prior_odds_move_what_is_asked_one_by_one_as_far_as_it_is_open():
 def test_evidence_of_terms_more_is_that_of_the_states():
     asked = problem(*drawn(0, strength=15.0, mixed=0.1))
     one, two = SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)
-    alone = float(asked.odds(asked.reduce([one], SIGMA**2))[0][1])
+    alone = float(asked.odds(asked.reduce([one]))[0][1])
     assert added_evidence(asked, [one], [two]) == pytest.approx(alone, abs=0.5)
     assert added_evidence(asked, [one], []) == 0.0
 

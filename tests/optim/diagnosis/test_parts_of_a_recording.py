@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import plumbline.optim.diagnosis.posterior.task as task_module
+import plumbline.optim.diagnosis.posterior.search as search_module
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.body_effects import BaseBump as RealBump
 from plumbline.experiments.reality.joint_effects import Backlash as RealBacklash
@@ -114,7 +114,7 @@ def test_a_long_recording_that_visits_sockets_in_turn_is_searched_in_part(tmp_pa
     recording = recording.select(np.isin(recording.socket, np.unique(recording.socket)[:2]))
     assert (recording.socket[2:20] == recording.socket[:18]).all()
     assert recording.socket[0] != recording.socket[1]
-    monkeypatch.setattr(task_module, "LONG", len(recording) - 10)
+    monkeypatch.setattr(search_module, "LONG", len(recording) - 10)
     found = diagnose(recording, DiagnosisOptions(library=(*SMALL, *ripples()))).verdict
     assert [(c.effect, c.element) for c in found.causes] == [("transmission_ripple", 3)]
 
@@ -124,7 +124,7 @@ def test_a_part_of_the_rows_visits_every_socket(step, tmp_path):
     recording = touched(tmp_path).select(np.arange(75))
     assert recording.socket[:6].tolist() == [1, 2, 3, 1, 2, 3]
     folds = np.arange(len(recording)) % 5
-    part = task_module.Task(recording, folds, NoisePrior(), (), (), SOLVER).part(step)
+    part = search_module.Task(recording, folds, NoisePrior(), (), (), SOLVER).part(step)
     assert set(part.recording.socket) == set(recording.socket)
     assert len(part.recording) < len(recording)
     kept = [np.flatnonzero((recording.q == q).all(axis=1))[0] for q in part.recording.q]

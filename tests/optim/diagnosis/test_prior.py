@@ -27,9 +27,9 @@ from plumbline.optim.diagnosis.posterior.robust import (
     far_off,
     follows_something,
 )
+from plumbline.optim.diagnosis.posterior.search import find_causes
 from plumbline.optim.diagnosis.posterior.selection import select
 from plumbline.optim.diagnosis.posterior.shortlists import _best
-from plumbline.optim.diagnosis.posterior.task import find_causes
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.verdict.lack_of_fit import noisiest_joint
 from plumbline.optim.recording.kinds import KINDS
@@ -60,13 +60,13 @@ def column(size=1.0):
 
 def test_before_the_data_a_cause_is_about_as_probable_as_none():
     asked = selection(np.zeros((N, 1)), np.zeros(N), SIGMA)
-    log_odds, _ = asked.scan(asked.reduce([]))
+    log_odds, _ = asked.odds(asked.reduce([]))
     assert 0.3 < probability(log_odds[0]) < 0.5
 
 
 def test_before_the_data_one_cause_more_is_rare():
     asked = selection(np.hstack([column(), 0.0 * column()]), np.zeros(N), SIGMA)
-    log_odds, _ = asked.scan(asked.reduce([SelectedTerm(0, 1.0)]))
+    log_odds, _ = asked.odds(asked.reduce([SelectedTerm(0, 1.0)]))
     spare = log_odds[1] - asked.log_priors[1]
     assert 0.06 < probability(spare) < 0.14
 
@@ -91,7 +91,7 @@ def test_a_stated_noise_is_worth_as_many_readings_as_its_seven_per_cent_say():
 @pytest.mark.parametrize("size", [1 / 3, 1.0, 3.0, 25.0])
 def test_a_size_is_told_up_to_thirty_times_the_usual_one(size):
     asked = selection(300.0 * SIGMA * column(), 300.0 * SIGMA * size * column()[:, 0], SIGMA)
-    _, scores = asked.scan(asked.reduce([]))
+    _, scores = asked.odds(asked.reduce([]))
     assert abs(np.log10(scores.scale[0] / size)) < 0.3
 
 

@@ -17,11 +17,12 @@ from plumbline.optim.diagnosis.discrepancy import dependences
 from plumbline.optim.diagnosis.discrepancy.alternatives import _shared_shift, spread_of_noise
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior import correlation, robust
+from plumbline.optim.diagnosis.posterior import correlation, robust, slots
 from plumbline.optim.diagnosis.posterior import selection as selecting
-from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Scores
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import ridge_of
+from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.spectrum import _filled, _joints_with_spectra
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
@@ -273,9 +274,14 @@ def test_tips_may_leave_the_box_of_those_seen_by_a_tenth_of_it(beyond, near):
 
 
 @pytest.mark.parametrize(("more", "best"), [(0.7e-6, 0), (1.5e-6, 1)])
-def test_what_is_chosen_stays_unless_another_is_better_by_more_than_rounding(more, best):
+def test_what_is_chosen_stays_unless_another_is_better_by_more_than_rounding(
+    more, best, monkeypatch
+):
     asked = selection(np.eye(N)[:, :2], np.zeros(N), SIGMA)
-    assert asked.best(np.array([0.0, more]), now=0) == best
+    scores = Scores(np.array([5.0, 5.0 + more]), np.ones(2))
+    log_odds = scores.log_bayes
+    monkeypatch.setattr(SelectionProblem, "odds", lambda *_: (log_odds, scores))
+    assert [t.index for t in slots.asked_again(asked, [SelectedTerm(0, 1.0)])] == [best]
 
 
 def test_a_model_that_never_settles_is_asked_again_four_times(monkeypatch):
@@ -285,7 +291,8 @@ def test_a_model_that_never_settles_is_asked_again_four_times(monkeypatch):
         seen.append(chosen)
         return [SelectedTerm(1 - chosen[0].index, 1.0)]
 
-    monkeypatch.setattr(selecting, "asked_again", other)
-    monkeypatch.setattr(selecting, "_extend", lambda _, chosen: chosen)
-    selecting.reconsider(asked, [SelectedTerm(0, 1.0)])
+    monkeypatch.setattr(slots, "asked_again", other)
+    monkeypatch.setattr(slots, "extended", lambda _, chosen: chosen)
+    monkeypatch.setattr(selecting, "extended", lambda *_: [SelectedTerm(0, 1.0)])
+    selecting.select(asked, thorough=False)
     assert len(seen) == 4

@@ -126,7 +126,7 @@ def posterior(beside, strength, form):
     labels = np.array([[0, *[1] * len(found)]])
     none = np.zeros(len(terms), dtype=bool)
     problem = JointProblem(
-        statistics(X.T, t), tuple(terms), priors, none, labels, NoisePrior(SIGMA, 1e9)
+        statistics(X.T, t), tuple(terms), NoisePrior(SIGMA, 1e9), priors, none, labels
     )
     return sample(problem, [frozenset[int]()], 0).marginals[0]
 

@@ -8,7 +8,7 @@ import pytest
 from plumbline.optim.diagnosis.posterior import search as module
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.search import search
+from plumbline.optim.diagnosis.posterior.search import Task, search
 from plumbline.optim.recording.loading import load_recording
 from tests.made_up_diagnosis import BENCH
 
@@ -27,9 +27,8 @@ def test_the_terms_are_those_of_the_last_fit_in_its_order(answers, monkeypatch):
         module, "select", lambda *_, **__: [SelectedTerm(k, 1.0) for k in next(turns)]
     )
     recording = load_recording(BENCH)
-    rows = len(recording)
-    folds = np.arange(rows) % 5
-    noise = NoisePrior.of(recording.noise_std)
-    found = search(recording, folds, noise, weights=np.ones(rows))
+    folds = np.arange(len(recording)) % 5
+    task = Task(recording, folds, NoisePrior.of(recording.noise_std))
+    found = search(task, np.zeros(len(recording), dtype=bool))
     assert tuple(term.effect for term in found.model.terms) == found.effects
     assert found.best.problem is found.model.problem

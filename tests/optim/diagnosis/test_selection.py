@@ -6,11 +6,8 @@ import pytest
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.selection import (
-    path_evidence,
-    reconsider,
-    select,
-)
+from plumbline.optim.diagnosis.posterior.selection import select
+from plumbline.optim.diagnosis.posterior.slots import added_evidence, climbed
 from tests.designs import selection
 
 N, SIGMA = 60, 0.1
@@ -58,7 +55,7 @@ def test_of_two_columns_alike_one_is_kept():
     X[:, 5] = X[:, 2]
     asked = selection(X, 0.3 * X[:, 2] + noise(rng), SIGMA)
     assert len(select(asked)) == 1
-    kept = reconsider(asked, [SelectedTerm(2, 1.0), SelectedTerm(5, 1.0)])
+    kept = climbed(asked, [SelectedTerm(2, 1.0), SelectedTerm(5, 1.0)], 4)
     assert len(kept) == 1
     assert kept[0].index in (2, 5)
 
@@ -116,7 +113,7 @@ def test_what_a_path_gains_does_not_depend_on_its_order_much():
     X = rng.normal(size=(N, 6))
     asked = selection(X, 0.3 * X[:, 0] + 0.3 * X[:, 1] + noise(rng), SIGMA)
     pair = [SelectedTerm(0, 0.3), SelectedTerm(1, 0.3)]
-    ahead, back = path_evidence(asked, pair), path_evidence(asked, pair[::-1])
+    ahead, back = (added_evidence(asked, [], p) for p in (pair, pair[::-1]))
     assert ahead > 50
     assert back == pytest.approx(ahead, rel=0.2)
 

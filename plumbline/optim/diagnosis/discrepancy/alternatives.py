@@ -106,14 +106,14 @@ class Alternatives:
 
     def term(self, index: int) -> AnyTerm:
         """A term by its number."""
-        found = self.problem.terms[index]
+        found = self.problem.candidates[index]
         assert isinstance(found, Candidate | Unlisted | GrossRow)
         return found
 
     @property
     def gross_rows(self) -> dict[int, int]:
         """Numbers of the terms of rows that may be gross, by row."""
-        terms = enumerate(self.problem.terms)
+        terms = enumerate(self.problem.candidates)
         return {t.row: i for i, t in terms if isinstance(t, GrossRow)}
 
 
@@ -200,7 +200,7 @@ def _problem(
         np.array([isinstance(t, kind) for t in terms], dtype=bool) for kind in (Unlisted, GrossRow)
     )
     labels = np.vstack([numbers, lacked])
-    return JointProblem(linear, tuple(terms), priors, gross, labels, pool.noise, lacked, parts)
+    return JointProblem(linear, tuple(terms), pool.noise, priors, gross, labels, lacked, parts)
 
 
 def _parts(design: Design, ports: Ports, names: Names) -> Parts:

@@ -112,7 +112,7 @@ def resembled(pool: Pool, looks: Sequence[Sequence[SelectedTerm]]) -> list[Candi
     many = len(forms) > MANY_CAUSES
     found = dict.fromkeys(reversed(forms.values()) if many else (c.index for c in chosen))
     for state in looks:
-        log_odds, _ = selection.scan(selection.reduce(state))
+        log_odds, _ = selection.odds(selection.reduce(state))
         keys: dict[Key, int] = {}
         for i in np.argsort(-log_odds, kind="stable")[: VARIANTS_SEEN * MOST_RESEMBLED].tolist():
             if np.isfinite(log_odds[i]):

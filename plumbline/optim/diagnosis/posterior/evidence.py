@@ -14,7 +14,7 @@ the half of its prior that physics allows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -31,6 +31,7 @@ from plumbline.optim.diagnosis.prior import (
     LOG_SCALE_WEIGHTS,
     ROUNDING,
     SCALES,
+    SETTLED_VARIANCE,
     VARIANCE_ROUNDS,
 )
 
@@ -56,6 +57,22 @@ class NoisePrior:
         """Noise variance after a fit with this residual sum of squares."""
         mean = (self.freedom * self.sigma**2 + square) / max(self.freedom + n, 1.0)
         return np.maximum(mean, self.least**2)
+
+    def settled(
+        self, left: Callable[[Array], tuple[float | Array, float]], start: float | Array
+    ) -> Array:
+        """Noise variance after a fit whose priors are weighed by it, from a guess.
+
+        Args:
+            left: Residual sum of squares, and equations left, of the fit at a noise variance.
+            start: The guess.
+        """
+        variance = np.asarray(start)
+        for _ in range(VARIANCE_ROUNDS):
+            before, variance = variance, np.asarray(self.variance(*left(variance)))
+            if np.all(variance > SETTLED_VARIANCE * before):
+                break
+        return variance
 
 
 @dataclass(frozen=True, eq=False)

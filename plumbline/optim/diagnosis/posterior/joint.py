@@ -32,7 +32,6 @@ from plumbline.optim.diagnosis.prior import (
     LEAST_TOLD,
     MOST_TERMS,
     MOVES,
-    NEARLY_NOTHING,
     SETTLED,
     TILT,
 )
@@ -162,7 +161,7 @@ class _Chain:
         self.been.add(state)
         self.seen[state] = look.log_posterior
         near = look.log_posterior + np.where(self.problem.gross, look.row_odds, look.log_odds)
-        for i in np.flatnonzero(near > max(self.seen.values()) - NEARLY_NOTHING).tolist():
+        for i in np.flatnonzero(np.isfinite(near)).tolist():
             self._see(state | {i}, float(near[i]))
         return look
 
@@ -209,9 +208,9 @@ def look_at(problem: JointProblem, state: State) -> _Look:
     """A state's posterior, and the odds of one term more."""
     indices = sorted(state)
     small = problem.only(indices)
-    total, scales, variance = weighed(small)
+    total, scales, _ = weighed(small)
     terms = tuple(SelectedTerm(i, s) for i, s in zip(indices, scales, strict=True))
-    log_odds, scores = problem.odds(problem.reduce(terms, variance))
+    log_odds, scores = problem.odds(problem.reduce(terms))
     rows = scores.log_bayes + LOG_GROSS_ODDS
     rows[indices] = -np.inf
     return _Look(terms, total, log_odds, rows)
@@ -273,7 +272,7 @@ def _marginals(
     weights = np.exp(logs - logsumexp(logs))
     found = [np.zeros(size) for size in problem.sizes]
     levels = [level.tolist() for level in problem.labels]
-    gross = np.zeros(len(problem.terms))
+    gross = np.zeros(len(problem.candidates))
     for weight, key in zip(weights.tolist(), seen, strict=True):
         mine = [i for i in key if not problem.gross[i]]
         for i in key.difference(mine):

@@ -23,15 +23,12 @@ from scipy.special import log_ndtr, logsumexp
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
 from plumbline.optim.diagnosis.posterior.evidence import (
-    Batch,
     NoisePrior,
-    Scores,
     Term,
-    batches,
-    scan,
 )
 from plumbline.optim.diagnosis.posterior.parts import Parts
-from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.slots import TermProblem
 from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
@@ -39,8 +36,6 @@ from plumbline.optim.diagnosis.prior import (
     NEXT_SLOT_ODDS,
     ROUNDS,
     SCALES,
-    SETTLED_VARIANCE,
-    VARIANCE_ROUNDS,
 )
 
 LOG_GROSS_ODDS = float(np.log(GROSS_ODDS / (1.0 - GROSS_ODDS)))
@@ -64,26 +59,30 @@ class _Moved:
 
 
 @dataclass(frozen=True, eq=False)
-class JointProblem:
+class JointProblem(TermProblem):
     """What is sampled: a linear problem without nuisances, and what may be at work."""
 
     linear: Linear  # the problem with the nuisances eliminated
-    terms: tuple[Term, ...]  # all terms that there may be (C)
+    candidates: tuple[Term, ...]  # all terms that there may be (C)
+    noise: NoisePrior  # the prior of the noise
     log_priors: Array  # log of each term's share (C,); -inf for rows that may be gross
     gross: NDArray[np.bool_]  # which terms are single rows that may be gross (C,)
     # level by level, the number of what each term belongs to (L, C), for example its cause and its
     # place; each level is counted as "any of these"
     labels: NDArray[np.intp]
-    noise: NoisePrior  # the prior of the noise
     # which terms are of no effect of the library (C,); none if not given
     unlisted: NDArray[np.bool_] | None = None
     # which listed terms may be parts of an unlisted mechanism, which need not be one term
     shared: Parts | None = None
 
     @cached_property
-    def gathered(self) -> list[Batch]:
-        """The terms, ready to be scanned."""
-        return batches(self.linear, self.terms)
+    def causes(self) -> NDArray[np.intp]:
+        """The labels of the first level (C,)."""
+        return self.labels[0]
+
+    def log_slot(self, filled: int) -> float:
+        """As causes are counted: see the function."""
+        return log_slot(filled)
 
     @cached_property
     def sizes(self) -> list[int]:
@@ -109,7 +108,7 @@ class JointProblem:
 
     def only(self, indices: Sequence[int]) -> JointProblem:
         """The same problem of some of its terms alone."""
-        kept = [self.terms[i] for i in indices]
+        kept = [self.candidates[i] for i in indices]
         columns = np.concatenate([np.empty(0, np.intp), *(t.columns for t in kept)])
         linear = self.linear
         part = Linear(linear.G[np.ix_(columns, columns)], linear.b[columns], linear.tt, linear.n)
@@ -121,7 +120,7 @@ class JointProblem:
         return replace(
             self,
             linear=part,
-            terms=moved,
+            candidates=moved,
             log_priors=self.log_priors[own],
             gross=self.gross[own],
             labels=self.labels[:, own],
@@ -135,34 +134,6 @@ class JointProblem:
         log = LOG_GROSS_ODDS * (len(own) - len(mine)) + float(self.log_priors[mine].sum())
         return log + sum(log_slot(k) for k in range(len(mine)))
 
-    def reduce(self, state: Sequence[SelectedTerm], variance: float) -> Reduced:
-        """What a state leaves, at the noise that it leaves."""
-        return Reduced.given(self.linear, self.gathered, self.terms, state, variance)
-
-    def variance(self, reduced: Reduced) -> float:
-        """The noise variance that a state leaves."""
-        return float(self.noise.variance(reduced.tt, reduced.n))
-
-    def settled(self, state: Sequence[SelectedTerm], variance: float) -> float:
-        """The noise variance that a state leaves, whose priors are weighed by it; from a guess."""
-        if not state:
-            return self.variance(self.reduce([], variance))
-        for _ in range(VARIANCE_ROUNDS):
-            left = self.linear.left(*stack(self.terms, state, variance))
-            before, variance = variance, float(self.noise.variance(*left))
-            if variance > SETTLED_VARIANCE * before:
-                break
-        return variance
-
-    def odds(self, reduced: Reduced) -> tuple[Array, Scores]:
-        """Log odds (C,) of one term more, against none, given what is there."""
-        scores = scan(reduced, self.gathered, self.noise)
-        inside = [t.index for t in reduced.chosen]
-        slot = log_slot(len(inside) - int(self.gross[inside].sum()))
-        log_odds = scores.log_bayes + self.log_priors + slot
-        log_odds[inside] = -np.inf
-        return log_odds, scores
-
 
 def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
     """Log posterior of all terms of a problem together, their scales, and the noise variance.
@@ -170,8 +141,8 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
     Each scale is the most probable one given the others; the sum over all of them is taken one by
     one about these.
     """
-    variance = problem.variance(problem.reduce([], 1.0))
-    scales = np.ones(len(problem.terms))
+    variance = problem.variance([])
+    scales = np.ones(len(problem.candidates))
     now, spread = 0.0, 0.0
     for _ in range(ROUNDS if len(scales) else 0):
         before, spread = scales, 0.0
@@ -195,7 +166,7 @@ def stated(problem: JointProblem, state: Sequence[SelectedTerm]) -> float:
         return 0.0
     own = problem.only([t.index for t in state])
     scales = np.array([[t.scale for t in state]])
-    variance = problem.settled(state, problem.variance(problem.reduce([], 1.0)))
+    variance = problem.variance(state)
     return float(_evidence(own, scales, variance)[0][0]) + own.log_prior(range(len(state)))
 
 
@@ -208,22 +179,23 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
         variance: Of the noise, a guess.
     """
     linear, noise = problem.linear, problem.noise
-    columns = np.concatenate([t.columns for t in problem.terms])
-    s = np.repeat(scales, [len(t.columns) for t in problem.terms], axis=1)
+    columns = np.concatenate([t.columns for t in problem.candidates])
+    s = np.repeat(scales, [len(t.columns) for t in problem.candidates], axis=1)
     G = linear.G[np.ix_(columns, columns)] * (s[:, :, None] * s[:, None, :])
     b = (linear.b[columns] * s)[:, :, None]
     base = float(noise.variance(linear.tt, linear.n))
-    v = np.full(len(s), variance)
-    for _ in range(VARIANCE_ROUNDS):
-        lower = _factors(G, v)
+    lower, hidden, before = G, b, np.empty(0)
+
+    def left(v: Array) -> tuple[Array, float]:
+        nonlocal lower, hidden, before
+        lower, before = _factors(G, v), v
         hidden = np.linalg.solve(lower, b)
-        left = np.maximum(linear.tt - np.sum(hidden**2, axis=(1, 2)), 0.0)
-        before, v = v, np.maximum(noise.variance(left, linear.n), 1e-12 * base)
-        if (v > SETTLED_VARIANCE * before).all():
-            break
+        return np.maximum(linear.tt - np.sum(hidden**2, axis=(1, 2)), 0.0), linear.n
+
+    v = noise.settled(left, np.full(len(s), variance))
     occam = -np.log(np.einsum("sii->si", lower)).sum(axis=1) + 0.5 * len(columns) * np.log(before)
     log = occam - 0.5 * (noise.freedom + linear.n) * np.log(v / base)
-    sides = np.concatenate([t.sides for t in problem.terms])
+    sides = np.concatenate([t.sides for t in problem.candidates])
     if sides.any():
         inverse = np.linalg.inv(lower)
         mean = (inverse.transpose(0, 2, 1) @ hidden)[:, :, 0]

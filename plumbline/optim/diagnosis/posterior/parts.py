@@ -25,9 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Term
-from plumbline.optim.diagnosis.prior import DEVIATIONS, SETTLED_VARIANCE, VARIANCE_ROUNDS
+from plumbline.optim.diagnosis.prior import DEVIATIONS
 
 State = frozenset[int]
 
@@ -40,7 +41,7 @@ class Problem(Protocol):
         """The problem with the nuisances eliminated."""
 
     @property
-    def terms(self) -> Sequence[Term]:
+    def candidates(self) -> Sequence[Term]:
         """All terms that there may be (C)."""
 
     @property
@@ -139,18 +140,19 @@ def _may_be(problem: Problem, indices: Sequence[int], lacked: Sequence[int]) -> 
 def moved_by(problem: Problem, indices: Sequence[int]) -> Callable[[Sequence[int]], float]:
     """The square that some of these terms move, at their fit together and usual widths."""
     linear, noise = problem.linear, problem.noise
-    columns = np.concatenate([problem.terms[i].columns for i in indices])
-    ends = np.cumsum([0, *(len(problem.terms[i].columns) for i in indices)])
+    columns = np.concatenate([problem.candidates[i].columns for i in indices])
+    ends = np.cumsum([0, *(len(problem.candidates[i].columns) for i in indices)])
     own = {i: np.arange(a, z) for i, (a, z) in zip(indices, pairwise(ends), strict=True)}
     G, b = linear.G[np.ix_(columns, columns)], linear.b[columns]
-    base = float(noise.variance(linear.tt, linear.n))
-    z = np.zeros(len(b))
-    for _ in range(VARIANCE_ROUNDS):
-        z = np.linalg.lstsq(G + base * np.eye(len(b)), b, rcond=None)[0]
-        left = max(float(linear.tt - 2.0 * z @ b + z @ G @ z), 0.0)
-        before, base = base, float(noise.variance(left, linear.n))
-        if base > SETTLED_VARIANCE * before:
-            break
+
+    def fitted(variance: float | Array) -> Array:
+        return np.linalg.lstsq(G + variance * np.eye(len(b)), b, rcond=None)[0]
+
+    def left(variance: float | Array) -> tuple[float, float]:
+        z = fitted(variance)
+        return max(float(linear.tt - 2.0 * z @ b + z @ G @ z), 0.0), linear.n
+
+    z = fitted(noise.settled(left, noise.variance(linear.tt, linear.n)))
 
     def square(some: Sequence[int]) -> float:
         k = np.concatenate([own[i] for i in some])

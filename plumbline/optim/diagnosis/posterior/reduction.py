@@ -78,11 +78,6 @@ class Reduced:
         )
         return replace(nothing, blocks=nothing._moved(root, -1.0))
 
-    def plus(self, more: Sequence[SelectedTerm], variance: float) -> Reduced:
-        """Given some terms more, all of them at this noise variance."""
-        every = (*self.chosen, *more)
-        return Reduced.given(self.linear, self.gathered, self.candidates, every, variance)
-
     def without(self, term: SelectedTerm) -> Reduced:
         """Given all terms but one, by an update of low rank; to be scanned, not to be added to."""
         part, (_, H, _) = self._part(term), self._solved
@@ -122,11 +117,3 @@ class Reduced:
         seen = [root[batch.columns] for batch in self.gathered]
         pairs = zip(self.blocks, seen, strict=True)
         return tuple(block + sign * (own @ own.transpose(0, 2, 1)) for block, own in pairs)
-
-    def overlap(self, a: Columns, b: Columns) -> float:
-        """Largest squared correlation of columns a with columns b, given the terms."""
-        G = self.linear.G
-        cross = G[np.ix_(a, b)] - self.root[a] @ self.root[b].T
-        one = G[a, a] - np.sum(self.root[a] ** 2, axis=1)
-        two = G[b, b] - np.sum(self.root[b] ** 2, axis=1)
-        return float(np.max(cross**2 / np.maximum(np.outer(one, two), 1e-300)))

@@ -1,29 +1,76 @@
-"""The search: fit, linearise, select, refit, until the chosen effects no longer change."""
+"""The search: fit, linearise, select, refit, until the chosen effects no longer change.
+
+Gross errors are left out, and long recordings are searched in part first.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import EFFECTS, Effect
+from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.kinematics.effects.tool_slip import ToolSlip
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.robust import (
+    distrusted_by_fit,
+    distrusted_given,
+    distrusted_rows,
+    lone_rows,
+)
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
-from plumbline.optim.diagnosis.prior import ROUNDS, WIDE_PRIOR
+from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, LONG, ROUNDS, WIDE_PRIOR
+from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
 
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
+STEPS = (BaseBump, ToolSlip)
+BRIEF = LevenbergMarquardt(max_iterations=4, tolerance=1e-6)
 NAMED = 4  # causes that a line names
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is to be searched, and how."""
+
+    recording: Recording  # the rows that may be used (N)
+    folds: NDArray[np.intp]  # fold of every row (N,)
+    noise: NoisePrior  # the prior of the noise
+    fixed: tuple[Effect, ...] = ()  # effects fitted in every model
+    library: tuple[type[Effect], ...] = EFFECTS  # effects to consider
+    solver: Solver = SOLVER  # what fits
+
+    @property
+    def refitting(self) -> Solver:
+        """What fits again from a fit nearby: few steps are enough, and many rows make them dear."""
+        return BRIEF if len(self.recording) >= LONG else self.solver
+
+    def part(self, step: int) -> Task:
+        """The same task on every ``step``-th row, or every ``step``-th visit to each socket."""
+        socket, count = self.recording.socket, len(self.recording)
+        place = np.zeros(count, dtype=int) if socket is None else socket
+        visits = [np.flatnonzero(place == k)[::step] for k in np.unique(place)]
+        rows = np.sort(np.concatenate(visits))
+        return replace(self, recording=self.recording.select(rows), folds=self.folds[rows])
+
+    def pool(self, model: Model, fitted: Solution) -> Pool:
+        """The candidates, linearised about a fit."""
+        return make_pool(
+            model, fitted.x, self.folds, self.noise, fixed=self.fixed, library=self.library
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,34 +110,102 @@ class SelectedModel:
         return tuple(t.effect for t in self.model.terms)
 
 
+def find_causes(
+    task: Task, tell: Progress, known: NDArray[np.bool_] | None = None
+) -> tuple[SelectedModel, NDArray[np.bool_]]:
+    """What the search found, and which rows (N,) it distrusts; it starts from those ``known``.
+
+    A long recording is searched in part first, and its gross rows are found by that fit: what a
+    part of the rows shows need not be looked for in all of them.
+    """
+    if len(task.recording) < LONG:
+        return _from_nothing(task, tell, ROUNDS, known)
+    part = task.part(-(-len(task.recording) // LONG))
+    nothing_yet = np.zeros(len(part.recording), dtype=bool)
+    selected, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
+    tell("searching all rows", 0.4)
+    _, resumed = on_all_rows(selected, task.recording, trust(task.recording))
+    bad = distrusted_by_fit(resumed.mapped.residuals(resumed.x))
+    brief = replace(task, solver=BRIEF)
+    return search(brief, bad, rounds=1, guess=selected), bad
+
+
+def _from_nothing(
+    task: Task,
+    tell: Progress,
+    rounds: int,
+    known: NDArray[np.bool_] | None,
+    looks: int = ROUNDS,
+) -> tuple[SelectedModel, NDArray[np.bool_]]:
+    tell("looking for gross errors", 0.0)
+    pool, bad = None, known
+    if bad is None:
+        pool = _about_nothing(task)
+        bad = distrusted_rows(pool) & ~lone_rows(task.recording)
+    tell("searching for causes", 0.15)
+    selected = search(task, bad, rounds, pool)
+    for _ in range(looks):
+        again = distrusted_given(selected.best, task.noise.sigma, task.recording)
+        again |= _rows_by_steps(task, selected, bad)
+        again &= ~lone_rows(task.recording)
+        if (again == bad).all():
+            break
+        bad = again
+        selected = search(task, bad, rounds, pool)
+    return selected, bad
+
+
+def _rows_by_steps(
+    task: Task, selected: SelectedModel, bad: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Rows (N,) that bumps or slips explain where few rows alone are missed by far without.
+
+    A step of the base or the tool beside a few rows, and two on both sides of them, are gross
+    errors by another name: such rows are judged by the fit without one, and without two together.
+    """
+    found = np.zeros(len(task.recording), dtype=bool)
+    effects = dict(zip(selected.effects, selected.chosen, strict=True))
+    steps = sorted((e for e in effects if isinstance(e, STEPS)), key=lambda e: e.moment)
+    for gone in [*((e,) for e in steps), *pairwise(steps)]:
+        kept = [e for e in effects if e not in gone]
+        ridge = ridge_of(selected.selection, [effects[e] for e in kept], task.fixed)
+        given = selected.best.by_name
+        _, rest = fit(
+            task.recording, [*task.fixed, *kept], selected.model.nuisance,
+            trust(task.recording, bad), task.refitting, given, ridge,
+        )  # fmt: skip
+        missed = distrusted_given(rest, task.noise.sigma, task.recording)
+        if missed.sum() < FEWEST_BETWEEN:
+            found |= missed
+    return found
+
+
+def _about_nothing(task: Task) -> Pool:
+    """The pool about the nominal fit to all rows."""
+    weights, nuisance = trust(task.recording), nuisances_of(task.recording)
+    ridge = [0.0] * len(task.fixed)
+    model, nominal = fit(task.recording, task.fixed, nuisance, weights, task.solver, ridge=ridge)
+    return task.pool(model, nominal)
+
+
 def search(
-    recording: Recording,
-    folds: NDArray[np.intp],
-    noise: NoisePrior,
-    *,
-    weights: Array,
+    task: Task,
+    bad: NDArray[np.bool_],
+    rounds: int = ROUNDS,
     first: Pool | None = None,
     guess: SelectedModel | None = None,
-    fixed: Sequence[Effect] = (),
-    library: Sequence[type[Effect]] = EFFECTS,
-    solver: Solver | None = None,
-    rounds: int = ROUNDS,
 ) -> SelectedModel:
     """Find the effects of a recording.
 
     Args:
-        recording: N rows, all of which may be used.
-        folds: Fold of every row (N,).
-        noise: The prior of the noise.
-        weights: Weights of the rows (N,), 0 for rows that are distrusted.
-        first: The pool about the nominal fit, where it has been made already.
-        guess: What was found on a part of the rows, to start from.
-        fixed: Effects fitted in every model.
-        library: Effects to consider.
-        solver: What fits; see :data:`SOLVER` for the default.
+        task: What is to be searched.
+        bad: Rows (N,) that are distrusted.
         rounds: How often to linearise at the most.
+        first: The pool about the nominal fit to all rows, where it has been made already.
+        guess: What was found on a part of the rows, to start from.
     """
-    solver = solver or SOLVER
+    recording, fixed, solver = task.recording, task.fixed, task.solver
+    weights = trust(recording, bad)
     resumed = on_all_rows(guess, recording, weights) if guess else None
     nuisance = resumed[0].nuisance if resumed else nuisances_of(recording)
     model, nominal = fit(recording, fixed, nuisance, weights, solver, ridge=[0.0] * len(fixed))
@@ -100,11 +215,9 @@ def search(
     known: list[set[Effect]] = []
     scales: dict[Effect, float] = {}
     for turn in range(1, rounds + 1):
-        pool = (
-            first
-            if turn == 1 and first
-            else make_pool(model, best.x, folds, noise, fixed=fixed, library=library)
-        )
+        # Gross rows fill the short lists of dense families.
+        known_pool = first if turn == 1 and not bad.any() else None
+        pool = known_pool or task.pool(model, best)
         selection = pool.selection
         place = {c.effect: k for k, c in enumerate(pool.candidates)}
         before = [SelectedTerm(place[e], scale) for e, scale in scales.items()]
@@ -121,7 +234,7 @@ def search(
         model, best = fit(recording, [*fixed, *effects], nuisance, weights, solver, start, ridge)
         if not effects or going_round:
             break
-    return SelectedModel(nominal, best, model, pool, selection, tuple(chosen), turn, tuple(fixed))
+    return SelectedModel(nominal, best, model, pool, selection, tuple(chosen), turn, fixed)
 
 
 def on_all_rows(

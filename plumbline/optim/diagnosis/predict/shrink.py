@@ -24,11 +24,10 @@ from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import (
     SelectionProblem,
-    asked_again,
-    path_evidence,
     restricted,
     select,
 )
+from plumbline.optim.diagnosis.posterior.slots import added_evidence, asked_again
 from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
@@ -106,7 +105,7 @@ def _chosen_anew(selection: SelectionProblem, kept: Sequence[SelectedTerm]) -> l
     if len(kept) > MANY_SLOTS:
         return asked_again(selection, kept)
     found = select(selection, thorough=False)
-    gained = path_evidence(selection, found) - path_evidence(selection, kept)
+    gained = added_evidence(selection, [], found) - added_evidence(selection, [], kept)
     return found if gained > NO_EVIDENCE else kept
 
 

@@ -21,8 +21,7 @@ from plumbline.optim.diagnosis.of_recordings import OfRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
-from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.posterior.task import Task, find_causes
+from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, find_causes
 from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.candidates import runs_once

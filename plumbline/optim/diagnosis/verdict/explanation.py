@@ -20,12 +20,12 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.joint import Sampled, sample
-from plumbline.optim.diagnosis.posterior.one_by_one import added_evidence, coarsened, one_by_one
+from plumbline.optim.diagnosis.posterior.one_by_one import coarsened, one_by_one
 from plumbline.optim.diagnosis.posterior.parts import moved_by
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.search import SelectedModel, fit, ridge_of
+from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, fit, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import restricted
-from plumbline.optim.diagnosis.posterior.task import Task
+from plumbline.optim.diagnosis.posterior.slots import added_evidence
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
     DEVIATIONS,
@@ -168,7 +168,7 @@ def _by_blocks(
     """Probabilities about a state with the share of what rows say that their blocks agree on."""
     problem, recording = alt.problem, selected.pool.model.recording
     blocks = blocks_of_each(recording)[alt.rows]
-    variance = problem.settled(state, problem.variance(problem.reduce([], 1.0)))
+    variance = problem.variance(state)
     return coarsened(problem, state, alt.agreement(blocks, state, variance))
 
 
@@ -199,7 +199,7 @@ def _correlation(
     listed = [t for t in state if not isinstance(alt.term(t.index), Unlisted)]
     tried = []
     for terms, worth in (([*listed, *lacked], lacked), (listed, [])):
-        variance = problem.settled(terms, problem.variance(problem.reduce([], 1.0)))
+        variance = problem.variance(terms)
         left = alt.left(terms, variance)[trusted]
         if moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
             continue  # what is missing adds to a stated noise, where noise that wanders is in it

@@ -1,0 +1,152 @@
+r"""Slots: what fills one beside all other terms of a model, and the climb that asks them in turn.
+
+Given all other effects of a model, a slot is empty or holds one candidate c, with posterior odds
+against emptiness
+
+.. math:: \frac{\pi}{1 - \pi}\, w_c\, B_c
+
+where w_c is the candidate's share among all and B_c its evidence given the others. A climb fills
+slots until emptiness wins, and asks each again in the light of the others: it is kept, filled
+otherwise or emptied (iterated conditional modes, Besag 1986, J. R. Stat. Soc. B 48(3)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.posterior.evidence import (
+    Batch,
+    NoisePrior,
+    Scores,
+    Term,
+    batches,
+    block_evidence,
+    scan,
+)
+from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
+from plumbline.optim.diagnosis.prior import BETTER, LOG_SCALE_WEIGHTS
+
+
+class TermProblem:
+    """A linear problem without nuisances, the terms that it may have, and its noise."""
+
+    linear: Linear  # the problem with the nuisances eliminated
+    candidates: Sequence[Term]  # all terms that there may be (C)
+    noise: NoisePrior  # the prior of the noise
+    log_priors: Array  # log of each term's share (C,); -inf for those that fill no slot
+
+    def log_slot(self, filled: int) -> float:
+        """Log odds, before the data, that one slot more is filled beside so many."""
+        raise NotImplementedError
+
+    @cached_property
+    def causes(self) -> NDArray[np.intp]:
+        """Number of the cause that each term is a variant of (C,)."""
+        raise NotImplementedError
+
+    @cached_property
+    def gathered(self) -> list[Batch]:
+        """The terms, ready to be scanned."""
+        return batches(self.linear, self.candidates)
+
+    def variance(self, chosen: Sequence[SelectedTerm]) -> float:
+        """Noise variance that these terms leave, whose priors are weighed by it."""
+        return float(
+            self.noise.settled(
+                lambda v: self.linear.left(*stack(self.candidates, chosen, float(v))),
+                self.noise.variance(self.linear.tt, self.linear.n),
+            )
+        )
+
+    def reduce(self, chosen: Sequence[SelectedTerm]) -> Reduced:
+        """The problem that is left given these terms, at the noise that they leave."""
+        variance = self.variance(chosen)
+        return Reduced.given(self.linear, self.gathered, self.candidates, chosen, variance)
+
+    def slots(self, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
+        """Those of some terms that fill a slot."""
+        return [t for t in chosen if np.isfinite(self.log_priors[t.index])]
+
+    def odds(self, reduced: Reduced) -> tuple[Array, Scores]:
+        """Log odds (C,) of each term for one more slot, against none, and its scores."""
+        scores = scan(reduced, self.gathered, self.noise)
+        slot = self.log_slot(len(self.slots(reduced.chosen)))
+        log_odds = scores.log_bayes + self.log_priors + slot
+        log_odds[[term.index for term in reduced.chosen]] = -np.inf
+        return log_odds, scores
+
+    def best(self, log_odds: Array) -> int:
+        """The best variant of the cause that is the most probable, all its variants together."""
+        total = np.full(int(self.causes.max()) + 1, -np.inf)
+        np.logaddexp.at(total, self.causes, log_odds)
+        return int(np.argmax(np.where(self.causes == np.argmax(total), log_odds, -np.inf)))
+
+    def own_evidence(self, reduced: Reduced, term: SelectedTerm) -> float:
+        """Log odds of one of the terms given all others; what all of them bear alike left out."""
+        block, b, tt, n = reduced.of(term)
+        sides = np.array([self.candidates[term.index].sides])
+        by_scale = block_evidence(block[None], b[None], tt, n, self.noise, sides)
+        return float(logsumexp(by_scale + LOG_SCALE_WEIGHTS) + self.log_priors[term.index])
+
+
+def climbed(
+    problem: TermProblem, chosen: Sequence[SelectedTerm], rounds: int
+) -> list[SelectedTerm]:
+    """The best model near by: slots are asked and what is lacked added, until nothing changes."""
+    chosen = list(chosen)
+    for _ in range(rounds):
+        before = {term.index for term in chosen}
+        chosen = extended(problem, asked_again(problem, chosen))
+        if {term.index for term in chosen} == before:
+            break
+    return chosen
+
+
+def extended(problem: TermProblem, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
+    """With term after term, until none is more probable than all that there may be together."""
+    reduced = problem.reduce(chosen)
+    while reduced.n > 1.0:  # as long as there are more equations than terms
+        log_odds, scores = problem.odds(reduced)
+        if not len(log_odds) or logsumexp(log_odds) <= 0.0:
+            break
+        best = problem.best(log_odds)
+        reduced = problem.reduce([*reduced.chosen, SelectedTerm(best, float(scores.scale[best]))])
+    return list(reduced.chosen)
+
+
+def asked_again(problem: TermProblem, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
+    """One pass over the slots, the weakest first: keep, swap or empty; none are added.
+
+    What is left is worked out anew only after a change.
+    """
+    found, reduced = list(chosen), problem.reduce(chosen)
+    own = {t.index: problem.own_evidence(reduced, t) for t in problem.slots(chosen)}
+    for index in sorted(own, key=own.__getitem__):
+        at = next(k for k, term in enumerate(found) if term.index == index)
+        log_odds, scores = problem.odds(reduced.without(found[at]))
+        best = problem.best(log_odds)
+        if log_odds[best] <= log_odds[index] + BETTER:
+            best = index
+        filled = logsumexp(log_odds) > 0.0
+        found[at : at + 1] = [SelectedTerm(best, float(scores.scale[best]))] if filled else []
+        if best != index or not filled:
+            reduced = problem.reduce(found)
+    return found
+
+
+def added_evidence(
+    problem: TermProblem, chosen: Sequence[SelectedTerm], more: Sequence[SelectedTerm]
+) -> float:
+    """Log odds of a model with some terms more against the one without, term by term."""
+    total, reduced = 0.0, problem.reduce(chosen)
+    for term in more:
+        total += float(problem.odds(reduced)[0][term.index])
+        reduced = problem.reduce([*reduced.chosen, term])
+    return total
