@@ -100,6 +100,9 @@ DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], ro
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.01 (test_joint_posterior.py)
 MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
+# Log odds behind the best at which a state does not count: all of them together hold 1e-4, and to
+# keep them costs a third of the time.
+NEARLY_NOTHING = 14.0
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)

@@ -59,18 +59,22 @@ class NoisePrior:
         return np.maximum(mean, self.least**2)
 
     def settled(
-        self, left: Callable[[Array], tuple[float | Array, float]], start: float | Array
+        self,
+        left: Callable[[Array], tuple[float | Array, float]],
+        start: float | Array,
+        ratio: float = SETTLED_VARIANCE,
     ) -> Array:
         """Noise variance after a fit whose priors are weighed by it, from a guess.
 
         Args:
             left: Residual sum of squares, and equations left, of the fit at a noise variance.
             start: The guess.
+            ratio: Of two rounds' variances, from which on they have settled.
         """
         variance = np.asarray(start)
         for _ in range(VARIANCE_ROUNDS):
             before, variance = variance, np.asarray(self.variance(*left(variance)))
-            if np.all(variance > SETTLED_VARIANCE * before):
+            if np.all(variance >= ratio * before):
                 break
         return variance
 
@@ -246,15 +250,14 @@ def _noise_left(
         n: Equations left.
         noise: The prior of the noise.
     """
-    base = float(noise.variance(tt, n))
-    v = np.full((len(gain), len(sizes)), base)
     owner = np.repeat(np.arange(len(sizes)), sizes)
-    for _ in range(VARIANCE_ROUNDS):
-        left = tt - _summed(gain / (v[:, owner] + weight), sizes)
-        before, v = v, np.maximum(noise.variance(np.maximum(left, 0.0), n), 1e-12 * base)
-        if (np.abs(v - before) <= 100.0 * np.finfo(float).eps * v).all():
-            break
-    return v
+
+    def left(v: Array) -> tuple[Array, float]:
+        taken = _summed(gain / (v[:, owner] + weight), sizes)
+        return np.maximum(tt - taken, 0.0), n
+
+    start = np.full((len(gain), len(sizes)), noise.variance(tt, n))
+    return noise.settled(left, start, 1.0 - 100.0 * np.finfo(float).eps)
 
 
 def _summed(each: Array, sizes: NDArray[np.intp]) -> Array:

@@ -32,6 +32,7 @@ from plumbline.optim.diagnosis.prior import (
     LEAST_TOLD,
     MOST_TERMS,
     MOVES,
+    NEARLY_NOTHING,
     SETTLED,
     TILT,
 )
@@ -161,7 +162,7 @@ class _Chain:
         self.been.add(state)
         self.seen[state] = look.log_posterior
         near = look.log_posterior + np.where(self.problem.gross, look.row_odds, look.log_odds)
-        for i in np.flatnonzero(np.isfinite(near)).tolist():
+        for i in np.flatnonzero(near > max(self.seen.values()) - NEARLY_NOTHING).tolist():
             self._see(state | {i}, float(near[i]))
         return look
 

@@ -12,6 +12,7 @@ otherwise or emptied (iterated conditional modes, Besag 1986, J. R. Stat. Soc. B
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -34,7 +35,7 @@ from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm,
 from plumbline.optim.diagnosis.prior import BETTER, LOG_SCALE_WEIGHTS
 
 
-class TermProblem:
+class TermProblem(ABC):
     """A linear problem without nuisances, the terms that it may have, and its noise."""
 
     linear: Linear  # the problem with the nuisances eliminated
@@ -42,14 +43,14 @@ class TermProblem:
     noise: NoisePrior  # the prior of the noise
     log_priors: Array  # log of each term's share (C,); -inf for those that fill no slot
 
+    @abstractmethod
     def log_slot(self, filled: int) -> float:
         """Log odds, before the data, that one slot more is filled beside so many."""
-        raise NotImplementedError
 
-    @cached_property
+    @property
+    @abstractmethod
     def causes(self) -> NDArray[np.intp]:
         """Number of the cause that each term is a variant of (C,)."""
-        raise NotImplementedError
 
     @cached_property
     def gathered(self) -> list[Batch]:
