@@ -108,8 +108,8 @@ MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost o
 GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
 LEAST_NAMED = 0.5  # probability of a cause, given those named before it, at which it is named
-CHAINS_APART = 0.02  # by which the probabilities of two chains that agree may differ
-LEAST_TOLD = CHAINS_APART  # a probability below it states nothing
+# A probability below it states nothing; by so much two chains that agree may differ.
+LEAST_TOLD = 0.02
 EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
 
 # Rows left out (predict).
@@ -154,7 +154,6 @@ NOTHING_WRONG = 0.25  # share of the cases in which nothing is wrong
 LEAST_GAP = 0.35  # of a simulated case [noise]: the faintest of the withheld sets
 GAP_SPREAD = 2.0  # gaps are drawn between the found one over this and times this
 MOST_SIMULATED_CAUSES = 3
-NEWTON_STEPS = 4  # to readings that leave given errors: each squares what is left of them
 SLOPE_WIDTH, OFFSET_WIDTH = 0.5, 1.0  # priors of the recalibration's line about the identity
 TRUTH_HELD = 0.9  # share of cases whose true causes the set of causes holds
 SUREST = 1e-6  # of a stated probability, from 0 and 1: what it counts for is finite

@@ -113,3 +113,8 @@ def test_a_way_out_is_that_nearest_to_the_goal_s_of_those_with_2_mm_of_room():
         assert np.diff(own._times) == pytest.approx(0.04)
     assert sought > 40
     assert slow > 3
+
+
+def test_effort_costs_seven_tenths_of_the_root_of_what_changes_cost_unless_stated():
+    assert Settings(smooth=100.0).weights == (pytest.approx(7.0, rel=0.2), 100.0)
+    assert Settings(smooth=100.0, effort=1.0).weights == (1.0, 100.0)

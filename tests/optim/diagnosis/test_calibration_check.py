@@ -215,3 +215,10 @@ def test_a_recording_can_be_sent_to_another_process(settings):
         sent = pickle.loads(pickle.dumps(diagnosis.recording))
         T = sent.chain.placement(sent.q)
         np.testing.assert_array_equal(T, diagnosis.recording.chain.placement(sent.q))
+
+
+def test_what_was_certain_counts_as_a_million_to_one():
+    """A line of half the slope makes a thousand to one of it, on either side."""
+    worth = Recalibration(0.5, 0.0)
+    assert 1.0 - worth(1.0) == pytest.approx(1e-3, rel=0.2)
+    assert worth(0.0) == pytest.approx(1e-3, rel=0.2)

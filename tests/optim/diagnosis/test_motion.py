@@ -1,6 +1,7 @@
 """Motions, from a file to a verdict: what a drive does is found, told and foretold."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,9 +17,16 @@ from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.optim.core.judged import STILL
 from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.motion import signals as signals_module
 from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated, fitted, to_go
 from plumbline.optim.diagnosis.motion.models import Models
-from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
+from plumbline.optim.diagnosis.motion.recording import (
+    OBSERVATION,
+    TRACKING,
+    MotionRecording,
+    build_motion,
+    load_motion,
+)
 from plumbline.optim.diagnosis.motion.rollout import WIDE, roll_out
 from plumbline.optim.diagnosis.motion.search import _with_parts, errors_of
 from plumbline.optim.diagnosis.motion.signals import signals_of
@@ -473,3 +481,21 @@ def test_the_fit_of_an_ideal_drive_is_its_residual():
     windows = signals.windows(0, signals.starts)
     fit = evaluated(windows, (), np.empty(0))
     assert fit.square**0.5 == pytest.approx(2e-4, rel=0.1)
+
+
+@pytest.mark.parametrize("best", [0.3, 0.2, 0.1, 0.05])
+def test_readings_under_torques_are_smoothed_as_fits_best_from_a_twentieth_of_a_second(
+    best, monkeypatch
+):
+    monkeypatch.setattr(signals_module, "_foretold", lambda _, seconds, __: seconds)
+    monkeypatch.setattr(signals_module, "_misfit", lambda seconds: abs(seconds - best))
+    pushed = SimpleNamespace(law=Law.TORQUE)
+    assert signals_of(pushed) == pytest.approx(best, rel=0.2)
+
+
+def test_a_radian_of_a_tracked_axis_is_a_decimetre_and_of_a_joint_itself():
+    def size(observation):
+        return MotionRecording.size.fget(SimpleNamespace(observation=observation))
+
+    assert size(TRACKING) == pytest.approx(0.1, rel=0.3)
+    assert size(OBSERVATION) == 1.0

@@ -23,7 +23,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.prior import NEWTON_STEPS
+from plumbline.optim.diagnosis.prior import ROUNDS
 from plumbline.optim.measurement.observation import (
     Model,
     build_model,
@@ -155,7 +155,7 @@ def _given_way(model: Model, x: Array, errors: Array) -> Array:
     both = cs.Function(
         "give_way", [problem.x, problem.row], [cs.densify(problem.residual), cs.densify(J)]
     )
-    for _ in range(NEWTON_STEPS):
+    for _ in range(ROUNDS):
         rows = rows_of(recording, [t.effect for t in model.terms])
         r, J_t = over_rows(both, rows, x)
         J_rows = J_t.transpose(0, 2, 1)

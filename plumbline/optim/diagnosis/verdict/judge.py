@@ -26,10 +26,10 @@ from plumbline.optim.diagnosis.predict.held_out import (
     judgement_of,
 )
 from plumbline.optim.diagnosis.prior import (
-    CHAINS_APART,
     EARNED,
     FAR,
     LEAST_NAMED,
+    LEAST_TOLD,
     REMOVABLE_FROM,
     UNLISTED,
 )
@@ -216,7 +216,7 @@ def _notes(
     if told.compared:
         rows = f"{told.compared} of {len(selected.model.recording)} rows, evenly spread"
         notes.append(f"probabilities and the tree are from {rows}; fits and figures are of all")
-    if told.apart > CHAINS_APART:
+    if told.apart > LEAST_TOLD:
         notes.append(
             f"two searches from different starts differ by {told.apart:.2f} in a probability: "
             "what is told apart here is told by little"
