@@ -17,6 +17,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array, Problem
 
 CHUNK_NUMBERS = 4_000_000
+NEARBY = 0.1  # of a step, for differences along it (Transtrum and Sethna 2012, sec. 3.2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,13 +279,29 @@ class Mapped:
 
         The gradient is one sweep back through every row, however many unknowns there are.
         """
-        p = self.problem
         white = self.white_residuals(x)
+        return replace(gram, vector=self._back(x, white), square=float(np.sum(white**2)))
+
+    def curvature_along(self, x: Array, step: Array) -> Array:
+        r""":math:`J^T r''` (P,), the residuals' second derivative along a step (P,).
+
+        By differences to either side, which cost next to nothing beside many unknowns' Jacobian.
+        """
+        here, there, back = (x, x + NEARBY * step, x - NEARBY * step)
+        white, shared = (
+            (f(there) - 2.0 * f(here) + f(back)) / NEARBY**2
+            for f in (self.white_residuals, lambda at: self.shared(at)[0])
+        )
+        return self._back(x, white) + self.shared(x)[1] @ shared
+
+    def _back(self, x: ArrayLike, white: Array) -> Array:
+        """:math:`J^T w` (P,) of whitened rows w (N, m), in one sweep back through every row."""
+        p = self.problem
         back = np.sqrt(p.weights)[:, None] * back_to_rows(white, p.follows)
         rows, vector = np.hstack([p.rows, back]), np.zeros(p.size)
         for part in self._chunks(p.size + rows.shape[1]):
             vector += over_rows(self._compiled.pulled, rows[part], x)[0].sum(axis=(0, 1))
-        return replace(gram, vector=vector, square=float(np.sum(white**2)))
+        return vector
 
     def gram(self, x: ArrayLike) -> Gram:
         """Normal equations of all rows and of the shared residuals."""

@@ -14,7 +14,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core import mapped as mapping
 from plumbline.optim.core.judged import judged
-from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.mapped import Gram, Mapped, less_foretold
 from plumbline.optim.core.problem import Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import (
@@ -127,6 +127,45 @@ def test_the_truth_lies_within_the_stated_errors(model, solver):
     std = found.std(NOISE)[model.fixed :]
     assert (np.abs(found.x[model.fixed :] - OFFSETS) < 4 * std).all()
     assert (std < 5e-4).all()
+
+
+def valley(bend=10.0, rows=40):
+    """Rosenbrock's (1960): residuals bend (y - x^2) and 1 - x, told by many rows."""
+    x, row = cs.SX.sym("x", 2), cs.SX.sym("row", 2)
+    turn = np.linspace(0.0, np.pi, rows)
+    return Problem(
+        x=x,
+        names=("along", "across"),
+        lower=np.full(2, -np.inf),
+        upper=np.full(2, np.inf),
+        scale=np.ones(2),
+        residual=row[0] * bend * (x[1] - x[0] ** 2) + row[1] * (1.0 - x[0]),
+        row=row,
+        rows=np.column_stack([np.cos(turn), np.sin(turn)]),
+        weights=np.ones(rows),
+    )
+
+
+@pytest.mark.parametrize(("bend", "most"), [(10.0, 30), (100.0, 75), (1000.0, 150)])
+def test_a_valley_that_bends_is_followed_in_few_steps(bend, most):
+    """Without the turn they are 53, 236 and 1,128."""
+    found = LevenbergMarquardt(most).solve(valley(bend), [-1.2, 1.0])
+    np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-9)
+
+
+def test_the_curvature_along_a_step_is_that_of_casadi(model):
+    """The first rows of it by the Hessian of each residual, weighted and whitened."""
+    p = replace(model.problem, weights=np.linspace(0.5, 2.0, 60), follows=np.full(60, 0.4))
+    x, step = model.start + 0.01, np.linspace(-1e-3, 1e-3, p.size)
+    t = cs.SX.sym("t")
+    line = cs.substitute(p.residual, p.x, cs.DM(x) + t * cs.DM(step))
+    twice = cs.Function("twice", [t, p.row], [cs.jacobian(cs.jacobian(line, t), t)])
+    bent = np.array([twice(0.0, row).full().ravel() for row in p.rows])
+    white = less_foretold(np.sqrt(p.weights)[:, None] * bent, np.zeros((1, 3)), p.follows)
+    J = np.concatenate([J for _, _, J in Mapped(p).whitened(x)])
+    expected = np.einsum("nmp,nm->p", J, white)
+    found = Mapped(p).curvature_along(x, step)
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * abs(expected).max())
 
 
 @EACH

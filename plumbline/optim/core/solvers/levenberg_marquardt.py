@@ -2,11 +2,13 @@ r"""Levenberg-Marquardt on Gram matrices (Madsen, Nielsen, Tingleff 2004, algori
 
 .. math:: (J^T J + \mu D)\, \delta = -J^T r, \qquad D = \mathrm{diag}(J^T J)
 
-Bounds are kept by projection: unknowns that a step would push out of a bound leave the step.
-Memory does not grow with the rows.
+Where a step keeps less than half of its promise, the next ones turn with the valley by the second
+derivative along them (Transtrum and Sethna 2012, arXiv:1201.5885, sec. 3), and the damping follows
+what a step gained (Nielsen 1999, IMM-REP-1999-05). Bounds are kept by projection: unknowns that a
+step would push out of a bound leave the step. Memory does not grow with the rows.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +17,11 @@ from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers.solver import OfRows, refuse
+
+GROWTH = 2.0  # of the damping where a step fails, doubled each time it fails again (Nielsen)
+LEAST = 0.1  # of the damping that stays where a step keeps its promise; Nielsen takes a third
+KEPT = 0.5  # of a step's promise; who keeps less goes along a valley that bends
+MOST_TURN = 0.75  # of a step, twice its turn (Transtrum and Sethna 2012, eq. 15)
 
 
 @dataclass(frozen=True)
@@ -31,24 +38,52 @@ class LevenbergMarquardt(OfRows):
         mapped = Mapped(problem)
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         gram, mu, message = mapped.gram(x), self.damping, "iteration limit reached"
-        steps = 0
+        steps, growth, bent = 0, GROWTH, False
         while steps < self.max_iterations:
             steps += 1
             trial = _step(problem, gram, x, mu)
+            promise = promised(gram, trial - x)
+            if bent:
+                trial = _around_the_bend(mapped, gram, x, trial, mu)
             candidate = mapped.gram(trial)
             drop = gram.square - candidate.square
+            bent = bent or drop < KEPT * promise
             if not np.isfinite(candidate.square) or drop < 0:
-                mu *= 10
+                mu, growth = mu * growth, growth * GROWTH
                 if mu > 1e8 or abs(drop) <= self.tolerance * gram.square:
                     message = "no further descent"
                     break
                 continue
             done = drop <= self.tolerance * gram.square
-            x, gram, mu = trial, candidate, max(mu / 10, 1e-14)
+            x, gram = trial, candidate
             if done:
                 message = "converged"
                 break
+            mu, growth = max(mu * _relief(drop / promise), 1e-14), GROWTH
         return Solution(problem, x, steps, message)
+
+
+def _around_the_bend(mapped: Mapped, gram: Gram, x: Array, trial: Array, mu: float) -> Array:
+    """The step from x that follows the bend of a valley to second order (ibid., eq. 11)."""
+    curvature = mapped.curvature_along(x, trial - x)
+    turned = replace(gram, vector=gram.vector + 0.5 * curvature)
+    found, scale = _step(mapped.problem, turned, x, mu), mapped.problem.scale
+    more, straight = (np.linalg.norm(d / scale) for d in (found - trial, trial - x))
+    return found if 2.0 * more <= MOST_TURN * straight else trial
+
+
+def promised(gram: Gram, step: Array) -> float:
+    """By how much the square drops along a step (P,) if the residuals are linear."""
+    return float(-2.0 * gram.vector @ step - step @ gram.matrix @ step)
+
+
+def _relief(gain: float) -> float:
+    """By what the damping is multiplied after a step that gained this part of what was promised.
+
+    Where half was gained it stays (Nielsen 1999): in a valley that bends each other step had been
+    too long for nothing.
+    """
+    return max(LEAST, 1.0 - (2.0 * gain - 1.0) ** 3)
 
 
 def _step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:

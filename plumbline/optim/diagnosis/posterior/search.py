@@ -38,7 +38,7 @@ from plumbline.optim.recording.recording import Recording
 
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
 STEPS = (BaseBump, ToolSlip)
-BRIEF = LevenbergMarquardt(max_iterations=4, tolerance=1e-6)
+BRIEF = LevenbergMarquardt(max_iterations=8, tolerance=1e-6)
 NAMED = 4  # causes that a line names
 
 
