@@ -189,13 +189,25 @@ def test_what_an_unlisted_mechanism_depends_on_is_told_if_one_is_more_probable_t
     assert found.words == ("joint 2's error depends on it" if told else "")
 
 
+def rivals(scale, offset, lacked, kind="own angle"):
+    """One of two effects of joint 2 is at work, or something unlisted there; each by itself."""
+    alt, found = sampled(scale=scale, offset=offset, lacked=lacked)
+    other = ("joint", 2, kind, "joint_offset")
+    alt = replace(alt, mechanisms=(alt.mechanisms[0], other, *alt.mechanisms[2:]))
+    seen = {frozenset({k}): np.log(p) for k, p in enumerate((scale, offset, lacked))}
+    return _told(alt, replace(found, seen=seen))
+
+
 @pytest.mark.parametrize(("lacked", "named"), [(0.04, {SCALE}), (0.06, set())])
 def test_of_equals_one_is_named_where_it_is_settled_that_one_is_at_work(lacked, named):
     """Neither is more probable than not; that one of the two is, or something unlisted, is."""
-    scale, offset = 0.52 - lacked, 0.48
-    alt, found = sampled(scale=scale, offset=offset, lacked=lacked)
-    seen = {frozenset({k}): np.log(p) for k, p in enumerate((scale, offset, lacked))}
-    assert _told(alt, replace(found, seen=seen)).named == named
+    assert rivals(0.52 - lacked, 0.48, lacked, kind="load").named == named
+
+
+@pytest.mark.parametrize(("lacked", "named"), [(0.49, {SCALE}), (0.51, set())])
+def test_of_equals_of_one_kind_one_is_named_where_one_is_more_probable_than_not(lacked, named):
+    """As a play and a lag that is carried along, beside a little that may be neither."""
+    assert rivals(0.6 - lacked / 2, 0.4 - lacked / 2, lacked).named == named
 
 
 def test_unlisted_mechanisms_share_the_gap_by_what_they_move():

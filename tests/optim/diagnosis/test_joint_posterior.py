@@ -476,7 +476,7 @@ def of_library(seed, lacked=(), **given):
 def named(X, t, lacked):
     asked = replace(problem(X, t), unlisted=lacked)
     found = sample(asked, STARTS, 0)
-    return found.named(asked), found.marginals[0]
+    return found.named(asked, np.arange(len(asked.listed))), found.marginals[0]
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -9,7 +9,7 @@ import pytest
 from plumbline.kinematics.effects import JointOffset, JointScale
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
-from plumbline.optim.diagnosis.discrepancy.resembling import _modulated, resembling
+from plumbline.optim.diagnosis.discrepancy.resembling import _modulated, _words, resembling
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
@@ -179,3 +179,16 @@ def test_what_resembles_a_ripple_may_have_any_form_of_its_period():
             np.sum((third - s.T @ np.linalg.lstsq(s.T, third, rcond=1e-9)[0]) ** 2) for s in spans
         )
         assert (left < 1e-9) == near
+
+
+@pytest.mark.parametrize(
+    ("stage", "element", "on", "words"),
+    [
+        ("registration", None, "time", "the registration's error depends on time"),
+        ("registration", 3, "nothing", "marker 3's error is nearly as x has it"),
+        ("tool", None, "group", "the tool's error depends on its group or stretch of time"),
+    ],
+)
+def test_a_resemblance_speaks_of_nothing_that_is_not_there(stage, element, on, words):
+    """No marker where no element is one, no group where a slip is told by its time."""
+    assert words in _words(stage, element, on, "x")

@@ -111,6 +111,12 @@ class Alternatives:
         return found
 
     @property
+    def kinds(self) -> Array:
+        """Of every mechanism (L,) the number of its kind: what depends on the same at one place."""
+        kinds = [m[:3] for m in self.mechanisms]
+        return np.array([kinds.index(kind) for kind in kinds])
+
+    @property
     def gross_rows(self) -> dict[int, int]:
         """Numbers of the terms of rows that may be gross, by row."""
         terms = enumerate(self.problem.candidates)

@@ -123,8 +123,8 @@ def resembled(pool: Pool, looks: Sequence[Sequence[SelectedTerm]]) -> list[Candi
 
 def _words(stage: str, element: int | None, on: str, name: str) -> str:
     """What a mechanism does that resembles an effect of this name."""
-    noun = NOUNS.get(stage, stage)
-    where = f"the {noun}'s" if element is None else f"{noun} {element}'s"
+    where = f"the {stage}'s" if element is None else f"{NOUNS.get(stage, stage)} {element}'s"
+    on = "its group or stretch of time" if on == "group" else on  # a slip needs no column of groups
     same = f"nearly as {name} has it"
     return (
         f"{where} error is {same}" if on == "nothing" else f"{same}, {where} error depends on {on}"

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import expit, logsumexp
 
 from plumbline.optim.core.problem import Array
@@ -61,21 +62,31 @@ class Sampled:
         held = self._holding(problem, labels)
         return _marginals(problem, held)[0] if held else None
 
-    def named(self, problem: JointProblem) -> list[int]:
+    def named(self, problem: JointProblem, kinds: Array) -> list[int]:
         """Listed labels to name: one after the other, each more probable than not given the others.
 
-        Where it is settled that one more is at work, though not which, the most probable is named
-        with the share that it has: several may do the same.
+        Several may do the same: the most probable is named with the share that it has where one of
+        its kind is more probable than not, or it is settled that one more is at work.
+
+        Args:
+            problem: What was sampled.
+            kinds: Of every label of the first level (L,): those of one kind depend on the same.
         """
         alone = np.where(problem.listed, self.marginals[0], 0.0)
         if not self.seen:
             return np.flatnonzero(alone >= LEAST_NAMED).tolist()
+        every = np.ones(len(kinds), dtype=bool)
+
+        def one_more(found: Sequence[int], kind: float) -> bool:
+            of_kind = self._one_more(problem, found, kinds == kind) >= LEAST_NAMED
+            return of_kind or self._one_more(problem, found, every) >= SETTLED
+
         found: list[int] = []
         while (marginals := self.given(problem, found)) is not None:
             p = np.minimum(alone, marginals[0])
             p[found] = 0.0
             best = int(np.argmax(p))
-            if p[best] < LEAST_NAMED and (not p[best] or self._one_more(problem, found) < SETTLED):
+            if p[best] < LEAST_NAMED and not (p[best] and one_more(found, kinds[best])):
                 break
             found.append(best)
         return found
@@ -84,15 +95,18 @@ class Sampled:
         wanted = frozenset(labels)
         return {s: log for s, log in self.seen.items() if wanted <= self._labels(problem, s)}
 
-    def _one_more(self, problem: JointProblem, found: Sequence[int]) -> float:
-        """Probability that a listed label beside those found is at work with them.
+    def _one_more(
+        self, problem: JointProblem, found: Sequence[int], among: NDArray[np.bool_]
+    ) -> float:
+        """Probability that a listed label among some (L,) is at work with those found.
 
         What may be a part of an unlisted mechanism does not count.
         """
         held = self._holding(problem, found)
         weights = np.exp(np.array(list(held.values())) - max(held.values()))
         more = [self._labels(problem, s).difference(found, problem.parts(s)) for s in held]
-        return float(weights @ [problem.listed[list(m)].any() for m in more] / weights.sum())
+        wanted = problem.listed & among
+        return float(weights @ [wanted[list(m)].any() for m in more] / weights.sum())
 
     @staticmethod
     def _labels(problem: JointProblem, state: State) -> set[int]:

@@ -223,7 +223,7 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
     best = int(np.argmax(said))
     words = alt.words[best] if p > 0.5 else ""
     rows = {row: float(found.gross[i]) for row, i in alt.gross_rows.items()}
-    named = found.named(alt.problem)
+    named = found.named(alt.problem, alt.kinds)
     return Explanation(
         {key: float(found.marginals[0][k]) for key, k in keys.items()},
         {key: (float(low[k]), float(high[k])) for key, k in keys.items()},
