@@ -120,7 +120,7 @@ GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a 
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (cost only)
 MOST_BLOCKS = 4000  # of the bootstrap (memory only)
 FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's step foretells
-FOLD_STEPS = 8  # of a fold's own, where one from the fit of all does not do (cost only)
+FOLD_STEPS = 12  # of a fold's own, where one from the fit of all does not do (cost only)
 HALVINGS = 8  # of a step that leaves more than none: to less than a hundredth (cost only)
 SLOW = 0.1  # share of its way to go from which a step's curvature is worked out anew (cost only)
 
