@@ -121,8 +121,9 @@ BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (c
 MOST_BLOCKS = 4000  # of the bootstrap (memory only)
 FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's step foretells
 FOLD_STEPS = 12  # of a fold's own, where one from the fit of all does not do (cost only)
-HALVINGS = 8  # of a step that leaves more than none: to less than a hundredth (cost only)
-SLOW = 0.1  # share of its way to go from which a step's curvature is worked out anew (cost only)
+# Share of its way to go from which a step's curvature is worked out anew; along one motion no fold
+# comes to rest by the curvature of all.
+SLOW = 0.1
 
 # Causes that are not named (predict/negligible, verdict/explanation).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, or all spared, below which it is

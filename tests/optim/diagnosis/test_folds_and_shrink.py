@@ -180,7 +180,7 @@ def test_a_fold_s_fit_stays_within_the_bounds_and_is_judged_there(offset_recordi
     assert ended.converged
 
 
-def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_halved(offset_recording):
+def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_not_taken(offset_recording):
     pool, folds, choice, best = pool_of(offset_recording)
     model = fold_models(pool, choice, variance=1e-8)[0]
     union = shrink._union(pool, [model], best)
@@ -191,7 +191,7 @@ def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_halved(offset_re
     found, ended = shrink._settled(pool, union, folds == 0, model, start, far, grams)
     assert ended.converged
     np.testing.assert_allclose(found, start, atol=3.0 * union.problem.scale.max())
-    assert np.isnan(shrink._halved(Mapped(union.problem), start, start * np.nan)).sum() == 0
+    assert np.isnan(shrink._nearer(Mapped(union.problem), start, start * np.nan)).sum() == 0
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,6 @@ from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
     FOLD_STEPS,
-    HALVINGS,
     LONG,
     MANY_SLOTS,
     MOST_BLOCKS,
@@ -218,7 +217,7 @@ def _settled(
 
     The curvature is that of all folds' last step (``grams``), which is near, as long as steps with
     it come nearer; the gradient is each point's own. A step, the one from the ``start`` (P,) to the
-    first values ``x`` among them, that misses the rows by more than what it leaves is halved.
+    first values ``x`` among them, that misses the rows by more than what it leaves is not taken.
     """
     problem = union.problem
     both = [Mapped(problem.part(rows)) for rows in (~left_out, left_out)]
@@ -229,7 +228,7 @@ def _settled(
     # Of many rows every step is dear: enough are those that promise a change that tells.
     long = len(left_out) >= LONG
     first = np.where(np.isin(np.arange(len(x)), together), start, 0.0)
-    x = _halved(both[0], first, np.clip(x, problem.lower, problem.upper))
+    x = _nearer(both[0], first, np.clip(x, problem.lower, problem.upper))
     for _ in range(FOLD_STEPS):
         most = (1.0 + FOLD_BELIEVED) * found[2] if found else np.inf
         near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
@@ -248,22 +247,15 @@ def _settled(
         own, z = _own(pool, model, linear, together), (x + step) / problem.scale
         if len(own):
             z[own] = _refitted(fold, together, z[together], own)
-        x = _halved(both[0], x, z * problem.scale)
+        x = _nearer(both[0], x, z * problem.scale)
     assert found is not None
     return found[:2]
 
 
-def _halved(rows: Mapped, start: Array, end: Array) -> Array:
-    """The end (P,) of a step, or of half of it, a quarter, ..., that leaves no more than its start.
-
-    So far off that no residual is a number it has to be halved, too.
-    """
+def _nearer(rows: Mapped, start: Array, end: Array) -> Array:
+    """The end (P,) of a step; its start where that leaves more, or no number."""
     most = (1.0 + FOLD_BELIEVED) * np.sum(rows.white_residuals(start) ** 2)
-    for _ in range(HALVINGS):
-        if np.sum(rows.white_residuals(end) ** 2) <= most:
-            return end
-        end = (start + end) / 2.0
-    return start
+    return end if np.sum(rows.white_residuals(end) ** 2) <= most else start
 
 
 def _judged(
