@@ -233,8 +233,9 @@ def test_a_fold_s_step_is_taken_where_it_comes_nearer_and_costs_no_more(
 def test_nominal_residuals_are_those_of_refitting_without_the_fold(offset_recording):
     recording = offset_recording
     folds, nuisance = fold_of_rows(recording), nuisances_of(recording)
-    nominal = fit(recording, (), nuisance, np.ones(len(recording)), SOLVER)[1]
-    found = nominal_residuals(nominal, folds)
+    model, nominal = fit(recording, (), nuisance, np.ones(len(recording)), SOLVER)
+    pool = make_pool(model, nominal.x, folds, NoisePrior(), library=SMALL)
+    found = nominal_residuals(pool, nominal, folds)
     for f in range(5):
         rest = recording.select(folds != f)
         best = fit(rest, (), nuisance, np.ones(len(rest)), SOLVER)[1]

@@ -96,7 +96,7 @@ def evaluate(
         seed: Of the bootstrap.
     """
     pool = selected.pool
-    before = nominal_residuals(selected.nominal, folds)
+    before = nominal_residuals(pool, selected.nominal, folds)
     after, fits, models = before, list[Judged](), list[FoldModel]()
     if selected.chosen:
         models = fold_models(pool, without=selected.barred, kept=selected.chosen)

@@ -185,8 +185,9 @@ def held_out_residuals(
     """
     union = _union(pool, models, best)
     whole, at = Mapped(union.problem), union.started(best.by_name)
+    columns = [_columns_of(pool, union, model) for model in models]
     for _ in range(ROUNDS):
-        out, foretold, values, grams = _one_step(pool, union, folds, models, at)
+        out, foretold, values, grams = _one_step(pool, union.problem, folds, models, columns, at)
         if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= FOLD_BELIEVED * foretold:
             break
         # Too far for one step: all folds moved alike, so their mean is nearer to each.
@@ -324,19 +325,18 @@ def _own(pool: Pool, model: FoldModel, rest: Linear, together: Columns) -> Colum
 
 def _one_step(
     pool: Pool,
-    union: Model,
+    problem: Problem,
     folds: NDArray[np.intp],
     models: Sequence[FoldModel],
+    columns: Sequence[Columns],
     at: Array,
 ) -> tuple[Array, float, Array, list[Gram]]:
     """True residuals (N, m), their foretold square, every fold's values (F, P), and its Gram."""
-    problem = union.problem
     grams = Mapped(problem).grams(at, folds)
     total = sum(grams, start=pool.shared_at(at[: pool.always]).padded(problem.size))
     out, foretold = np.empty((len(folds), problem.equations)), 0.0
     values = np.zeros((len(models), problem.size))
-    for f, model in enumerate(models):
-        together = _columns_of(pool, union, model)
+    for f, (model, together) in enumerate(zip(models, columns, strict=True)):
         rest = Linear.about(total - grams[f], at, problem.scale)
         fold = Linear.about(grams[f], at, problem.scale)
         z = _step(pool, rest, fold, together, model)
@@ -361,25 +361,11 @@ def _precisions(linear: Linear, always: int, model: FoldModel) -> Array:
     return np.concatenate([flat_prior(linear, always), np.repeat(model.ridge, sizes) ** 2])
 
 
-def nominal_residuals(nominal: Solution, folds: NDArray[np.intp]) -> Array:
+def nominal_residuals(pool: Pool, nominal: Solution, folds: NDArray[np.intp]) -> Array:
     """Residuals (N, m) of every row under the nuisances alone, fitted without its fold."""
-    problem, x = nominal.problem, nominal.x
-    shared = nominal.mapped.shared_gram(x)
-    grams = nominal.mapped.grams(x, folds)
-    total = sum(grams, start=shared)
-    out = np.empty((len(folds), problem.equations))
-    for f, own in enumerate(grams):
-        rest = Linear.about(total - own, x, problem.scale)
-        every = np.arange(problem.size)
-        z = rest.solve(every, flat_prior(rest, problem.size))
-        seen = np.diag((total - own - shared).matrix)
-        here = np.diag(own.matrix)
-        alone = np.flatnonzero((seen <= 1e-9 * here.max(initial=0.0)) & (here > 0))
-        if len(alone):
-            z[alone] = _refitted(Linear.about(own, x, problem.scale), every, z, alone)
-        rows = np.flatnonzero(folds == f)
-        out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
-    return out
+    none = [FoldModel((), np.empty(0), np.empty(0), fold=f) for f in range(len(pool.grams))]
+    always = [np.arange(pool.always)] * len(none)
+    return _one_step(pool, nominal.problem, folds, none, always, nominal.x)[0]
 
 
 def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
