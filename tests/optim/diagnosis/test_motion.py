@@ -387,6 +387,21 @@ def test_what_is_held_out_is_never_fitted():
     assert verdict.gap.after > 0.04
 
 
+@pytest.mark.parametrize(("size", "told"), [(8.0, False), (13.0, True)])
+def test_a_single_reading_that_leaps_away_and_back_is_gross_and_a_step_is_none(size, told):
+    clean = recorded([{}, {}], seconds=20, dt=0.01, fastest=0.2)
+    t, u, q = clean.time, clean.command, clean.q.copy()
+    usual = np.abs(q[1:-1] - (q[:-2] + q[2:]) / 2)[:, 0].mean()
+    q[700:, 0] += 300 * usual  # which is no leap: it does not come back
+    q[400, 0] = (q[399, 0] + q[401, 0]) / 2 + size * usual
+    found = build_motion(robot=arm(), time=t, command=u, q=q)
+    line = (q[399, 0] + q[401, 0]) / 2
+    note = "joint 1 leaps away and back in 1 row, taken for gross errors: 401"
+    assert found.notes == (note,) * told
+    assert found.q[400, 0] == pytest.approx(line if told else q[400, 0], abs=1e-15)
+    np.testing.assert_array_equal(np.delete(found.q, 400, axis=0), np.delete(q, 400, axis=0))
+
+
 def test_groups_are_left_out_together():
     parts = [recorded([{"lag": 0.05}, {}], seconds=20, seed=k) for k in range(3)]
     joined = build_motion(

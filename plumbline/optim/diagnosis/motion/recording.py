@@ -11,7 +11,7 @@ of the whole robot where there are as many columns, else those of the chain to t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from plumbline.errors import fault, shown
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording.columns import numbered
 from plumbline.optim.recording.constants import (
     LARGEST_ARM,
@@ -45,6 +46,8 @@ OBSERVATION, TRACKING = "motion", "tracking"
 LEVER = 0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
 STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
 ALIKE, SAME_UNIT = 0.9, 1.5  # correlation and ratio of motions that may differ by their unit alone
+LEAP = 10.0  # times what readings usually are off the line of their neighbours: no noise is that
+LISTED = 5  # rows that a note names
 LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
 OPTIONAL = ("velocity", "effort")  # read by other programs: positions alone are fitted
 
@@ -295,7 +298,29 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
-    return r
+    return _without_leaps(r)
+
+
+def _without_leaps(r: MotionRecording) -> MotionRecording:
+    """Put single readings that leap away and back, as no joint moves, between their neighbours.
+
+    These are then off the line of their own neighbours by half as much, the other way.
+    """
+    q, off, step = r.q.copy(), np.zeros_like(r.q), np.abs(np.diff(r.q, axis=0))
+    off[1:-1] = q[1:-1] - (q[:-2] + q[2:]) / 2
+    least = np.where(step > 0.0, step, np.inf).min(axis=0, initial=np.inf)  # an encoder's step
+    leaps = np.abs(off) > LEAP * np.maximum(np.abs(off).mean(axis=0), least)
+    for side in (-1, 1):
+        leaps &= np.abs(np.roll(off, side, axis=0) + off / 2) < np.abs(off) / 4
+    rows, columns = np.nonzero(leaps)
+    q[rows, columns] -= off[rows, columns]
+    told = [
+        f"{r.noun} {j + 1} leaps away and back in {counted(len(at), 'row')}, taken for gross "
+        f"errors: {', '.join(map(str, at[:LISTED]))}{', ...' * (len(at) > LISTED)}"
+        for j in range(r.n)
+        if len(at := rows[columns == j] + 1)
+    ]
+    return replace(r, q=q, notes=(*r.notes, *told))
 
 
 def _refuse_frozen(r: MotionRecording, origin: Origin) -> None:
