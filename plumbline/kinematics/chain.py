@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import Array, over_rows
-from plumbline.kinematics.frames import Transform, axis_rotation, constant, homogeneous
+from plumbline.kinematics.frames import Transform, axis_rotation, by_columns, constant, homogeneous
 
 PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
 
@@ -184,11 +184,7 @@ class Chain:
             PlumblineError: A posture has another number of joints, or is no list of numbers.
         """
         postures = self._postures(q)
-        columns = over_rows(self._placement, postures)[0][:, 0]
-        T = np.tile(np.eye(4), (len(postures), 1, 1))
-        T[:, :3, :3] = columns[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
-        T[:, :3, 3] = columns[:, 9:]
-        return T
+        return by_columns(over_rows(self._placement, postures)[0][:, 0])
 
     def _postures(self, q: ArrayLike) -> Array:
         try:

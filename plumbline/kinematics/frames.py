@@ -113,8 +113,15 @@ class Transform:
 
 
 def homogeneous(R: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
-    """Numeric homogeneous matrix (4, 4) of a rotation (3, 3) and a translation (3,) [m]."""
-    T = np.eye(4)
-    T[:3, :3] = R
-    T[:3, 3] = np.asarray(t, dtype=float).ravel()
+    """Numeric homogeneous matrices (..., 4, 4) of rotations (..., 3, 3) and places (..., 3) [m]."""
+    several = np.shape(R)[:-2]
+    T = np.zeros((*several, 4, 4))
+    T[..., :3, :3] = R
+    T[..., :3, 3] = np.reshape(t, (*several, 3))
+    T[..., 3, 3] = 1.0
     return T
+
+
+def by_columns(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same (N, 4, 4) from rows of a rotation by its columns and a place (N, 12)."""
+    return homogeneous(rows[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1), rows[:, 9:])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 
 SAMPLE = 500  # rows that are enough to tell units
@@ -57,11 +58,7 @@ def rigid_match(source: Array, target: Array, *, scale: bool = False) -> Array:
     R, size = _procrustes(np.swapaxes(b, -1, -2) @ a)
     if scale:
         R *= (size / np.sum(a * a, axis=(-2, -1)))[..., None, None]
-    T = np.zeros((*R.shape[:-2], 4, 4))
-    T[..., :3, :3] = R
-    T[..., :3, 3] = q - (R @ p[..., None])[..., 0]
-    T[..., 3, 3] = 1.0
-    return T
+    return homogeneous(R, q - (R @ p[..., None])[..., 0])
 
 
 def best_rotation(source: Array, target: Array) -> Array:

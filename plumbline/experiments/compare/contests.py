@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from plumbline.experiments.sources import fetch
 from plumbline.kinematics.dh import rows_table
+from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import DHOptions, Squares, fit_dh
 from plumbline.optim.diagnosis.motion.recording import load_motion
@@ -87,9 +88,7 @@ def poses(_: Path) -> Given:
 
 
 def _placed(x: Array) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = pin.exp3(x[3:]), x[:3]
-    return T
+    return homogeneous(pin.exp3(x[3:]), x[:3])
 
 
 def fetched(build: Path, name: str) -> Path:

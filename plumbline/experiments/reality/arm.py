@@ -87,6 +87,13 @@ def rotations(vector: Array) -> Array:
     return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
+def placed(R: Array, t: Array) -> Array:
+    """Transforms (..., 4, 4) of rotations (..., 3, 3) and places (..., 3) [m]."""
+    T = np.tile(np.eye(4), (*R.shape[:-2], 1, 1))
+    T[..., :3, :3], T[..., :3, 3] = R, t
+    return T
+
+
 def forward(arm: Arm, q: Array, shape: Shape | None = None) -> Array:
     """Frames of all links in the base frame.
 
@@ -123,10 +130,7 @@ def _link(arm: Arm, q: Array, shape: Shape, i: int) -> Array:
     flex = shape.flex[:, i]
     if not flex.any():
         return np.asarray(link)
-    bend = np.tile(np.eye(4), (len(q), 1, 1))
-    bend[:, :3, :3] = rotations(flex[:, 3:])
-    bend[:, :3, 3] = flex[:, :3]
-    return np.asarray(link @ bend)
+    return np.asarray(link @ placed(rotations(flex[:, 3:]), flex[:, :3]))
 
 
 def loads(arm: Arm, frames: Array) -> tuple[Array, Array]:

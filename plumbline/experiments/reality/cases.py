@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plumbline.experiments.reality.arm import Arm, Array, forward, rotations
+from plumbline.experiments.reality.arm import Arm, Array, forward, placed, rotations
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.draws import ORDER, SIGNED, draw, offered, outside_offered
 from plumbline.experiments.reality.gap import scaled
@@ -130,13 +130,9 @@ def looking_at(arm: Arm, q: Array, rng: np.random.Generator) -> Array:
     towards /= np.linalg.norm(towards)
     side = np.cross(towards, rng.normal(size=3))
     side /= np.linalg.norm(side)
-    device = np.eye(4)
-    device[:3, :3] = np.stack([side, np.cross(towards, side), towards])
     aim = rotations(rng.normal(0.0, 0.05, 3))
-    device[:3, :3] = aim @ device[:3, :3]
-    origin = centre - towards * size * rng.uniform(1.5, 2.5)
-    device[:3, 3] = -device[:3, :3] @ origin
-    return device
+    R = aim @ np.stack([side, np.cross(towards, side), towards])
+    return placed(R, -R @ (centre - towards * size * rng.uniform(1.5, 2.5)))
 
 
 def _effects(

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.reality.arm import placed, rotations
 from plumbline.experiments.reality.ranging.camera import camera_place, target_poses
 from plumbline.experiments.reality.ranging.finder import spoil
 from plumbline.experiments.reality.ranging.phantoms import (
@@ -19,7 +20,6 @@ from plumbline.experiments.reality.ranging.phantoms import (
     Scan,
     block,
     draw_head,
-    placed,
     scan_head,
     tracked,
 )
@@ -260,7 +260,7 @@ def _plane_points(case: SetUp, beam: Beam, rng: np.random.Generator) -> Accuracy
     """Points of the planes, the mean of several readings each, against the tracker."""
     survey, true = marks(case.scene, rng, *PLANE_POINTS)
     rebuilt_means = marks_of(survey).means(beam)
-    T = placed(rng.normal(0.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3))
+    T = placed(rotations(rng.normal(0.0, 1.0, 3)), rng.uniform(-1.0, 1.0, 3))
     noise = rng.normal(0.0, case.scene.instrument.tracker / np.sqrt(3.0), true.shape)
     return leave_one_out(rebuilt_means, moved(T, true) + noise)
 

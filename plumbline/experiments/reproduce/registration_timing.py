@@ -12,6 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from plumbline.experiments.reproduce.registration_trial import Array, Trial, noise
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.registration import Kabsch, Method, ThreePoint
 
 ROUNDS, SINGLES = 11, 100
@@ -75,9 +76,7 @@ def least_squares_once(ct: Array, robot: Array) -> Array:
 
 
 def _transform(R: Array, t: Array) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, t
-    return T
+    return homogeneous(R, t)
 
 
 def _axes(m: Array) -> Array:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.pointing import Needle, tip_and_top
 from plumbline.optim.registration import (
     MarkerNoise,
@@ -50,17 +51,14 @@ PUBLISHED = MM * np.array(
 
 def published_frame() -> Array:
     """``T_RC`` (4, 4) [m] from the three published points."""
-    flip = np.eye(4)
-    flip[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
     tip, top = tip_and_top(flip, LESIONS["M"], NEEDLE, THETA, BETA)
     ours = np.array([flip[:3, :3] @ LESIONS["M"], tip, top])
     a, b = (points[:, :2] - points[:, :2].mean(axis=0) for points in (ours, PUBLISHED))
     phi = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
     c, s = np.cos(phi), np.sin(phi)
-    T = np.eye(4)
-    T[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ flip[:3, :3]
-    T[:3, 3] = PUBLISHED.mean(axis=0) - (T[:3, :3] @ flip[:3, :3] @ ours.mean(axis=0))
-    return T
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ flip[:3, :3]
+    return homogeneous(R, PUBLISHED.mean(axis=0) - (R @ flip[:3, :3] @ ours.mean(axis=0)))
 
 
 def published_errors(T_RC: Array) -> tuple[float, float, float]:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from plumbline.errors import shown
 from plumbline.experiments.slicer.points import FLIP, UNITS, check_axes, refusal
 from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 
 HEAD = "#Insight Transform File V1.0"
@@ -87,9 +88,8 @@ def moving(file: str, numbers: Array, centre: Array, axes: str) -> Array:
     Raises:
         PlumblineError: It has no inverse.
     """
-    back = np.eye(4)
-    back[:3, :3] = numbers[:9].reshape(3, 3)
-    back[:3, 3] = (numbers[9:] + centre - back[:3, :3] @ centre) * UNITS["mm"]
+    A = numbers[:9].reshape(3, 3)
+    back = homogeneous(A, (numbers[9:] + centre - A @ centre) * UNITS["mm"])
     if abs(np.linalg.det(back[:3, :3])) < 1e-12:
         raise refusal(f"{file}, Parameters", "a matrix of rank below 3", "an inverse", "mend it")
     return _along(np.linalg.inv(back).astype(np.float64), axes)

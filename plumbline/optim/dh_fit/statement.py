@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.kinematics.frames import Transform, constant, rotation
+from plumbline.kinematics.frames import Transform, by_columns, constant, rotation
 from plumbline.kinematics.link_table import KEYS, LinkTable
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.dh_fit.constants import FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS
@@ -182,10 +182,7 @@ class Statement:
 
     def frame_at(self, x: Array) -> Array:
         """``T_robot_camera`` (4, 4) [m] at a point (P,)."""
-        m = self.frame_function(x)[0].full().ravel()
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = m[:9].reshape(3, 3).T, m[9:]
-        return T
+        return by_columns(self.frame_function(x)[0].full().reshape(1, 12))[0]
 
     def tips(self, x: Array, q: Array) -> Array:
         """Predicted tips (N, 3) in the robot's frame [m]."""

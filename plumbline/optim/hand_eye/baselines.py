@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.constants import SCIPY_SCALE
@@ -67,6 +68,4 @@ def opencv_hand_eye(T_base_flange: Array, T_camera_target: Array, method: str = 
         list(T_camera_target[:, :3, :3]), list(T_camera_target[:, :3, 3]),
         method=getattr(cv2, f"CALIB_HAND_EYE_{method.upper()}"),
     )  # fmt: skip
-    found = np.eye(4)
-    found[:3, :3], found[:3, 3] = R, np.ravel(t)
-    return found
+    return homogeneous(R, t)

@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.calibrate import Calibration
@@ -101,9 +102,7 @@ def next_poses(
     found, source = candidates(calibration, rng)
     postures = None
     if chain is not None and q is not None:
-        T = np.tile(np.eye(4), (len(found), 1, 1))
-        T[:, :3, :3], T[:, :3, 3] = found.R, found.t
-        postures, good = reach(chain, q[source], T)
+        postures, good = reach(chain, q[source], homogeneous(found.R, found.t))
         found, source, postures = found.select(good), source[good], postures[good]
     equations, sigma, incidence = _equations(calibration, found, source)
     chosen, stds = greedy(calibration, equations, sigma, count)

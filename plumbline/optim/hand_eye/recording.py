@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.hand_eye.accuracy import Marks
 from plumbline.optim.hand_eye.constants import LARGEST_ANGLE, LARGEST_NOISE, LEAST_ROWS, LONGEST
@@ -104,9 +105,7 @@ def _poses(table: Table) -> Array:
         found = f"{np.linalg.norm(values[far[0], :3]):.4g} m from the base"
         expected, mend = f"at most {LONGEST:g} m", "looks like millimetres: divide by 1000"
         raise fault(table.origin.at("px", far[0]), found, expected, mend)
-    T = np.tile(np.eye(4), (len(values), 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = rotations(values[:, 3:] / lengths[:, None]), values[:, :3]
-    return T
+    return homogeneous(rotations(values[:, 3:] / lengths[:, None]), values[:, :3])
 
 
 def ranges(table: Table) -> Array:

@@ -30,6 +30,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.judged import Judged, judged_by_gram
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
@@ -158,10 +159,8 @@ def _rows(points: Array, target: Surface, reach: float) -> tuple[Array, Array]:
 
 def _moving(step: Array, centre: Array) -> Array:
     """The motion (4, 4) of a turn [rad] about a point (3,) [m], then a shift [m]."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(step[:3]).as_matrix()
-    T[:3, 3] = centre - T[:3, :3] @ centre + step[3:]
-    return T
+    R = Rotation.from_rotvec(step[:3]).as_matrix()
+    return homogeneous(R, centre - R @ centre + step[3:])
 
 
 def judge(points: Array, target: Surface) -> Judged:

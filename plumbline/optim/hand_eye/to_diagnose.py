@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, one_line
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.hand_eye.constants import LEAST_ON_PLANE, MOST_MISFIT, SPARE
 from plumbline.optim.hand_eye.planes import Frames
 from plumbline.optim.hand_eye.readings import Beam, Readings
@@ -44,7 +45,7 @@ def ranges_to_diagnose(ranges: RangeRecording) -> Recording:
         robot=robot,
         chain=chain,
         tip_frame=chain.tip_frame,
-        q=pose_readings(_poses(readings)) if every.q is None else every.q,
+        q=pose_readings(homogeneous(readings.R, readings.t)) if every.q is None else every.q,
         measured=readings.distance[:, None],
         tool_offset=anchor[0][:3],
         element=part.astype(np.int64),
@@ -127,9 +128,3 @@ def _middles(readings: Readings, beam: Beam, frames: Frames) -> Array:
 def _names(ranges: RangeRecording, readings: Readings) -> tuple[str, ...]:
     planes = readings.planes.tolist()
     return tuple(ranges.labels[k - 1] if ranges.labels else str(k) for k in planes)
-
-
-def _poses(readings: Readings) -> Array:
-    T = np.tile(np.eye(4), (len(readings), 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = readings.R, readings.t
-    return T

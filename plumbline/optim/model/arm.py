@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import by_columns
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import CONTEXT, completed, postures
-from plumbline.optim.model.statement import Statement, matrices
+from plumbline.optim.model.statement import Statement
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,7 +58,7 @@ class Arm(Fitted):
         Raises:
             PlumblineError: A posture or a context that cannot be used.
         """
-        return matrices(over_rows(self.statement.pose, self.rows(q, **context))[0][:, 0])
+        return by_columns(over_rows(self.statement.pose, self.rows(q, **context))[0][:, 0])
 
     def tip(self, q: ArrayLike, **context: ArrayLike) -> Array:
         """Where the tip really is (N, 3) in the base frame [m]; arguments as of `placement`."""

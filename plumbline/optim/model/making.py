@@ -13,6 +13,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.nuisance import Nuisance
 from plumbline.optim.model.fitted import Held
@@ -48,8 +49,6 @@ def model_of(recording: Recording, fit: Fit, held: Held) -> Model:
     x = fit.x[: n.size]
     at = {name: k for k, name in enumerate(n.names)}
     R, t, turned, tool, sockets = _found(n, x)
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, t
     centre, A = np.zeros(3), np.eye(len(fit.x))
     if "frame x" in at:
         centre = recording.measured[:, :3].mean(axis=0) + x[[at[f"frame {c}"] for c in "xyz"]]
@@ -69,7 +68,7 @@ def model_of(recording: Recording, fit: Fit, held: Held) -> Model:
         covariance=A @ fit.covariance @ A.T,
         nuisance_names=n.names,
         always=recording.always,
-        T_device_base=T,
+        T_device_base=homogeneous(R, t),
         centre=centre,
         tool_offset=np.array(recording.tool_offset),
         tool=recording.tool_offset + tool,

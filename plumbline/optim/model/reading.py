@@ -15,6 +15,7 @@ from plumbline.errors import PlumblineError, fault, one_line, shown
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES
 from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.storing import effect_named
@@ -159,9 +160,7 @@ def number_of(where: str, value: object) -> float:
 
 def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
     tool, frame, gap = (top.section(key) for key in ("tool", "frame", "gap"))
-    T = np.eye(4)
-    T[:3, :3] = _rotation(frame, "rotation")
-    T[:3, 3] = array_of(frame, "translation", (3,))
+    T = homogeneous(_rotation(frame, "rotation"), array_of(frame, "translation", (3,)))
     observation = word_of(top, "observation")
     if observation not in (*KINDS, *RANGES, *FIDUCIALS):
         raise top.fault("observation", ", ".join(KINDS), SAVE_IT)

@@ -15,7 +15,6 @@ from functools import cached_property
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect, State
 from plumbline.kinematics.effects.effect import ALL_OBSERVATIONS, FIDUCIALS
@@ -166,11 +165,3 @@ def acts_on_places(effect: Effect) -> bool:
 def _three(part: dict[str, cs.SX], begin: str) -> cs.SX:
     zero = cs.SX(0)
     return cs.vertcat(*[part.get(f"{begin}{axis}", zero) for axis in "xyz"])
-
-
-def matrices(columns: NDArray[np.float64]) -> Array:
-    """Placements (N, 4, 4) from rows of a rotation by columns and a place (N, 12)."""
-    T = np.tile(np.eye(4), (len(columns), 1, 1))
-    T[:, :3, :3] = columns[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
-    T[:, :3, 3] = columns[:, 9:]
-    return T

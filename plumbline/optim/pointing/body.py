@@ -14,6 +14,7 @@ import coal
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import LEAST_SIZE, MM, PARALLEL
 from plumbline.optim.pointing.given import array, number
@@ -65,9 +66,7 @@ class Box:
     @property
     def placement(self) -> Array:
         """The box's centre, axes along the CT's (4, 4) [m]."""
-        T = np.eye(4)
-        T[:3, 3] = (np.asarray(self.lower) + np.asarray(self.upper)) / 2
-        return T
+        return homogeneous(np.eye(3), (np.asarray(self.lower) + np.asarray(self.upper)) / 2)
 
     @property
     def half_size(self) -> float:
@@ -115,10 +114,7 @@ class Cylinder:
     @property
     def placement(self) -> Array:
         """Middle of the cylinder, its z along the axis (4, 4) [m]."""
-        T = np.eye(4)
-        T[:3, :3] = turning_z_to(np.asarray(self.axis, dtype=float))
-        T[:3, 3] = self.centre
-        return T
+        return homogeneous(turning_z_to(np.asarray(self.axis, dtype=float)), self.centre)
 
     @property
     def half_size(self) -> float:
@@ -172,7 +168,7 @@ class Sphere:
     @property
     def placement(self) -> Array:
         """Its middle (4, 4) [m]."""
-        return _at(np.asarray(self.centre, dtype=float))
+        return homogeneous(np.eye(3), np.asarray(self.centre, dtype=float))
 
     @property
     def half_size(self) -> float:
@@ -217,7 +213,7 @@ class Capsule:
     def placement(self) -> Array:
         """Its middle, z along the segment (4, 4) [m]."""
         a, b = self.ends
-        T = _at((a + b) / 2)
+        T = homogeneous(np.eye(3), (a + b) / 2)
         T[:3, :3] = turning_z_to(b - a)
         return T
 
@@ -254,7 +250,7 @@ class HalfSpace:
     @property
     def placement(self) -> Array:
         """The plane's point, z along its normal (4, 4) [m]."""
-        T = _at(np.asarray(self.point, dtype=float))
+        T = homogeneous(np.eye(3), np.asarray(self.point, dtype=float))
         T[:3, :3] = turning_z_to(np.asarray(self.normal, dtype=float))
         return T
 
@@ -266,9 +262,3 @@ class HalfSpace:
     def shape(self) -> coal.CollisionGeometry:
         """Coal's half-space, solid where z < 0 [mm]."""
         return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-
-
-def _at(place: Array) -> Array:
-    T = np.eye(4)
-    T[:3, 3] = place
-    return T

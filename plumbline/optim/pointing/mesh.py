@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import CHUNK, LARGEST_FILE, LEAST_VOLUME, MM
 from plumbline.optim.pointing.given import array
@@ -97,9 +98,7 @@ class Mesh:
     @property
     def placement(self) -> Array:
         """Its middle (4, 4) [m]."""
-        T = np.eye(4)
-        T[:3, 3] = self.middle
-        return T
+        return homogeneous(np.eye(3), self.middle)
 
     @cached_property
     def half_size(self) -> float:

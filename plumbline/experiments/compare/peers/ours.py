@@ -13,6 +13,7 @@ from plumbline.kinematics.effects import REGISTRY, Effect
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_offset import ActuationOffset
+from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.dh_fit import DHOptions, Readings, Squares, fit_dh
@@ -64,9 +65,7 @@ def _tool(q: Array, seen: Array) -> Array:
     n = nuisances_of(recording)
     made = cs.Function("tool", [n.x], [cs.densify(n.R_tip_tool), cs.densify(n.tool)])
     R, t = (part.full() for part in made.call([cs.DM(solution.x)]))
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, t.ravel() + recording.tool_offset
-    return T
+    return homogeneous(R, t.ravel() + recording.tool_offset)
 
 
 def dh(given: Mapping[str, Array]) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.experiments.reality.arm import Arm, Array
+from plumbline.experiments.reality.arm import Arm, Array, placed
 from plumbline.experiments.reality.parts.head import Head, draw_head, draw_wrong, written
 from plumbline.experiments.reality.parts.room import PACE, Room, draw_room, plan
 from plumbline.experiments.reality.parts.room_flaws import draw_flaw, ranges
@@ -95,9 +95,7 @@ def draw_fiducials(
     # Markers are numbered as they are first met in the file.
     order = list(dict.fromkeys(head.marker.tolist()))
     element = None if wrong is None or wrong.element is None else order.index(wrong.element - 1) + 1
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = head.R, head.t
-    return Truth(name, element, gap if name else 0.0, frame)
+    return Truth(name, element, gap if name else 0.0, placed(head.R, head.t))
 
 
 def _sized(error: Callable[[float], Array], hidden: Array, wanted: float) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.experiments.reality.arm import Array, forward, load_torque, rotations
+from plumbline.experiments.reality.arm import Array, forward, load_torque, placed, rotations
 from plumbline.experiments.reality.parts.room import PACE, Cap, Room, meet, rays
 
 BEHIND = 0.3  # where the light comes from [m behind the face]
@@ -108,9 +108,7 @@ def _joints(room: Room, q: Array, flaw: Flaw, size: float) -> Array:
 
 
 def _bumped(flange: Array, flaw: Flaw, size: float, time: Array) -> Array:
-    moved = np.eye(4)
-    moved[:3, :3] = rotations(size * flaw.form["turn"])
-    moved[:3, 3] = size * flaw.form["way"]
+    moved = placed(rotations(size * flaw.form["turn"]), size * flaw.form["way"])
     return np.where((time > flaw.form["moment"])[:, None, None], moved @ flange, flange)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.experiments.reality.arm import Arm, Array, rotations
+from plumbline.experiments.reality.arm import Arm, Array, placed, rotations
 from plumbline.experiments.reality.ranging.wrist import BRANCHES, inverse
 
 TRIES = 6  # poses tried at once for each point
@@ -69,11 +69,8 @@ def flanges(
         turn: (N,) angles about the normals [rad].
         stand: (N,) lengths of the beams [m].
     """
-    poses = np.tile(np.eye(4), (len(points), 1, 1))
-    poses[:, :3, :3] = about(inward, turn) @ taking(seen, inward)
-    tip = r + stand[:, None] * v
-    poses[:, :3, 3] = points - np.einsum("nij,nj->ni", poses[:, :3, :3], tip)
-    return poses
+    R = about(inward, turn) @ taking(seen, inward)
+    return placed(R, points - np.einsum("nij,nj->ni", R, r + stand[:, None] * v))
 
 
 def each_reached(

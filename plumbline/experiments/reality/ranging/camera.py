@@ -10,7 +10,7 @@ with b the base, f the flange, c the camera, t the target, and delta a small ran
 
 import numpy as np
 
-from plumbline.experiments.reality.arm import Array, forward, rotations
+from plumbline.experiments.reality.arm import Array, forward, placed, rotations
 from plumbline.experiments.reality.ranging.aim import taking
 from plumbline.experiments.reality.ranging.scene import Scene, true_flange
 
@@ -19,10 +19,7 @@ SHIFT, TURN = 0.1e-3, 0.5e-3  # m, rad: noise of a target's pose per axis, 1 sig
 
 def camera_place(scene: Scene) -> Array:
     """``T_flange_camera`` (4, 4) [m]: at r, its z along v."""
-    T = np.eye(4)
-    T[:3, :3] = taking(np.array([[0.0, 0.0, 1.0]]), scene.finder.v[None])[0]
-    T[:3, 3] = scene.finder.r
-    return T
+    return placed(taking(np.array([[0.0, 0.0, 1.0]]), scene.finder.v[None])[0], scene.finder.r)
 
 
 def target_poses(
@@ -40,10 +37,7 @@ def target_poses(
         ``T_base_flange`` (N, 4, 4) by the encoders, ``T_camera_target`` (N, 4, 4) as measured.
     """
     face = scene.boards[board - 1]
-    target = np.eye(4)
-    target[:3, :3], target[:3, 3] = face.axes, face.centre
-    seen = np.linalg.inv(true_flange(scene, q, rng) @ camera_place(scene)) @ target
-    noise = np.tile(np.eye(4), (len(q), 1, 1))
-    noise[:, :3, :3] = rotations(rng.normal(0.0, TURN, (len(q), 3)))
-    noise[:, :3, 3] = rng.normal(0.0, SHIFT, (len(q), 3))
-    return forward(scene.arm, q)[:, -1], seen @ noise
+    camera = true_flange(scene, q, rng) @ camera_place(scene)
+    turn, shift = (rng.normal(0.0, size, (len(q), 3)) for size in (TURN, SHIFT))
+    seen = np.linalg.inv(camera) @ placed(face.axes, face.centre) @ placed(rotations(turn), shift)
+    return forward(scene.arm, q)[:, -1], seen

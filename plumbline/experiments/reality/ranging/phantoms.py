@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.experiments.reality.arm import Array, rotations
+from plumbline.experiments.reality.arm import Array, placed, rotations
 from plumbline.experiments.reality.ranging.aim import Cone, each_reached
 from plumbline.experiments.reality.ranging.board import ORDERS, Board
 from plumbline.experiments.reality.ranging.scene import Scene, aimed, true_flange
@@ -69,7 +69,7 @@ def tracked(
     chosen = np.flatnonzero(good.reshape(-1, views).all(axis=1))[:count]
     rows = (chosen[:, None] * views + np.arange(views)).ravel()
     read = scene.finder.read(distance[rows], cosine[rows], rng)
-    T = placed(rng.normal(0.0, 1.0, 3), rng.uniform([-1.0, -1.0, 1.0], [1.0, 1.0, 3.0]))
+    T = placed(rotations(rng.normal(0.0, 1.0, 3)), rng.uniform([-1.0, -1.0, 1.0], [1.0, 1.0, 3.0]))
     seen = _carried(T, points[chosen])
     # Trackers are specified by the root mean square in space.
     seen += rng.normal(0.0, scene.instrument.tracker / np.sqrt(3.0), seen.shape)
@@ -122,10 +122,9 @@ def _faces(rng: np.random.Generator) -> list[Board]:
 def draw_head(rng: np.random.Generator, points: int = 20_000) -> Head:
     """A head before the arm, facing it and up, and its CT."""
     face = np.array([[-0.6, 0.0, 0.8], [0.0, -1.0, 0.0], [0.8, 0.0, 0.6]]).T  # x of the head
-    T = np.eye(4)
-    T[:3, :3] = rotations(rng.normal(0.0, 0.05, 3)) @ face
-    T[:3, 3] = np.array([0.50, 0.0, 0.10]) + rng.uniform(-0.02, 0.02, 3)
-    T_ct = placed(rng.normal(0.0, 0.6, 3), rng.uniform(-0.1, 0.1, 3))
+    turn = rotations(rng.normal(0.0, 0.05, 3)) @ face
+    T = placed(turn, np.array([0.50, 0.0, 0.10]) + rng.uniform(-0.02, 0.02, 3))
+    T_ct = placed(rotations(rng.normal(0.0, 0.6, 3)), rng.uniform(-0.1, 0.1, 3))
     ways = rng.normal(size=(points, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     surface = ways * (radius(ways) + rng.normal(0.0, CT_NOISE, points))[:, None]
@@ -213,13 +212,6 @@ def _normals(ways: Array) -> Array:
     slopes = [(_outside(points + step * e) - _outside(points - step * e)) for e in np.eye(3)]
     normals = np.stack(slopes, axis=1)
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
-
-
-def placed(turn: Array, shift: Array) -> Array:
-    """A transform (4, 4) of a rotation vector (3,) [rad] and a translation (3,) [m]."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rotations(turn), shift
-    return T
 
 
 def _carried(T: Array, points: Array) -> Array:

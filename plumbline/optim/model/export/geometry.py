@@ -15,7 +15,7 @@ import numpy as np
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, Stage, State
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.frames import Transform, by_columns, constant, homogeneous
 from plumbline.kinematics.link_table import LinkTable, drawn_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import closed_chain
@@ -40,17 +40,14 @@ def placements(arm: Arm) -> tuple[Array, ...]:
     found = []
     for joint, T, delta in zip(fixed.chain.joints, moved, shift, strict=False):
         motion = joint.motion(cs.SX(float(delta)))
-        found.append(T @ np.block([[cs.DM(motion.R).full(), cs.DM(motion.t).full()],
-                                   [np.zeros((1, 3)), np.ones((1, 1))]]))  # fmt: skip
+        found.append(T @ homogeneous(cs.DM(motion.R).full(), cs.DM(motion.t).full()))
     return (*found, moved[-1])
 
 
 def tool_of(arm: Arm) -> Array:
     """``T_tip_tool`` (4, 4) [m], with what fixed effects add to it."""
     _, _, tool, turned = _asked(fixed_part(arm))[0]
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = turned, tool
-    return T
+    return homogeneous(turned, tool)
 
 
 def corrected_chain(arm: Arm) -> Chain:
@@ -95,11 +92,7 @@ def _asked(arm: Arm) -> list[tuple[Array, Array, Array, Array]]:
 
 
 def _parted(row: Array, n: int) -> tuple[Array, Array, Array, Array]:
-    columns = row[: 12 * (n + 1)].reshape(n + 1, 12)
-    T = np.tile(np.eye(4), (n + 1, 1, 1))
-    T[:, :3, :3] = columns[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
-    T[:, :3, 3] = columns[:, 9:]
-    rest = row[12 * (n + 1) :]
+    T, rest = by_columns(row[: 12 * (n + 1)].reshape(n + 1, 12)), row[12 * (n + 1) :]
     return T, rest[:n], rest[n : n + 3], rest[n + 3 :].reshape(3, 3).T
 
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.chain import Joint
+from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_export import xml_text
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
@@ -101,8 +102,7 @@ def _inertial(body: ElementTree.Element, inertia: pin.Inertia) -> None:
     values, axes = np.linalg.eigh(inertia.inertia)
     values = np.maximum(values, LEAST_INERTIA)
     values[2] = min(values[2], values[0] + values[1])  # of a body: no more than the other two
-    place = np.eye(4)
-    place[:3, :3], place[:3, 3] = axes * np.sign(np.linalg.det(axes)), inertia.lever
+    place = homogeneous(axes * np.sign(np.linalg.det(axes)), inertia.lever)
     own = {"mass": repr(max(float(inertia.mass), LEAST_MASS)), "diaginertia": words(values)}
     ElementTree.SubElement(body, "inertial", own | _place(place))
 
