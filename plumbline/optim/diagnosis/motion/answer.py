@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from plumbline.errors import PlumblineError, best_matches, shown
@@ -93,9 +93,9 @@ class _StoredEffect:
 class _StoredJoint:
     """What is stored of a joint; its windows are cut again, and its drive rolled out again."""
 
-    number: int
     effects: tuple[_StoredEffect, ...]
     theta: Array
+    number: int
     probability: dict[str, float]
     instead: dict[str, dict[str, float]]
     unlisted: tuple[Unlisted, ...]
@@ -109,19 +109,16 @@ class _StoredJoint:
     @classmethod
     def of(cls, j: Joint) -> _StoredJoint:
         effects = tuple(_StoredEffect(e.name, asdict(e)) for e in j.fit.effects)
-        instead = {name: dict(others) for name, others in j.instead.items()}
-        return cls(
-            j.number, effects, j.fit.theta, dict(j.probability), instead, j.unlisted, j.outside,
-            dict(j.mechanisms), j.anything, j.effective, dict(j.unseen), j.std,
-        )  # fmt: skip
+        return cls(effects=effects, theta=j.fit.theta, **cls._as_they_are(j))
+
+    @classmethod
+    def _as_they_are(cls, joint: Joint | _StoredJoint) -> dict[str, Any]:
+        return {f.name: getattr(joint, f.name) for f in fields(cls)[2:]}
 
     def again(self, signals: Signals) -> Joint:
         windows = signals.windows(self.number - 1, signals.training)
         fit = evaluated(windows, tuple(one.effect for one in self.effects), self.theta)
-        return Joint(
-            self.number, windows, fit, self.probability, self.instead, self.unlisted,
-            self.outside, self.mechanisms, self.anything, self.effective, self.unseen, self.std,
-        )  # fmt: skip
+        return Joint(windows=windows, fit=fit, **self._as_they_are(self))
 
 
 @dataclass(frozen=True, eq=False)
