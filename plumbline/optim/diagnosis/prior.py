@@ -42,7 +42,10 @@ BETTER = 1e-6  # log odds by which another model must win: more than rounding
 
 # Search (posterior/search).
 WIDE_PRIOR = 30.0  # width about its fit of what is always fitted [its scale]: data decide
-LONG = 4000  # rows from which a part is searched first, and few steps are enough (cost only)
+# Rows from which a part is searched first and few steps are enough; so far back reach the joints'
+# paths, of so many rows is play's, and so many blocks has a bootstrap.
+LONG = 4000
+DRAWS = 200  # of orders, or readings: their means are known to some per cent
 
 # Short lists of dense families (posterior/shortlists); sizes bound memory.
 LEAST_SHORTLIST = 6
@@ -83,7 +86,6 @@ COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
 MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
 MOST_MOTIONS = 20  # whose ranges may each err by their own
-PATH_ROWS = 4000  # of a motion's way through play operators (cost only)
 GROSS_ODDS = 0.01  # of a row to be grossly wrong
 NOISE_NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
 EXTREME = 100.0  # residual of a distrusted row [usual one] beyond which no smooth effect is meant
@@ -99,7 +101,6 @@ RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.01 (test_joint_posterior.py)
-MOST_TERMS = 12  # of a state that is sampled, twice as many as causes are (cost only)
 # Log odds behind the best at which a state does not count: all of them together hold 1e-4, and to
 # keep them costs a third of the time.
 NEARLY_NOTHING = 14.0
@@ -118,7 +119,6 @@ FEWEST_ROWS = 4  # of a fold
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (cost only)
-MOST_BLOCKS = 4000  # of the bootstrap (memory only)
 FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's step foretells
 FOLD_STEPS = 12  # of a fold's own, where one from the fit of all does not do (cost only)
 # Share of its way to go from which a step's curvature is worked out anew; along one motion no fold
@@ -128,24 +128,23 @@ SLOW = 0.1
 # Causes that are not named (predict/negligible, verdict/explanation).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, or all spared, below which it is
 HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
-MANY_CAUSES = 6  # a robot with more lacks more than one thing: none is excluded for an unknown
+# A robot with more lacks more than one thing: none is excluded for an unknown. Chains sample states
+# of up to twice as many terms.
+MANY_CAUSES = 6
 
 # The verdict.
 LACKING = 2.5  # deviations at which more than chance is as probable as not
 LACKING_SLOPE = 2.0  # log odds a deviation
 FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
 REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
-SHAPLEY_ORDERS = 200  # all, or so many drawn: shares are known to some per cent (cost only)
 SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less
 
 # The next experiment (design).
 # Probability of the leading explanation at which nothing is left to separate, and that one more
 # cause is at work at which the most probable is named with whatever share it has.
 SETTLED = 0.95
-FORECAST_DRAWS = 200  # of readings: probabilities are known to some per cent (cost only)
 HOPELESS = 0.5  # share of the doubt that any number of rows may leave
 COOLED = 0.05  # share of its warmth that a rest as long as the recording leaves: 3 time constants
-MEMORY = 4000  # rows that the path of a joint may reach back (cost only)
 NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
 WIDER = 0.1  # of the box of tips, on each side [its size]
 REST_PAYS = 1.2  # how much more a row must add with a rest before it than without

@@ -182,7 +182,7 @@ def test_axes_have_noise_of_their_own_where_the_rows_say_so(sizes, alike):
     r = np.random.default_rng(1).normal(size=(200, 3)) * sizes
     gross, live = np.zeros(200, dtype=bool), np.ones(r.shape, dtype=bool)
     ports = SimpleNamespace(target=r, base=np.zeros((0, 200, 3)), gross=gross, live=live)
-    pool = SimpleNamespace(noise=NoisePrior(), always=0, candidates=())
+    pool = SimpleNamespace(noise=NoisePrior(), columns=lambda _: np.arange(0))
     found = spread_of_noise(pool, (), ports)
     if alike:
         np.testing.assert_array_equal(found, 1.0)
@@ -197,7 +197,7 @@ def test_an_axis_is_noisier_only_where_no_mechanism_explains_it_better(alike):
     r = np.random.default_rng(1).normal(size=(200, 3)) * [1.0, 3.0, 1.0]
     gross, live = np.zeros(200, dtype=bool), np.ones(r.shape, dtype=bool)
     ports = SimpleNamespace(target=r, base=np.zeros((0, 200, 3)), gross=gross, live=live)
-    pool = SimpleNamespace(noise=NoisePrior(), always=0, candidates=())
+    pool = SimpleNamespace(noise=NoisePrior(), columns=lambda _: np.arange(0))
     better = 1e3 if alike else 10.0
     found = spread_of_noise(pool, (), ports, lambda spread: better if (spread == 1).all() else 0.0)
     assert (found == 1.0).all() == alike

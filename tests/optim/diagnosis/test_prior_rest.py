@@ -71,7 +71,7 @@ def test_an_effect_of_which_nuisances_leave_nothing_but_rounding_cannot_be_seen(
 def test_an_axis_without_noise_counts_as_a_fifth_as_noisy_as_all():
     target = np.ones((N, 3)) * [0.0, 1.0, 1.0]
     base, gross = np.zeros((0, N, 3)), np.zeros(N, dtype=bool)
-    pool = SimpleNamespace(noise=NoisePrior(1e-9), always=0, candidates=())
+    pool = SimpleNamespace(noise=NoisePrior(1e-9), columns=lambda _: np.arange(0))
     live = np.ones(target.shape, dtype=bool)
     ports = SimpleNamespace(target=target, base=base, gross=gross, live=live)
     assert 0.18 < spread_of_noise(pool, (), ports)[0] < 0.28

@@ -53,7 +53,7 @@ def test_the_only_cause_explains_readings_to_the_last_digit(wrong, cause, noise_
 def test_rounding_is_as_large_on_every_axis_as_on_any_other():
     """Its true sizes say nothing, and a device that is unlike on its axes is a finding."""
     left = np.random.default_rng(0).normal(size=(30, 3)) * [1.0, 0.01, 0.1]
-    pool = SimpleNamespace(noise=NoisePrior(), always=0, candidates=())
+    pool = SimpleNamespace(noise=NoisePrior(), columns=lambda _: np.arange(0))
     none, empty = np.zeros(30, dtype=bool), np.empty((0, 30, 3))
     spreads = [
         spread_of_noise(

@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expecte
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.prior import (
-    FORECAST_DRAWS,
+    DRAWS,
     HOPELESS,
     MANY_CAUSES,
     NO_EVIDENCE,
@@ -225,7 +225,7 @@ def _forecast(design: Design, gram: Array) -> Forecast:
 def _if_lead(rivals: Rivals, gram: Array, seed: int) -> Array:
     """Expected probabilities (M,) after some rows if the leading explanation is right."""
     lead = rivals.leading
-    return expected_probabilities(rivals, gram, FORECAST_DRAWS, seed, only=lead)[lead]
+    return expected_probabilities(rivals, gram, DRAWS, seed, only=lead)[lead]
 
 
 def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:

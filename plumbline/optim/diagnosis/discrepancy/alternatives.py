@@ -361,9 +361,7 @@ def spread_of_noise(
         ports: Of these rows.
         unlisted: Log evidence of what the library may lack, under such a spread.
     """
-    columns = np.concatenate(
-        [np.arange(pool.always), *(pool.candidates[c.index].columns for c in chosen)]
-    ).astype(np.intp)
+    columns = pool.columns(chosen)
     A = ports.base[columns][:, ~ports.gross]
     t = ports.target[~ports.gross]
     flat = A.reshape(len(columns), t.size)

@@ -192,8 +192,7 @@ class Design:
         """Log evidence (S, F) of every family given each state."""
         given = []
         for state in states:
-            mine = [pool.candidates[c.index].columns for c in state]
-            basis = orthonormal(self.base[np.concatenate([np.arange(self.always), *mine])].T)
+            basis = orthonormal(self.base[pool.columns(state)].T)
             left = self.target - basis @ (basis.T @ self.target)
             given.append((basis, left, self.white.count(self.live) - float(basis.shape[1])))
         log = np.empty((len(given), len(found)))

@@ -31,7 +31,7 @@ from plumbline.optim.diagnosis.prior import (
     GROSS_TURN,
     LEAST_NAMED,
     LEAST_TOLD,
-    MOST_TERMS,
+    MANY_CAUSES,
     MOVES,
     NEARLY_NOTHING,
     SETTLED,
@@ -136,7 +136,7 @@ class _Chain:
         self.problem, self.rng, self.state, self.looks = problem, rng, state, looks
         self.been, self.seen = set[State](), dict[State, float]()
         # More terms than equations say nothing.
-        self.most = min(MOST_TERMS, max(int(problem.linear.n), 1))
+        self.most = min(2 * MANY_CAUSES, max(int(problem.linear.n), 1))
 
     def run(self, moves: int) -> None:
         """From its start on: first to the best that is near, then at random."""

@@ -40,6 +40,11 @@ class Pool:
     always: int  # how many of its columns are always fitted
     fold_of_row: NDArray[np.intp]  # fold of every row (N,)
 
+    def columns(self, terms: Sequence[SelectedTerm]) -> Columns:
+        """Columns of what is always fitted, then those of some terms (k,)."""
+        own = (self.candidates[term.index].columns for term in terms)
+        return np.concatenate([np.arange(self.always), *own])
+
     def shared_at(self, x: Array) -> Gram:
         """Normal equations of what no row carries, in what is always fitted (p,)."""
         start = self.x.copy()

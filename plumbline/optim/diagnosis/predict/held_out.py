@@ -154,9 +154,7 @@ def square_with(
         variance: Noise variance that weighs their priors.
         rows: What the square is of, if not of the folds as they are: see :func:`counted_rows`.
     """
-    columns = np.concatenate(
-        [np.arange(pool.always), *(pool.candidates[c.index].columns for c in terms)]
-    ).astype(np.intp)
+    columns = pool.columns(terms)
     parts = pool.folds if rows is None else rows
     kept_back = len(parts) == 1
     models = (
@@ -187,7 +185,7 @@ def squares_without(
     mine = [stack(pool.candidates, group, variance)[0] for group in groups]
     owners = [np.flatnonzero(np.isin(columns, own)) + pool.always for own in mine]
     total = np.zeros(len(groups))
-    together = np.concatenate([np.arange(pool.always), columns]).astype(np.intp)
+    together = pool.columns(terms)
     for rest, part in zip(pool.others, pool.folds, strict=True):
         A = rest.G[np.ix_(together, together)]
         A = A + np.diag(np.concatenate([flat_prior(rest, pool.always), precision]))

@@ -34,7 +34,6 @@ from plumbline.optim.diagnosis.prior import (
     FOLD_STEPS,
     LONG,
     MANY_SLOTS,
-    MOST_BLOCKS,
     NO_EVIDENCE,
     ROUNDS,
     SLOW,
@@ -134,7 +133,7 @@ def _fitted(
 ) -> FoldModel:
     """Values of the nuisances and the terms; what fold f alone determines is refitted to it."""
     columns, precision = stack(pool.candidates, chosen, variance)
-    together = np.concatenate([np.arange(pool.always), columns])
+    together = pool.columns(chosen)
     z = linear.solve(together, np.concatenate([flat_prior(linear, pool.always), precision]))
     effects = tuple(pool.candidates[c.index].effect for c in chosen)
     if f is not None:
@@ -372,7 +371,7 @@ def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
     """Blocks (N,) for the bootstrap: single rows, or stretches of successive rows of one fold."""
     count = len(folds)
     if separate:
-        return np.arange(count) % MOST_BLOCKS
+        return np.arange(count) % LONG
     length = max(1, round(np.sqrt(count)))
     labels = folds.astype(np.intp) * count + np.arange(count) // length
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.intp)

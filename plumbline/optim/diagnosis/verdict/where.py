@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.findings import Place
 from plumbline.optim.diagnosis.linearise.linear import Linear, cholesky
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
-from plumbline.optim.diagnosis.prior import LEAST_TOLD, SHAPLEY_ORDERS
+from plumbline.optim.diagnosis.prior import DRAWS, LEAST_TOLD
 
 
 def shares(
@@ -87,7 +87,7 @@ def explained_by(
 
 def _orders(count: int, seed: int) -> NDArray[np.intp]:
     """Orders of few elements: all of them; of many: some, drawn."""
-    if factorial(count) <= SHAPLEY_ORDERS:
+    if factorial(count) <= DRAWS:
         return np.array(list(permutations(range(count))), dtype=np.intp)
     rng = np.random.default_rng(seed)
-    return np.array([rng.permutation(count) for _ in range(SHAPLEY_ORDERS)], dtype=np.intp)
+    return np.array([rng.permutation(count) for _ in range(DRAWS)], dtype=np.intp)
