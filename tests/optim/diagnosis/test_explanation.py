@@ -164,6 +164,19 @@ def test_what_is_named_may_be_a_part_of_what_is_missing_unless_it_is_far_larger(
     assert doubted.mechanisms[mechanism] == pytest.approx(told.mechanisms[mechanism] * (1.0 - part))
 
 
+def test_a_place_is_no_surer_than_what_is_named_there_where_that_may_be_a_part_of_more():
+    """Nor less sure by more than that, or where nothing that is doubted is."""
+    told = made(probabilities={SCALE: 0.6})
+    doubted = told.doubted(1.0, 1.0, {SCALE: 1.0})
+    lost = told.mechanisms["joint", 2, "own angle", "joint_scale"] * PART_OF_UNLISTED
+    assert doubted.places["joint", 2] == pytest.approx(told.places["joint", 2] - lost)
+    assert doubted.places["base", None] == told.places["base", None]
+    alone = made(probabilities={SCALE: 0.97}, mechanisms=dict.fromkeys(told.mechanisms, 0.97))
+    sure = alone.doubted(1.0, 1.0, {SCALE: 1.0}).places["joint", 2]
+    assert sure == pytest.approx(0.97 * (1.0 - PART_OF_UNLISTED))
+    assert made(probabilities={SCALE: 0.6}).doubted(0.0, 1.0, {SCALE: 1.0}).places == told.places
+
+
 @pytest.mark.parametrize(
     ("probable", "lacking", "named"),
     [

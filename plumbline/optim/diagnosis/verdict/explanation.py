@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -94,12 +95,17 @@ class Explanation:
         less: dict[Key | None, float] = dict.fromkeys(self.probabilities, 1.0)
         less |= dict.fromkeys(parts, 1.0 - part)
         left = {k: p * less[k] for k, p in self.probabilities.items()}
+        mechanisms = {m: p * less.get(key_of(m), 1.0) for m, p in self.mechanisms.items()}
+        lost = Counter[Place]()  # what may be a part of what is missing has its place from that
+        for m, p in self.mechanisms.items():
+            lost[m[:2]] += p - mechanisms[m]
         return replace(
             self,
             probabilities=left,
+            places={at: p - min(lost[at], part * p) for at, p in self.places.items()},
             named=frozenset(k for k in self.named if left[k] >= LEAST_NAMED or less[k] >= SETTLED),
             sensitive={k: (a * less[k], b * less[k]) for k, (a, b) in self.sensitive.items()},
-            mechanisms={m: p * less.get(key_of(m), 1.0) for m, p in self.mechanisms.items()},
+            mechanisms=mechanisms,
         )
 
     @cached_property
