@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -96,7 +96,7 @@ class Explanation:
         less |= dict.fromkeys(parts, 1.0 - part)
         left = {k: p * less[k] for k, p in self.probabilities.items()}
         mechanisms = {m: p * less.get(key_of(m), 1.0) for m, p in self.mechanisms.items()}
-        lost = Counter[Place]()  # what may be a part of what is missing has its place from that
+        lost = defaultdict[Place, float](float)  # what may be a part of what is missing has its place from that
         for m, p in self.mechanisms.items():
             lost[m[:2]] += p - mechanisms[m]
         return replace(
