@@ -96,7 +96,8 @@ class Explanation:
         less |= dict.fromkeys(parts, 1.0 - part)
         left = {k: p * less[k] for k, p in self.probabilities.items()}
         mechanisms = {m: p * less.get(key_of(m), 1.0) for m, p in self.mechanisms.items()}
-        lost = defaultdict[Place, float](float)  # what may be a part of what is missing has its place from that
+        # What may be a part of what is missing has its place from that.
+        lost = defaultdict[Place, float](float)
         for m, p in self.mechanisms.items():
             lost[m[:2]] += p - mechanisms[m]
         return replace(
