@@ -123,6 +123,7 @@ FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's st
 FOLD_STEPS = 12  # of a fold's own, where one from the fit of all does not do (cost only)
 # Share of its way to go from which a step's curvature is worked out anew; along one motion no fold
 # comes to rest by the curvature of all.
+HALVINGS = 8  # of a step that leaves more than none: to less than a hundredth
 SLOW = 0.1
 
 # Causes that are not named (predict/negligible, verdict/explanation).

@@ -180,7 +180,7 @@ def test_a_fold_s_fit_stays_within_the_bounds_and_is_judged_there(offset_recordi
     assert ended.converged
 
 
-def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_not_taken(offset_recording):
+def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_halved(offset_recording):
     pool, folds, choice, best = pool_of(offset_recording)
     model = fold_models(pool, choice, variance=1e-8)[0]
     union = shrink._union(pool, [model], best)
@@ -192,6 +192,14 @@ def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_not_taken(offset
     assert ended.converged
     np.testing.assert_allclose(found, start, atol=3.0 * union.problem.scale.max())
     assert np.isnan(shrink._nearer(Mapped(union.problem), start, start * np.nan)).sum() == 0
+
+
+@pytest.mark.parametrize(
+    ("end", "taken"), [(0.5, 0.5), (-3.0, 0.0), (-199.0, -0.5625), (-600.0, 1.0)]
+)
+def test_of_a_step_that_leaves_more_a_part_of_a_hundredth_is_taken_or_none(end, taken):
+    rows = SimpleNamespace(white_residuals=lambda x: x - 0.2)
+    assert shrink._nearer(rows, np.array([1.0]), np.array([end]))[0] == taken
 
 
 @pytest.mark.parametrize(

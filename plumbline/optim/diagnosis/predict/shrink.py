@@ -32,6 +32,7 @@ from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
     FOLD_STEPS,
+    HALVINGS,
     LONG,
     MANY_SLOTS,
     NO_EVIDENCE,
@@ -217,7 +218,7 @@ def _settled(
 
     The curvature is that of all folds' last step (``grams``), which is near, as long as steps with
     it come nearer; the gradient is each point's own. A step, the one from the ``start`` (P,) to the
-    first values ``x`` among them, that misses the rows by more than what it leaves is not taken.
+    first values ``x`` among them, that misses the rows by more than what it leaves is halved.
     """
     problem = union.problem
     both = [Mapped(problem.part(rows)) for rows in (~left_out, left_out)]
@@ -253,9 +254,16 @@ def _settled(
 
 
 def _nearer(rows: Mapped, start: Array, end: Array) -> Array:
-    """The end (P,) of a step; its start where that leaves more, or no number."""
+    """The end (P,) of a step, or of half of it, a quarter, ..., that leaves no more than its start.
+
+    So far off that no residual is a number it has to be halved, too.
+    """
     most = (1.0 + FOLD_BELIEVED) * np.sum(rows.white_residuals(start) ** 2)
-    return end if np.sum(rows.white_residuals(end) ** 2) <= most else start
+    for _ in range(HALVINGS):
+        if np.sum(rows.white_residuals(end) ** 2) <= most:
+            return end
+        end = (start + end) / 2.0
+    return start
 
 
 def _judged(
