@@ -8,7 +8,8 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``findings``      What a verdict is: data, without a computation.
 ``with_verdict``  An answer that has a verdict: what it passes on of it.
 ``linearise``     The model as linear least squares about a fit, and the ports of the chain.
-``posterior``     Which effects: evidence (``evidence``), terms that enter or leave (``selection``),
+``posterior``     Which effects: evidence (``evidence``), what fills a slot (``slots``), terms that
+                  enter or leave (``selection``, ``joint``),
                   fit and linearisation in turn (``search``), gross errors (``robust``).
 ``discrepancy``   What no effect explains: smooth unknowns against the causes (``dependences``).
 ``predict``       Rows left out: the folds (``folds``), figures on them (``held_out``, ``shrink``).

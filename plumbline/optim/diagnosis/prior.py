@@ -25,9 +25,10 @@ LOG_SCALE_WEIGHTS = -0.5 * (np.log10(SCALES) / 0.75) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 # Equations that a stated noise is worth: a sigma of n of them is known to 1 / sqrt(2 n), 7 %.
 KNOWN_NOISE_FREEDOM = 100.0
-# Rounds of noise and priors that weigh each other (cost only): a gap may be 1e4 times the noise.
+# Rounds of noise and priors that weigh each other: a gap may be 1e4 times the noise. Half as many
+# move a probability by 5e-5.
 VARIANCE_ROUNDS = 8
-SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, once settled (cost only)
+SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, once settled
 FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
 
@@ -51,7 +52,7 @@ DRAWS = 200  # of orders, or readings: their means are known to some per cent
 LEAST_SHORTLIST = 6
 MOST_COLUMNS = 80  # of a family's variants on the short list, together
 NO_EVIDENCE = 3.0  # log Bayes factor, or divergence, below which rows tell nothing (Jeffreys 1961)
-MOST_REFINED = 12  # chosen ones of which finer variants are tried (cost only)
+MOST_REFINED = 12  # chosen ones of which finer variants are tried
 
 # Gross errors (posterior/robust). Belsley, Kuh, Welsch (1980), sec. 2.1.
 ANISOTROPY = 1.7  # ratio of squares up to which one axis, or joint, may be noisier than all
@@ -99,14 +100,15 @@ UNLISTED = 0.2  # prior probability that a term is of no effect of the library (
 PART_OF_UNLISTED = 0.4
 RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_resembling.py)
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
-MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried (cost only)
+MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.01 (test_joint_posterior.py)
 # Log odds behind the best at which a state does not count: all of them together hold 1e-4, and to
 # keep them costs a third of the time.
 NEARLY_NOTHING = 14.0
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
-MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look (cost only)
-GROSS_TURN = 0.15  # share of the moves that ask whether a row is gross (cost only)
+MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look: the others have no say
+# Share of a chain's moves that ask whether a row is gross; if half do, a probability moves by 0.03.
+GROSS_TURN = 0.15
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
 LEAST_NAMED = 0.5  # probability of a cause, given those named before it, at which it is named
 # A probability below it states nothing; by so much two chains that agree may differ.
