@@ -30,11 +30,12 @@ from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.predict.held_out import evaluate
-from plumbline.optim.diagnosis.prior import PART_OF_UNLISTED
+from plumbline.optim.diagnosis.prior import MOST_COMPARED_ROWS, PART_OF_UNLISTED
 from plumbline.optim.diagnosis.verdict import judge as judge_module
 from plumbline.optim.diagnosis.verdict.explanation import (
     Explanation,
     _joined,
+    _of_many,
     _terms,
     _told,
     explain,
@@ -72,6 +73,36 @@ def test_what_blocks_agree_on_takes_the_place_of_what_all_rows_have_not_told():
     first, second, other = (SelectedTerm(k, 1.0) for k in range(3))
     assert _joined(alt, [first, other], [second], long=False) == (other, second)
     assert _joined(alt, [first, other], [second], long=True) == (first, other, second)
+
+
+def test_of_many_causes_a_long_recording_keeps_what_all_its_rows_have_told():
+    """Of a short one all that is listed, stand-ins for the lacked; beside both what is named."""
+    keys = [("gear_ripple", 1), ("joint_scale", 2), ("joint_offset", 3), ("joint_tilt", 4)]
+    terms = [SelectedTerm(k, 1.0) for k in range(6)]
+    lacked = Unlisted(None, np.arange(1))
+    alt = SimpleNamespace(
+        library=4,
+        mechanisms=[("joint", k, "own angle", None) for k in range(6)],
+        places=("joint 1", "joint 2", "joint 3", "joint 4"),
+        problem=SimpleNamespace(labels=np.array([range(6), [0, 1, 2, 3, 2, 3]])),
+        term=lambda index: lacked if index == 4 else None,
+    )
+    found = {
+        rows: _of_many(
+            SimpleNamespace(
+                chosen=(terms[0], terms[2]),
+                selection=SimpleNamespace(
+                    candidates=[SimpleNamespace(key=key) for key in keys],
+                    keys=lambda terms: frozenset(keys[t.index] for t in terms),
+                ),
+                pool=SimpleNamespace(model=SimpleNamespace(recording=range(rows))),
+            ),
+            alt, [terms[1], terms[4]], [terms[3], terms[1], terms[5]], frozenset({keys[3]}),
+        )
+        for rows in (MOST_COMPARED_ROWS, MOST_COMPARED_ROWS + 1)
+    }  # fmt: skip
+    assert found[MOST_COMPARED_ROWS] == (terms[1], terms[2], terms[3])
+    assert found[MOST_COMPARED_ROWS + 1] == (terms[0], terms[2], terms[3])
 
 
 # The tree

@@ -1,4 +1,4 @@
-r"""Of many causes: the best state near by, and what each of its terms is, given all others.
+r"""Of many causes: the best state near by, a chain of states from there, and what each term is.
 
 A state too long for chains is climbed: what the state lacks is added, and then slot after slot is
 asked what fills it, given all others,
@@ -8,12 +8,13 @@ asked what fills it, given all others,
 and kept, filled otherwise or emptied, until nothing changes (iterated conditional modes, Besag
 1986, J. R. Stat. Soc. B 48(3)). What the library lacks goes in first: a slot that is asked while
 something else is missing is asked for both. One term goes at a time, so that of two that stand in
-for each other one stays.
+for each other one stays. A climb ends in one of many states that say nearly the same and is sure of
+it; a chain draws from these shares instead (Geman and Geman 1984, IEEE TPAMI 6(6)).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,29 +22,26 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Linear
-from plumbline.optim.diagnosis.posterior.joint import Sampled, shares_of
+from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import climbed, extended
-from plumbline.optim.diagnosis.prior import ROUNDS, TILT
+from plumbline.optim.diagnosis.prior import BETWEEN, LONG_MOVES, ROUNDS, TILT
 
 
-def one_by_one(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sampled:
-    """The best state near a long one, and probabilities about it.
-
-    What several terms of a label say is that any of them is there. Rows that the state takes for
-    gross stay so.
-    """
-    found = climbed(problem, extended(problem, _thinned(problem, state)), ROUNDS)
-    return _about(problem, problem.reduce(found))
+def best_near(problem: JointProblem, state: Sequence[SelectedTerm]) -> tuple[SelectedTerm, ...]:
+    """The best state near a long one. Rows that this takes for gross stay so."""
+    return tuple(climbed(problem, extended(problem, _thinned(problem, state)), ROUNDS))
 
 
-def coarsened(problem: JointProblem, state: Sequence[SelectedTerm], power: float) -> Sampled:
-    """The same by a power of the likelihood, a share of what the rows say, from three starts.
+def coarsened(
+    problem: JointProblem, state: Sequence[SelectedTerm], power: float, seed: int
+) -> Sampled:
+    """Sampled by a power of the likelihood, a share of what the rows say, by two chains.
 
-    From the state downwards, from its listed terms, whose places nothing else then holds, and from
-    its gross rows upwards: a climb ends where one step more does not gain, and what a few terms say
-    of such data may be another state than what is left of many. All ends count by their posterior.
+    They start at the best of three climbs' ends, and at another if it is as good but for chance:
+    from the state downwards, from its listed terms, whose places nothing else then holds, and from
+    its gross rows upwards.
     """
     whole = problem.linear
     linear = Linear(power * whole.G, power * whole.b, power * whole.tt, power * whole.n)
@@ -51,20 +49,51 @@ def coarsened(problem: JointProblem, state: Sequence[SelectedTerm], power: float
     gross = [t for t in state if problem.gross[t.index]]
     none = problem.unlisted
     listed = state if none is None else [t for t in state if not none[t.index]]
-    return _mixed([one_by_one(problem, start) for start in (state, listed, gross)])
+    ends = [best_near(problem, start) for start in (state, listed, gross)]
+    logs = np.array([stated(problem, end) for end in ends])
+    near = [ends[k] for k in np.argsort(-logs) if logs[k] > logs.max() + LEAST_HEARD]
+    chains = [
+        _mean(list(_chain(problem, end, np.random.default_rng([seed, k]))))
+        for k, end in enumerate((near[0], near[-1]))
+    ]
+    # Chains that do not cross count by the best that each has found.
+    found = np.array([chain.states[0][0] for chain in chains])
+    apart = np.ptp([chain.marginals[0] for chain in chains], axis=0)
+    return replace(_mean(chains, np.exp(found - found.max())), apart=float(apart.max(initial=0.0)))
 
 
-def _mixed(ends: Sequence[Sampled]) -> Sampled:
-    """Marginals of several states, each by its posterior; the same state counts once."""
-    each = {frozenset(t.index for t in e.states[0][1]): e for e in ends}
-    found = sorted(each.values(), key=lambda e: -e.states[0][0])
-    shares = np.exp([e.states[0][0] - found[0].states[0][0] for e in found])
-    shares /= shares.sum()
-    levels = zip(*(e.marginals for e in found), strict=True)
-    marginals = tuple(np.tensordot(shares, np.stack(level), 1) for level in levels)
-    sensitive = np.tensordot(shares, np.stack([e.sensitive for e in found]), 1)
-    states = tuple(state for e in found for state in e.states)
-    return Sampled(marginals, found[0].gross, states, sensitive)
+def _chain(
+    problem: JointProblem, state: Sequence[SelectedTerm], rng: np.random.Generator
+) -> Iterator[Sampled]:
+    """Probabilities about states of a chain that asks one place anew at a time, given all others.
+
+    Of n + 1 places the last is empty; what it draws is accepted with probability
+    (n + 1) / (n + 2), which makes the chain reversible (Hastings 1970).
+    """
+    reduced = problem.reduce(state)
+    for move in range(LONG_MOVES):
+        if move % BETWEEN == 0:
+            yield _about(problem, reduced)
+        slots = problem.slots(reduced.chosen)
+        place = int(rng.integers(len(slots) + 1))
+        old = slots[place : place + 1]
+        log_odds, scores = problem.odds(reduced.without(old[0]) if old else reduced)
+        drawn = int(np.searchsorted(np.cumsum(shares_of(log_odds)), rng.random()))
+        new = [SelectedTerm(k, float(scores.scale[k])) for k in range(len(log_odds))[drawn:][:1]]
+        if old != new and (old or rng.random() < 1.0 - 1.0 / (len(slots) + 2)):
+            reduced = problem.reduce([*(t for t in reduced.chosen if t not in old), *new])
+
+
+def _mean(parts: Sequence[Sampled], shares: Array | None = None) -> Sampled:
+    """Mean marginals of several, which count alike or by shares; their states, the best first."""
+    levels = zip(*(part.marginals for part in parts), strict=True)
+    states = sorted((s for p in parts for s in p.states), key=lambda state: -state[0])
+    return Sampled(
+        tuple(np.average(level, axis=0, weights=shares) for level in levels),
+        parts[0].gross,
+        tuple(states),
+        np.average([part.sensitive for part in parts], axis=0, weights=shares),
+    )
 
 
 def _thinned(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sequence[SelectedTerm]:

@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.joint import Sampled, sample
-from plumbline.optim.diagnosis.posterior.one_by_one import coarsened, one_by_one
+from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
 from plumbline.optim.diagnosis.posterior.parts import moved_by
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, fit, ridge_of
@@ -128,26 +128,19 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     gross = frozenset(alt.gross_rows.values())
     many = len(selected.selection.keys(chosen)) > MANY_CAUSES
     if many:
-        found = one_by_one(alt.problem, [*chosen, *(SelectedTerm(i, 1.0) for i in sorted(gross))])
+        rows = [SelectedTerm(i, 1.0) for i in sorted(gross)]
+        state = best_near(alt.problem, [*chosen, *rows])
+        found = _by_blocks(selected, alt, state, seed)
+        told = _told(alt, found)
+        terms = _of_many(selected, alt, state, found.states[0][1], told.named)
     else:
         path = frozenset(c.index for c in chosen)
         starts = [path | gross, gross, *([frozenset[int]()] if gross else [])]
         found = sample(alt.problem, starts, seed)
-    told = _told(alt, found)
-    long = len(selected.pool.model.recording) > MOST_COMPARED_ROWS
-    if many:
-        state = found.states[0][1]
-        terms = _of_many(selected, alt, state, told.named)
-        agreed = _by_blocks(selected, alt, state)
-        told = _told(alt, agreed)
-        lacked = _unlisted(alt, agreed.states[0][1])
-        more = tuple(_more(selected, alt, terms, agreed.states[0][1], told.named))
-        terms = _joined(alt, terms, more, long=long)
-    else:
+        state, told = found.states[0][1], _told(alt, found)
         terms = _terms(selected, alt, found, told.named)
-        lacked = _unlisted(alt, found.states[0][1])
     states = () if many else tuple(_of_library(alt, found))
-    correlation = _correlation(selected, alt, found.states[0][1], lacked)
+    correlation = _correlation(selected, alt, state, _unlisted(alt, found.states[0][1]))
     return replace(
         told,
         terms=terms,
@@ -170,13 +163,13 @@ def _of_library(
 
 
 def _by_blocks(
-    selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm]
+    selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm], seed: int
 ) -> Sampled:
     """Probabilities about a state with the share of what rows say that their blocks agree on."""
     problem, recording = alt.problem, selected.pool.model.recording
     blocks = blocks_of_each(recording)[alt.rows]
     variance = problem.variance(state)
-    return coarsened(problem, state, alt.agreement(blocks, state, variance))
+    return coarsened(problem, state, alt.agreement(blocks, state, variance), seed)
 
 
 def _unlisted(alt: Alternatives, state: Sequence[SelectedTerm]) -> list[SelectedTerm]:
@@ -278,36 +271,26 @@ def _of_many(
     selected: SelectedModel,
     alt: Alternatives,
     state: Sequence[SelectedTerm],
+    agreed: Sequence[SelectedTerm],
     named: frozenset[Key],
 ) -> tuple[SelectedTerm, ...]:
-    """Terms of what is named of many causes, and stand-ins, which are fitted without being named.
+    """Listed terms of a state of many causes, and stand-ins, which are fitted without being named.
 
     Where something that the library lacks is more probable at a place, the effect that the search
     took for it still foretells better than nothing does. Of a long recording only some rows are
-    compared, so what these do not show stays as all rows have it.
+    compared, so what these do not show stays as all rows have it. What is named beside is of the
+    state that blocks of rows agree on.
     """
-    key = [c.key for c in selected.selection.candidates]
-    mine = [t for t in state if t.index < alt.library and key[t.index] in named]
-    if len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
-        return (*selected.chosen, *_more(selected, alt, selected.chosen, state, named))
+    chosen, key = selected.chosen, [c.key for c in selected.selection.candidates]
+    long = len(selected.pool.model.recording) > MOST_COMPARED_ROWS
+    mine = tuple(t for t in state if t.index < alt.library)
+    held = selected.selection.keys(mine)
     lacked = {_place(alt, t.index) for t in state if isinstance(alt.term(t.index), Unlisted)}
-    held = {key[t.index] for t in mine}
-    stand_ins = [t for t in selected.chosen if key[t.index] not in held]
-    return (*mine, *(t for t in stand_ins if _place(alt, t.index) in lacked))
-
-
-def _more(
-    selected: SelectedModel,
-    alt: Alternatives,
-    terms: Sequence[SelectedTerm],
-    state: Sequence[SelectedTerm],
-    named: frozenset[Key],
-) -> Iterator[SelectedTerm]:
-    """Terms of a state for what is named and not among some terms."""
-    known, key = selected.selection.keys(terms), [c.key for c in selected.selection.candidates]
-    for term in state:
-        if term.index < alt.library and key[term.index] in named - known:
-            yield term
+    stand_ins = (t for t in chosen if _place(alt, t.index) in lacked)
+    terms = chosen if long else (*mine, *(t for t in stand_ins if key[t.index] not in held))
+    untold = named - selected.selection.keys(terms)
+    more = [t for t in agreed if t.index < alt.library and key[t.index] in untold]
+    return _joined(alt, terms, more, long=long)
 
 
 def _joined(
