@@ -248,6 +248,18 @@ def test_a_wrong_session_is_told_in_one_line(folder, tmp_path, text, words, caps
     assert len(told.splitlines()) == 1
 
 
+@pytest.mark.parametrize("rows", ["in another order", "half of them"])
+def test_a_copy_tells_nothing_and_is_refused_whatever_its_order(tmp_path, rows, capsys):
+    """It knows what the other knows: together they had told ripples of a joint that has none."""
+    one = written(recorded("tip_position", 1, rippled, rows=20), tmp_path / "one")
+    shutil.copytree(one, tmp_path / "copy")
+    header, *lines = (one / "samples.csv").read_text().splitlines()
+    lines = lines[::-1] if rows == "in another order" else lines[: len(lines) // 2]
+    (tmp_path / "copy" / "samples.csv").write_text("\n".join([header, *lines]) + "\n")
+    assert run(["diagnose", str(one), str(tmp_path / "copy")]) == 2
+    assert ": given twice (as " in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("file", "text", "words"),
     [
