@@ -15,6 +15,7 @@ from plumbline.kinematics.effects.tool_slip import ToolByGroup
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import Explained, _in_between, diagnose, task_of
+from plumbline.optim.diagnosis.linearise.linear import bounded
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
@@ -24,7 +25,6 @@ from plumbline.optim.diagnosis.predict import shrink
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import square_with, squares_without
 from plumbline.optim.diagnosis.predict.shrink import (
-    _bounded,
     blocks_of_rows,
     fold_models,
     held_out_residuals,
@@ -157,7 +157,7 @@ def test_a_fold_s_step_that_leads_far_off_is_not_taken(offset_recording, monkeyp
     away = np.zeros(len(x))
     away[: pool.always] = 30.0
     away *= union.problem.scale
-    monkeypatch.setattr(shrink, "_bounded", lambda *_: away)
+    monkeypatch.setattr(shrink, "bounded", lambda *_: away)
     found, ended = shrink._settled(pool, union, folds == 0, model, x, x, grams)
     np.testing.assert_array_equal(found, x)
     assert not ended.converged
@@ -409,16 +409,16 @@ def test_a_fold_s_step_ends_at_bounds_where_the_others_are_least(seed):
     J, r, scale = rng.normal(size=(30, 6)), rng.normal(size=30), rng.uniform(0.1, 10.0, 6)
     gram, wide = Gram(J.T @ J, J.T @ r, float(r @ r), 30.0), np.full(6, 9.0)
     none = np.zeros(6, dtype=bool)
-    whole = _bounded(gram, none, -wide, wide, scale)
+    whole = bounded(gram, none, -wide, wide, scale)
     np.testing.assert_allclose(whole, -np.linalg.lstsq(J, r)[0], rtol=1e-6)
     low, high = np.minimum(0.0, 0.5 * whole), np.maximum(0.0, 2.0 * whole)
     low[3:], high[3:] = -wide[3:], wide[3:]
     low[0], high[0] = sorted([0.0, 0.3 * whole[0]])  # which the step would pass
-    step = _bounded(gram, none, low, high, scale)
+    step = bounded(gram, none, low, high, scale)
     assert step[0] == 0.3 * whole[0]
     assert ((step >= low) & (step <= high)).all()
     rests = (step == low) | (step == high)
     slope = gram.vector + gram.matrix @ step
     np.testing.assert_allclose(slope[~rests], 0.0, atol=1e-6 * np.abs(gram.vector).max())
     held = np.arange(6) == 1
-    assert _bounded(gram, held, -wide, wide, scale)[1] == 0.0
+    assert bounded(gram, held, -wide, wide, scale)[1] == 0.0

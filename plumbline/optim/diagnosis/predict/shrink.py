@@ -19,7 +19,7 @@ from plumbline.optim.core.judged import Judged, judged_by_gram
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, bounded, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import (
@@ -284,25 +284,8 @@ def _judged(
     low, high = (bound[at] - x[at] for bound in (problem.lower, problem.upper))
     held = ((low >= 0.0) & (pulled.vector > 0.0)) | ((high <= 0.0) & (pulled.vector < 0.0))
     step = np.zeros(problem.size)
-    step[at] = _bounded(pulled, held, low, high, problem.scale[at])
+    step[at] = bounded(pulled, held, low, high, problem.scale[at])
     return judged_by_gram(pulled.part(np.flatnonzero(~held))), pulled.square, step
-
-
-def _bounded(gram: Gram, held: NDArray[np.bool_], low: Array, high: Array, scale: Array) -> Array:
-    """Newton's step (P,) with some unknowns held: what it would carry past its bound stays there.
-
-    The bounds are on the step.
-    """
-    step = np.zeros(len(held))
-    while True:
-        free = np.flatnonzero(~held)
-        slope = gram.vector + gram.matrix @ np.where(held, step, 0.0)
-        about = Linear(gram.matrix * np.outer(scale, scale), -slope * scale, 0.0, 0.0)
-        step[free] = about.solve(free, flat_prior(about, len(free))) * scale[free]
-        beyond = ~held & ((step < low) | (step > high))
-        if not beyond.any():
-            return step
-        step, held = np.clip(step, low, high), held | beyond
 
 
 def _columns_of(pool: Pool, union: Model, model: FoldModel) -> Columns:
