@@ -13,7 +13,7 @@ import casadi as cs
 from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import State
-from plumbline.kinematics.effects.motion_effect import PUSHED, MotionEffect
+from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -34,14 +34,14 @@ class RotorInertia(DriveEffect):
 
 @dataclass(frozen=True)
 class RotorInertiaOfMotion(MotionEffect):
-    """A flywheel that torques have to move as well."""
+    """A flywheel that torques and servos of known gains have to move as well."""
 
     name = RotorInertia.name
     depends_on = RotorInertia.depends_on
     words = RotorInertia.words
     reference = RotorInertia.reference
     source = RotorInertia.source
-    laws = PUSHED  # a servo's load holds its neighbours' accelerations as read: too rough for it
+    laws = INERT
     needs_masses = True
     inertia = Parameter("kg m^2", 0.0, 10.0, scale=0.02, doc="rotor's inertia on the joint's side")
 

@@ -14,6 +14,7 @@ from plumbline.optim.diagnosis.motion import rollout
 from plumbline.optim.diagnosis.motion.rollout import Windows, roll_out
 
 KP, KD, STEP, EVERY = 60.0, 3.0, 1e-3, 10
+FINER = 10  # times in which a rotor of the integrator's own making goes under
 NAMES = {e.name: e for e in MOTION_EFFECTS}
 URDF = """<robot name="two"><link name="base"/>
 <joint name="a" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
@@ -33,19 +34,23 @@ MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbod
 </actuator></mujoco>"""
 
 
-def waves(seconds=20.0):
+def waves(seconds=20.0, step=STEP):
     """Fine times (N,) [s] and commands (N, 2) [rad]."""
-    t = np.arange(0.0, seconds, STEP)
+    t = np.arange(0.0, seconds, step)
     a = 0.4 * np.sin(2.0 * t) + 0.2 * np.sin(7.0 * t + 1.0)
     b = 0.3 * np.sin(3.1 * t + 0.5) + 0.2 * np.sin(9.0 * t)
     return t, np.column_stack([a, b])
 
 
-def moved(*, delay=0.0, strongest=None, kp=KP, noise=1e-4):
-    """What MuJoCo's arm does: a recording at 100 Hz under the servo's law."""
-    t, u = waves()
+def moved(*, delay=0.0, strongest=None, kp=KP, rotor=0.0, noise=1e-4):
+    """What MuJoCo's arm does: a recording at 100 Hz under the servo's law.
+
+    Its steps are implicit in the damping, which adds half of it times a step to the inertia.
+    """
+    t, u = waves(step=STEP / FINER)
     limit = "" if strongest is None else f'forcerange="-{strongest} {strongest}"'
-    model = mujoco.MjModel.from_xml_string(MJCF.format(step=STEP, kp=kp, kd=KD, limit=limit))
+    model = mujoco.MjModel.from_xml_string(MJCF.format(step=t[1], kp=kp, kd=KD, limit=limit))
+    model.dof_armature[0] = rotor
     data = mujoco.MjData(model)
     late = np.column_stack([np.interp(t - delay, t, u[:, 0]), u[:, 1]])
     data.qpos[:] = u[0]
@@ -55,7 +60,7 @@ def moved(*, delay=0.0, strongest=None, kp=KP, noise=1e-4):
         data.ctrl[:] = late[k]
         mujoco.mj_step(model, data)
     q += np.random.default_rng(0).normal(0.0, noise, q.shape)
-    rows = slice(None, None, EVERY)
+    rows = slice(None, None, EVERY * FINER)
     return build_motion(
         robot=Robot.from_urdf(URDF), time=t[rows], command=u[rows], q=q[rows], kp=KP, kd=KD,
         noise_std=noise,
@@ -74,6 +79,7 @@ def test_a_servo_of_mujoco_is_the_nominal_law():
         ({"delay": 0.03}, "actuation_delay", 0.03),
         ({"strongest": 9.0}, "torque_limit", 9.0),
         ({"kp": 40.0}, "servo_stiffness", 1 / 40.0 - 1 / KP),
+        ({"rotor": 0.05}, "rotor_inertia", 0.05),
     ],
 )
 def test_what_is_wrong_with_a_servo_of_mujoco_is_named(wrong, name, value):
