@@ -19,7 +19,7 @@ from plumbline.kinematics.parameters import Parameter
 
 @dataclass(frozen=True)
 class NeedleSag(Effect):
-    """Bending of the tool under gravity; its axis runs from the tip frame to the tool tip."""
+    """Bending of the tool under gravity, along its axis from the tip frame or one on a bracket."""
 
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     askew: bool = False
@@ -46,8 +46,10 @@ class NeedleSag(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """Along the nominal tool, or along z where it has no length; and a little off."""
-        return [cls(axis_of(scope), askew) for askew in (False, True)]
+        """Along the nominal tool, or a little off; on a bracket along an axis of the tip frame."""
+        along = axis_of(scope)
+        mounted = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+        return [cls(along, askew=True), *(cls(u) for u in dict.fromkeys([along, *mounted]))]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         R_tip_base = state.nominal.frames[-1].R.T

@@ -78,6 +78,14 @@ def test_a_needle_that_leans_still_sags(tmp_path):
     assert diagnosis.verdict.verdict == Outcome.EXPLAINED
 
 
+@pytest.mark.parametrize("along", range(3))
+def test_a_needle_on_a_bracket_sags_along_an_axis_of_the_tip_frame(tmp_path, along):
+    needle = NeedleSag(0.0, tuple(np.eye(3)[along].tolist()))
+    diagnosis = diagnose(recorded(with_fault(faultless(rows=100, seed=9), needle), tmp_path)[0])
+    assert causes(diagnosis) == [("needle_sag", None)]
+    assert diagnosis.verdict.verdict == Outcome.EXPLAINED
+
+
 def test_a_breath_that_dwells_is_a_breath(tmp_path):
     case = faultless(rows=90, seed=10)
     breath = Respiration(0.0, (0.6, 0.0, 0.8), 4.2, 0.7, 3)
