@@ -86,6 +86,17 @@ def test_a_needle_on_a_bracket_sags_along_an_axis_of_the_tip_frame(tmp_path, alo
     assert diagnosis.verdict.verdict == Outcome.EXPLAINED
 
 
+def test_a_joint_that_two_others_drag_tells_them_apart(tmp_path):
+    """One cause with a gain for each: its sentence and its values name both."""
+    faults = (JointCoupling(0.0, 3, 4), JointCoupling(0.0, 3, 5))
+    recording, _ = recorded(with_fault(faultless(rows=100, seed=9), *faults), tmp_path)
+    (cause,) = diagnose(recording).causes
+    assert set(cause.parameters) == {"gain, by 4", "gain, by 5"}
+    assert {f"joint 3 is dragged along by joint {k}" for k in (4, 5)} == set(
+        cause.words.split("; ")
+    )
+
+
 def test_a_breath_that_dwells_is_a_breath(tmp_path):
     case = faultless(rows=90, seed=10)
     breath = Respiration(0.0, (0.6, 0.0, 0.8), 4.2, 0.7, 3)

@@ -44,8 +44,9 @@ def cause_of(
         least: Standard errors (P,) below which none is told.
     """
     mine = _of(selected, [key])
-    variants = [selected.selection.candidates[c.index].effect.variant for c in mine]
-    effect = selected.selection.candidates[mine[0].index].effect
+    effects = [selected.selection.candidates[c.index].effect for c in mine]
+    variants = [e.variant for e in effects]
+    effect = effects[0]
     return Cause(
         effect=key[0],
         stage=str(effect.stage),
@@ -55,7 +56,7 @@ def cause_of(
         before=stairs.figure([k for k in stairs.keys if k != key]),
         after=stairs.figure(stairs.keys),
         confounded_with=tuple(rivals(selected.selection, selected.chosen, mine)),
-        words=effect.sentence,
+        words="; ".join(dict.fromkeys(e.sentence for e in effects)),
         variant=variants_words(variants),
         curve=curve_of(selected, key, noise),
         sensitivity=told.sensitive.get(key),
@@ -87,8 +88,10 @@ def _parameters(
     width = {selected.selection.candidates[c.index].effect: c.scale for c in selected.chosen}
     out: dict[str, Estimate] = {}
     seen = Counter[str]()
+    alike = len({term.effect.sentence for term in terms}) < 2
     for term in terms:
         variant = term.effect.variant if len(terms) > 1 or term.effect.scanned else ""
+        variant = variant if alike else ", ".join(filter(None, [term.effect.driver, variant]))
         seen[variant] += 1
         if seen[variant] > 1:  # apart by less than is shown
             variant += f" ({seen[variant]})"
