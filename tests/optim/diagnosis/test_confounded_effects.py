@@ -15,6 +15,8 @@ from plumbline.experiments.reality.joint_effects import (
 from plumbline.experiments.reality.sensor_effects import Respiration
 from plumbline.experiments.reality.tool_effects import NeedleSag
 from plumbline.kinematics.effects import REGISTRY, JointScale
+from plumbline.kinematics.effects.respiration import FASTEST, SLOWEST, TURNS
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
@@ -25,6 +27,7 @@ from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.recording.building import build_recording
 from tests.benches import bench
 from tests.explained import library_without, told
 from tests.simulated_cases import causes, faultless, recorded, with_fault
@@ -103,6 +106,34 @@ def test_a_breath_that_dwells_is_a_breath(tmp_path):
     diagnosis = diagnose(recorded(with_fault(case, breath), tmp_path)[0])
     assert causes(diagnosis) == [("respiration", None)]
     assert diagnosis.verdict.noise.ratio < 1.2
+
+
+def breathing(between, rows=358):
+    """An arm over an hour whose target breathes, between two frequencies that are tried [step]."""
+    rng = np.random.default_rng(0)
+    robot, tool = Robot.bundled("ur5"), np.array([0.02, 0.05, 0.1])
+    q = rng.uniform(-2.5, 2.5, (rows, 6))
+    time = np.concatenate([[0.0], np.cumsum(rng.uniform(6.0, 14.0, rows - 1))])
+    tried = np.linspace(SLOWEST, FASTEST, int(TURNS * np.ptp(time)) + 1)
+    turns = 2.0 * np.pi * (tried[1030] + between * (tried[1] - tried[0])) * time + 1.92
+    breath = 1.6e-4 * np.cos(turns)[:, None] * np.array([0.76, -0.47, -0.45])
+    return build_recording(
+        observation="tip_position",
+        robot=robot,
+        q=q,
+        measured=robot.chain("flange").tips(q, tool) + breath + rng.normal(0.0, 3e-5, (rows, 3)),
+        tool_offset=tool,
+        time=time,
+        noise_std=3e-5,
+    )
+
+
+@pytest.mark.parametrize("between", [0.1, 0.4])
+def test_a_breath_between_frequencies_that_are_tried_is_a_breath(between):
+    """What a quarter of a step leaves of it had been nearly a breath, of no effect of the library."""
+    diagnosis = diagnose(breathing(between))
+    assert causes(diagnosis) == [("respiration", None)]
+    assert diagnosis.causes[0].probability > 0.99
 
 
 def test_a_heavy_payload_on_soft_drives_is_a_payload(tmp_path):
