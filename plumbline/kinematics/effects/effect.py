@@ -349,12 +349,6 @@ class Effect(ABC):
         return ", ".join(found)
 
     @property
-    def driver(self) -> str:
-        """What of its own the sentence tells, as ``by 4``: of a joint that two others drag."""
-        own = [f.name for f in fields(self) if f.name not in ELEMENTS]
-        return ", ".join(f"{n} {_shown(getattr(self, n))}" for n in own if f"{{{n}}}" in self.words)
-
-    @property
     def sentence(self) -> str:
         """The effect's words with its element and its own fields in their places."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}

@@ -54,8 +54,8 @@ class Judged:
     violation: float = 0.0  # largest violation of a bound or constraint, in the unknowns' own units
     # names of the unknowns that rest on a bound: they may belong beyond it
     at_bound: tuple[str, ...] = ()
+    limit: float = STILL  # of the stationarity
     unit: ClassVar[str] = "standard errors"  # of the stationarity, which a kind of judgement has
-    limit: ClassVar[float] = STILL  # of the stationarity, the same
 
     def __repr__(self) -> str:
         """What :attr:`words` says."""
@@ -80,11 +80,12 @@ class Judged:
         return f"{self.fit} has not converged: {said}; {mend}{rests}"
 
 
+@dataclass(frozen=True, repr=False)
 class JudgedByResidual(Judged):
     """The same by the natural residual, where more than squares is to be made least."""
 
+    limit: float = STATIONARY
     unit: ClassVar[str] = "of their scales"
-    limit: ClassVar[float] = STATIONARY
 
 
 @dataclass(frozen=True)
@@ -142,15 +143,16 @@ def _by_natural_residual(solution: Solution, fit: str) -> JudgedByResidual:
     return JudgedByResidual(fit, good, moves, violation, solution.at_bound())
 
 
-def judged_by_gram(gram: Gram, fit: str = "the fit") -> Judged:
+def judged_by_gram(gram: Gram, fit: str = "the fit", limit: float = STILL) -> Judged:
     """Judge a point without bounds by its normal equations, the weights and priors included.
 
     Args:
         gram: About the point.
         fit: What was fitted, in words that a sentence may start with.
+        limit: How many standard errors it may still move.
     """
     every = np.ones(len(gram.vector), dtype=bool)
-    return _judged(fit, decrement(gram, gram.vector, every), 0.0, ())
+    return _judged(fit, decrement(gram, gram.vector, every), 0.0, (), limit)
 
 
 def the_worst(found: Iterable[Judged]) -> Judged | None:
@@ -162,8 +164,11 @@ def _farness(one: Judged) -> tuple[bool, float]:
     return not one.converged, float(np.nan_to_num(one.stationarity, nan=np.inf))
 
 
-def _judged(fit: str, moves: float, violation: float, at_bound: tuple[str, ...]) -> Judged:
-    return Judged(fit, moves <= STILL and violation <= FEASIBLE, moves, violation, at_bound)
+def _judged(
+    fit: str, moves: float, violation: float, at_bound: tuple[str, ...], limit: float = STILL
+) -> Judged:
+    good = moves <= limit and violation <= FEASIBLE
+    return Judged(fit, good, moves, violation, at_bound, limit)
 
 
 def decrement(gram: Gram, gradient: Array, free: NDArray[np.bool_]) -> float:

@@ -31,11 +31,12 @@ from plumbline.optim.pointing.surroundings import Clearance, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 
 
+@dataclass(frozen=True, repr=False)
 class _Held(Judged):
     """Postures by how far they are off the lesion."""
 
+    limit: float = LARGEST_RCM_ERROR
     unit: ClassVar[str] = "m off the lesion"
-    limit: ClassVar[float] = LARGEST_RCM_ERROR
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -130,7 +130,7 @@ def breathing(between, rows=358):
 
 @pytest.mark.parametrize("between", [0.1, 0.4])
 def test_a_breath_between_frequencies_that_are_tried_is_a_breath(between):
-    """What a quarter of a step leaves of it had been nearly a breath, of no effect of the library."""
+    """What a quarter of a step leaves of it had been nearly a breath, of no listed effect."""
     diagnosis = diagnose(breathing(between))
     assert causes(diagnosis) == [("respiration", None)]
     assert diagnosis.causes[0].probability > 0.99

@@ -203,18 +203,16 @@ def test_of_a_step_that_leaves_more_a_part_of_a_hundredth_is_taken_or_none(end, 
 
 
 @pytest.mark.parametrize(
-    ("to_go", "rise", "long", "taken", "asked"),
+    ("to_go", "rise", "taken", "asked"),
     [
-        (0.05, 1.04, 0, True, 2),
-        (0.05, 1.08, 0, False, 2),  # it costs more than its foretold square may err
-        (0.2, 1.0, 0, True, 3),  # a fifth is left to go: with its curvature worked out anew
-        (1.1, 1.0, 0, False, 3),
-        (0.05, 1.0, 1.0, False, 1),  # of many rows the step from the fit of all is the last
-        (0.05, 1.0, 10.0, True, 2),  # unless what is left to go would tell
+        (0.05, 1.04, True, 2),
+        (0.05, 1.08, False, 2),  # it costs more than its foretold square may err
+        (0.2, 1.0, True, 3),  # a fifth is left to go: with its curvature worked out anew
+        (1.1, 1.0, False, 3),
     ],
 )
 def test_a_fold_s_step_is_taken_where_it_comes_nearer_and_costs_no_more(
-    offset_recording, monkeypatch, to_go, rise, long, taken, asked
+    offset_recording, monkeypatch, to_go, rise, taken, asked
 ):
     pool, folds, choice, best = pool_of(offset_recording)
     model = fold_models(pool, choice, variance=1e-8)[0]
@@ -227,15 +225,29 @@ def test_a_fold_s_step_is_taken_where_it_comes_nearer_and_costs_no_more(
     def stands(*of):
         met.append(of[-1])
         first = np.array_equal(of[-1], x)
-        there = to_go * (long or 1.0)
-        ended = SimpleNamespace(stationarity=long or 1.0 if first else there, converged=not first)
+        ended = SimpleNamespace(stationarity=1.0 if first else to_go, converged=not first)
         return ended, (1.0 if first else rise) * 10.0 * square, 1e-9 * union.problem.scale
 
     monkeypatch.setattr(shrink, "_judged", stands)
-    monkeypatch.setattr(shrink, "LONG", 1 if long else 1000)
     found, _ = shrink._settled(pool, union, folds == 0, model, x, x, rows.grams(x, folds))
     assert np.array_equal(found, x) != taken
     assert len(met) == asked
+
+
+@pytest.mark.parametrize(("count", "limit"), [(90.0, 0.1), (1e4, 1.0), (1e6, 10.0)])
+def test_a_fold_s_fit_is_at_rest_where_its_square_changes_by_a_ten_thousandth(
+    offset_recording, count, limit
+):
+    """So many standard errors change it by their square, of as many as there are readings."""
+    pool, _, choice, best = pool_of(offset_recording)
+    model = fold_models(pool, choice, variance=1e-8)[0]
+    union = shrink._union(pool, [model], best)
+    x = union.started(best.by_name)
+    gram = replace(Mapped(union.problem).grams(x)[0], count=count)
+    together = shrink._columns_of(pool, union, model)
+    ended, *_ = shrink._judged(pool, union.problem, model, together, gram, x)
+    assert ended.limit == pytest.approx(limit)
+    assert ended.converged == (ended.stationarity <= limit)
 
 
 def test_nominal_residuals_are_those_of_refitting_without_the_fold(offset_recording):

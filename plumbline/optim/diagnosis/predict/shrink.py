@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect
-from plumbline.optim.core.judged import Judged, judged_by_gram
+from plumbline.optim.core.judged import STILL, Judged, judged_by_gram
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
@@ -32,6 +32,7 @@ from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
     FOLD_STEPS,
+    FOLD_STILL,
     HALVINGS,
     LONG,
     MANY_SLOTS,
@@ -226,8 +227,6 @@ def _settled(
     bends += [g for k, g in enumerate(grams) if k == model.fold]
     together = _columns_of(pool, union, model)
     found: tuple[Array, Judged, float] | None = None
-    # Of many rows every step is dear: enough are those that promise a change that tells.
-    long = len(left_out) >= LONG
     first = np.where(np.isin(np.arange(len(x)), together), start, 0.0)
     x = _nearer(both[0], first, np.clip(x, problem.lower, problem.upper))
     for _ in range(FOLD_STEPS):
@@ -241,8 +240,7 @@ def _settled(
         if found and not (ended.stationarity < found[1].stationarity and cost < most):
             break
         found = x, ended, cost
-        told = ended.stationarity**2 <= FOLD_BELIEVED * near[0].count
-        if ended.converged or (long and told):
+        if ended.converged:
             break
         linear, fold = (Linear.about(g, x, problem.scale) for g in near)
         own, z = _own(pool, model, linear, together), (x + step) / problem.scale
@@ -285,7 +283,10 @@ def _judged(
     held = ((low >= 0.0) & (pulled.vector > 0.0)) | ((high <= 0.0) & (pulled.vector < 0.0))
     step = np.zeros(problem.size)
     step[at] = bounded(pulled, held, low, high, problem.scale[at])
-    return judged_by_gram(pulled.part(np.flatnonzero(~held))), pulled.square, step
+    # All that counts of a fold is what it misses rows by, which many rows hardly change.
+    limit = max(STILL, FOLD_STILL * float(np.sqrt(gram.count)))
+    told = judged_by_gram(pulled.part(np.flatnonzero(~held)), limit=limit)
+    return told, pulled.square, step
 
 
 def _columns_of(pool: Pool, union: Model, model: FoldModel) -> Columns:

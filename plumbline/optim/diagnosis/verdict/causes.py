@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 
+from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import standard_errors
 from plumbline.optim.diagnosis.findings import (
@@ -91,7 +93,7 @@ def _parameters(
     alike = len({term.effect.sentence for term in terms}) < 2
     for term in terms:
         variant = term.effect.variant if len(terms) > 1 or term.effect.scanned else ""
-        variant = variant if alike else ", ".join(filter(None, [term.effect.driver, variant]))
+        variant = variant if alike else ", ".join(filter(None, [_driver(term.effect), variant]))
         seen[variant] += 1
         if seen[variant] > 1:  # apart by less than is shown
             variant += f" ({seen[variant]})"
@@ -106,6 +108,12 @@ def _parameters(
                 value, error, unit, name in stuck, p.doc, bool(told)
             )
     return out
+
+
+def _driver(effect: Effect) -> str:
+    """What of an effect's own its sentence tells, as ``by 4``: of a joint that two others drag."""
+    own = [f.name for f in fields(effect) if f"{{{f.name}}}" in effect.words]
+    return ", ".join(f"{name} {getattr(effect, name)}" for name in own)
 
 
 def _std_by_rows(selected: SelectedModel, sigma: float) -> Array:
