@@ -290,10 +290,11 @@ def test_hysteresis_may_begin_with_its_play_taken_up():
     np.testing.assert_allclose(lag, -0.5, atol=1e-12)
     rows = {"q": np.zeros((2, 1)), "direction": -np.ones((2, 1))}
     np.testing.assert_allclose(*effect.derive(rows).values(), -0.5, err_msg="too short a way")
-    said = replace(effect, start=0.0)
+    said, none = replace(effect, start=None), replace(effect, start=0.0)
     np.testing.assert_allclose(*said.derive(rows).values(), 0.5, err_msg="as the rows say")
+    np.testing.assert_allclose(*none.derive(rows).values(), 0.0, err_msg="none of it yet")
     tried = {e.start for e in said.neighbours(scope_of(bench("ur5", "tip_position")))}
-    assert {-0.5, -0.25, 0.25, 0.5} <= tried
+    assert {-0.5, -0.25, 0.0, 0.25, 0.5} <= tried
 
 
 def test_hysteresis_does_not_depend_on_how_fast_the_path_is_run():

@@ -375,7 +375,7 @@ def test_state_is_changed_by_copy():
     torques = others["joint_torque"]
     motion = ("q", "direction", "velocity", "effort", "acceleration", "turning")
     row = {name: cs.SX.sym(name, torques.chain.n) for name in motion}
-    scalars = ("time", "temperature", "payload", "group", "element", "play1_0.0001_0")
+    scalars = ("time", "temperature", "payload", "group", "element", "play1_0.0001_None")
     row |= {"force": cs.SX.sym("force", 3), **{name: cs.SX.sym(name) for name in scalars}}
     for cls in EFFECTS:
         seen = scope if "tip_position" in cls.observations else others[cls.observations[0]]

@@ -19,7 +19,7 @@ from plumbline.kinematics.parameters import Parameter
 
 # [rad or m] tried first, a decade apart: gears have the least, cables the most; refined afterwards.
 WIDTHS = (1e-4, 1e-3, 1e-2, 1e-1)
-STARTS = (-0.5, -0.25, 0.25, 0.5)  # lags before the first row that are tried [width]
+STARTS = (-0.5, -0.25, 0.0, 0.25, 0.5)  # lags before the first row that are tried [width]
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Hysteresis(JointEffect):
     """Play whose state depends on the whole path so far; rows must be in the order of time."""
 
     width: float = field(default=WIDTHS[0], metadata={"unit": "rad"})
-    # lag before the first row [width]; 0: none, or, where ``direction`` says its side, all
-    start: float = field(default=0.0, metadata=UNSAID)
+    # lag before the first row [width]; where it is not told none, or all on ``direction``'s side
+    start: float | None = field(default=None, metadata=UNSAID)
 
     depends_on = "direction"
     name = "hysteresis"
@@ -42,15 +42,17 @@ class Hysteresis(JointEffect):
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """Every joint that moves, at every width that is narrower than a quarter of its travel."""
-        return [e for j in scope.joints for e in cls(j)._of(WIDTHS, scope)]
+        """Every joint that moves, at every width that is narrower than a quarter of its travel.
+
+        Where ``direction`` says the side, the way to the first row may yet have taken up none.
+        """
+        starts = (None, 0.0) if scope.has("direction") else (None,)
+        return [e for j in scope.joints for s in starts for e in cls(j, start=s)._of(WIDTHS, scope)]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Narrower and wider play, and play that the way to the first row has taken up, or partly.
-
-        Where ``direction`` says the side, that way may still have been too short to cross it.
-        """
-        other = [replace(self, start=lag) for lag in (() if self.start else STARTS)]
+        """Narrower and wider play; and by how much the way to the first row has taken it up."""
+        lags = () if self.start else STARTS
+        other = [replace(self, start=lag) for lag in lags if lag != self.start]
         return [*self._of([self.width * f for f in (0.3, 0.55, 1.8, 3.0)], scope), *other]
 
     def _of(self, widths: Sequence[float], scope: Scope) -> Sequence[Effect]:
@@ -59,7 +61,7 @@ class Hysteresis(JointEffect):
 
     @property
     def _column(self) -> str:
-        return f"play{self.joint}_{self.width:g}_{self.start:g}"
+        return f"play{self.joint}_{self.width:g}_{self.start}"
 
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
         """The normalised lag (p - q) / w of every row, between -1/2 and 1/2.
@@ -68,9 +70,9 @@ class Hysteresis(JointEffect):
         nothing else is tried.
         """
         start = self.start
-        if "direction" in rows and not start:
+        if "direction" in rows and start is None:
             start = -0.5 * float(np.sign(rows["direction"][0, self.joint - 1]))
-        return {self._column: lag_of_play(rows["q"][:, self.joint - 1], self.width, start)}
+        return {self._column: lag_of_play(rows["q"][:, self.joint - 1], self.width, start or 0.0)}
 
     def apply(self, state: State, *values: cs.SX) -> State:
         return state.move_joint(self.joint, values[0] * state.row[self._column])

@@ -15,6 +15,7 @@ from plumbline.experiments.reality.joint_effects import (
 from plumbline.experiments.reality.sensor_effects import Respiration
 from plumbline.experiments.reality.tool_effects import NeedleSag
 from plumbline.kinematics.effects import REGISTRY, JointScale
+from plumbline.kinematics.effects.hysteresis import lag_of_play
 from plumbline.kinematics.effects.respiration import FASTEST, SLOWEST, TURNS
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
@@ -134,6 +135,27 @@ def test_a_breath_between_frequencies_that_are_tried_is_a_breath(between):
     diagnosis = diagnose(breathing(between))
     assert causes(diagnosis) == [("respiration", None)]
     assert diagnosis.causes[0].probability > 0.99
+
+
+@pytest.mark.parametrize("rests", [-0.5, 0.0, 0.5])
+def test_wherever_in_its_play_the_first_row_rests_it_is_play(rests):
+    """One row in the middle of it had made an unlisted dependence on the way of it."""
+    rng = np.random.default_rng(3)
+    q = np.cumsum(rng.uniform(-0.4, 0.4, (110, 6)), axis=0) / 2.0
+    direction = np.sign(np.diff(q, axis=0, prepend=q[:1] - 1e-3 * rng.choice([-1.0, 1.0], 6)))
+    lag = 6e-4 * lag_of_play(q[:, 2], 6e-4, rests)
+    recording = build_recording(
+        observation="joint_position",
+        robot=Robot.bundled("ur5"),
+        q=q,
+        measured=q + lag[:, None] * np.eye(6)[2] + rng.normal(0.0, 6e-5, q.shape),
+        direction=direction,
+        noise_std=6e-5,
+    )
+    diagnosis = diagnose(recording)
+    assert [c.element for c in diagnosis.causes] == [3]
+    assert diagnosis.causes[0].effect in {"hysteresis", "backlash"}
+    assert diagnosis.verdict.outside_probability < 0.1
 
 
 def test_a_heavy_payload_on_soft_drives_is_a_payload(tmp_path):
