@@ -181,15 +181,18 @@ def _robot(
     if given is None:
         return {}, {}, None
     table = dict(given) if isinstance(given, dict) else _source_of(str(given))
-    files: dict[str, Path] = {}
+    mapped = toml if isinstance(given, dict) else None
+    where, files = f"{mapped.name}: [robot]" if mapped else "--robot", dict[str, Path]()
     for key, name in (("urdf", "robot.urdf"), ("mjcf", "robot.xml")):
         if key in table:
-            files[name] = (toml.parent if toml and isinstance(given, dict) else Path()) / table[key]
+            files[name] = (mapped.parent if mapped else Path()) / table[key]
             table[key] = name
+            if not files[name].is_file():
+                raise PlumblineError(f"{where}: {files[name]}: found no such file; check the path")
     try:
         return table, files, _made(table, files)
     except PlumblineError as error:
-        raise PlumblineError(one_line(f"--robot: {error}")) from None
+        raise PlumblineError(one_line(f"{where}: {error}")) from None
 
 
 def _names(table: Mapping[str, Any], chain: Chain) -> tuple[str, ...]:

@@ -99,6 +99,16 @@ def test_a_file_of_the_map_says_what_options_say(tmp_path, bench):
     assert (made.name, made.noise_std) == ("lab", 1e-4)
 
 
+def test_a_robot_that_the_map_names_in_vain_is_told_by_its_place(tmp_path, bench, capsys):
+    """Beside the map, whose table named it; of an option that was not used no word is said."""
+    log, table = tmp_path / "log.csv", tmp_path / "map.toml"
+    lab_rows(bench).to_csv(log, index=False)
+    table.write_text('[robot]\nurdf = "arms/mine.urdf"\n')
+    said = refused(capsys, "import", log, "--to", tmp_path / "made", "--map", table, "-q")
+    assert f"map.toml: [robot]: {tmp_path / 'arms/mine.urdf'}: found no such file" in said
+    assert "--robot" not in said
+
+
 def test_a_matlab_file_lies_along_time_whichever_way_it_was_stored(tmp_path, bench):
     q, tips = bench[JOINTS].to_numpy(), bench[["x", "y", "z"]].to_numpy()
     savemat(tmp_path / "log.mat", {"rec": {"pos": q.T, "tip": tips, "gain": 3.0}, "n": "words"})
