@@ -70,8 +70,9 @@ def test_the_panda_misses_by_its_joint_offsets_and_links_first(diagnosed):
 def test_another_panda_misses_by_its_joint_offsets_as_well(diagnosed):
     found = diagnosed("panda-1")
     assert causes(found)[0][0] == "joint_offset"
-    # Of effects that a fold chose and the verdict does not hold, 0.084 of it would be left.
-    assert found.verdict.gap.after < 0.065 * found.verdict.gap.before
+    # Rows correlate, so whole groups are left out: 0.042 would be left of single rows.
+    assert found.verdict.gap.held_out_by == "groups"
+    assert found.verdict.gap.after < 0.08 * found.verdict.gap.before
 
 
 @pytest.mark.parametrize("name", ["panda-1", "panda-3", "ur5-grid"])

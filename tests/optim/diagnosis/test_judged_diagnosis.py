@@ -70,7 +70,7 @@ def test_the_json_has_the_figures_of_every_fit(cut_short, run_out):
     for diagnosis in (cut_short, run_out):
         said = json.loads(diagnosis.verdict.to_json())["judged"]
         assert said["converged"] == diagnosis.verdict.judged.converged
-        keys = {"fit", "converged", "stationarity", "violation", "at_bound"}
+        keys = {"fit", "converged", "stationarity", "violation", "at_bound", "limit"}
         assert all(set(one) == keys for one in said["fits"])
 
 

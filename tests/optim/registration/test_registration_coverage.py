@@ -74,7 +74,8 @@ def test_the_command_prints_and_writes_each_cell(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(bench, "MARKERS", (3, 4))
     out = tmp_path / "out.json"
     bench.coverage(draws=2, seed=0, json=str(out))
-    (cells,) = json.loads(out.read_text()).values()
+    generator, cells = json.loads(out.read_text()).values()
+    assert generator == "plumbline"
     assert len(cells) == len(STATED) * len(REALITIES) * 2
     unknown = [cell for cell in cells if cell["markers"] == 3 and cell["noise"] == "not"]
     assert all(cell["held"]["of"] == 0 and cell[AXIS] is None for cell in unknown)
