@@ -28,6 +28,8 @@ from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import climbed, extended
 from plumbline.optim.diagnosis.prior import BETWEEN, LONG_MOVES, ROUNDS, TILT
 
+Known = dict[frozenset[SelectedTerm], tuple[Array, Array]]  # what has been asked of states
+
 
 def best_near(problem: JointProblem, state: Sequence[SelectedTerm]) -> tuple[SelectedTerm, ...]:
     """The best state near a long one. Rows that this takes for gross stay so."""
@@ -52,8 +54,9 @@ def coarsened(
     ends = [best_near(problem, start) for start in (state, listed, gross)]
     logs = np.array([stated(problem, end) for end in ends])
     near = [ends[k] for k in np.argsort(-logs) if logs[k] > logs.max() + LEAST_HEARD]
+    known = Known()
     chains = [
-        _mean(list(_chain(problem, end, np.random.default_rng([seed, k]))))
+        _mean(list(_chain(problem, end, np.random.default_rng([seed, k]), known)))
         for k, end in enumerate((near[0], near[-1]))
     ]
     # Chains that do not cross count by the best that each has found.
@@ -62,8 +65,22 @@ def coarsened(
     return replace(_mean(chains, np.exp(found - found.max())), apart=float(apart.max(initial=0.0)))
 
 
+def _asked(
+    problem: JointProblem, reduced: Reduced, gone: Sequence[SelectedTerm], known: Known
+) -> tuple[Array, Array]:
+    """Log odds and scales (C,) of what fills a state without one term; no state is asked twice."""
+    key = frozenset(t for t in reduced.chosen if t not in gone)
+    if key not in known:
+        log_odds, scores = problem.odds(reduced.without(gone[0]) if gone else reduced)
+        known[key] = log_odds, scores.scale
+    return known[key]
+
+
 def _chain(
-    problem: JointProblem, state: Sequence[SelectedTerm], rng: np.random.Generator
+    problem: JointProblem,
+    state: Sequence[SelectedTerm],
+    rng: np.random.Generator,
+    known: Known,
 ) -> Iterator[Sampled]:
     """Probabilities about states of a chain that asks one place anew at a time, given all others.
 
@@ -73,13 +90,13 @@ def _chain(
     reduced = problem.reduce(state)
     for move in range(LONG_MOVES):
         if move % BETWEEN == 0:
-            yield _about(problem, reduced)
+            yield _about(problem, reduced, known)
         slots = problem.slots(reduced.chosen)
         place = int(rng.integers(len(slots) + 1))
         old = slots[place : place + 1]
-        log_odds, scores = problem.odds(reduced.without(old[0]) if old else reduced)
+        log_odds, scale = _asked(problem, reduced, old, known)
         drawn = int(np.searchsorted(np.cumsum(shares_of(log_odds)), rng.random()))
-        new = [SelectedTerm(k, float(scores.scale[k])) for k in range(len(log_odds))[drawn:][:1]]
+        new = [SelectedTerm(k, float(scale[k])) for k in range(len(log_odds))[drawn:][:1]]
         if old != new and (old or rng.random() < 1.0 - 1.0 / (len(slots) + 2)):
             reduced = problem.reduce([*(t for t in reduced.chosen if t not in old), *new])
 
@@ -111,10 +128,10 @@ def _thinned(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sequence[S
         state = [t for t in state if t.index not in weak[: (len(weak) + 1) // 2]]
 
 
-def _about(problem: JointProblem, reduced: Reduced) -> Sampled:
+def _about(problem: JointProblem, reduced: Reduced, known: Known) -> Sampled:
     """Probabilities about a state: each of its terms given all others, and one more."""
     slots = problem.slots(reduced.chosen)
-    asked = [problem.odds(reduced)[0], *(problem.odds(reduced.without(t))[0] for t in slots)]
+    asked = [_asked(problem, reduced, gone, known)[0] for gone in ([], *([t] for t in slots))]
     tilts = (0.0, -float(np.log(TILT)), float(np.log(TILT)))
     held = [t.index for t in slots]
     found, *tilted = (_marginals(problem, [log + tilt for log in asked], held) for tilt in tilts)
