@@ -153,6 +153,21 @@ def test_a_valley_that_bends_is_followed_in_few_steps(bend, most):
     np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-9)
 
 
+@pytest.mark.parametrize(("start", "turns"), [(0.53, False), (0.49, True)])
+def test_steps_turn_once_one_has_kept_less_than_half_of_its_promise(monkeypatch, start, turns):
+    """Of x^2 = 1 Newton's first step leaves (1 - x^2) / (4 x^2) of the residual: 0.64 or 0.79."""
+    asked = []
+    ask = Mapped.curvature_along
+    monkeypatch.setattr(Mapped, "curvature_along", lambda *of: asked.append(of) or ask(*of))
+    x, row = cs.SX.sym("x"), cs.SX.sym("row")
+    problem = replace(
+        linear(np.ones((1, 1)), np.ones(1)), x=x, row=row, residual=x**2 - row, rows=np.ones((1, 1))
+    )
+    found = LevenbergMarquardt().solve(problem, [start])
+    np.testing.assert_allclose(found.x, 1.0, atol=1e-9)
+    assert bool(asked) is turns
+
+
 def test_the_curvature_along_a_step_is_that_of_casadi(model):
     """The first rows of it by the Hessian of each residual, weighted and whitened."""
     p = replace(model.problem, weights=np.linspace(0.5, 2.0, 60), follows=np.full(60, 0.4))
