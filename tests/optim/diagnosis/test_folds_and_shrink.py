@@ -147,11 +147,16 @@ def test_squares_without_each_of_some_terms_are_those_of_fitting_the_others(offs
     assert max(found) > 2.0 * min(found)
 
 
+def first_fold(recording):
+    """The pool, the folds, the fit of all rows, and what is chosen without the first fold."""
+    pool, folds, choice, best = pool_of(recording)
+    model = fold_models(pool, choice, variance=1e-8)[0]
+    return pool, folds, best, model, shrink._union(pool, [model], best)
+
+
 def test_a_fold_s_step_that_leads_far_off_is_not_taken(offset_recording, monkeypatch):
     """There is little to go, in standard errors, where what is left has grown by far."""
-    pool, folds, choice, best = pool_of(offset_recording)
-    model = fold_models(pool, choice, variance=1e-8)[0]
-    union = shrink._union(pool, [model], best)
+    pool, folds, best, model, union = first_fold(offset_recording)
     x = union.started(best.by_name) + 0.1 * union.problem.scale
     grams = Mapped(union.problem).grams(x, folds)
     away = np.zeros(len(x))
@@ -164,9 +169,7 @@ def test_a_fold_s_step_that_leads_far_off_is_not_taken(offset_recording, monkeyp
 
 
 def test_a_fold_s_fit_stays_within_the_bounds_and_is_judged_there(offset_recording):
-    pool, folds, choice, best = pool_of(offset_recording)
-    model = fold_models(pool, choice, variance=1e-8)[0]
-    union = shrink._union(pool, [model], best)
+    pool, folds, best, model, union = first_fold(offset_recording)
     start = union.started(best.by_name)
     grams = Mapped(union.problem).grams(start, folds)
     offset, half = best.x[-1], best.x.copy()
@@ -181,9 +184,7 @@ def test_a_fold_s_fit_stays_within_the_bounds_and_is_judged_there(offset_recordi
 
 
 def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_halved(offset_recording):
-    pool, folds, choice, best = pool_of(offset_recording)
-    model = fold_models(pool, choice, variance=1e-8)[0]
-    union = shrink._union(pool, [model], best)
+    pool, folds, best, model, union = first_fold(offset_recording)
     start = union.started(best.by_name)
     grams = Mapped(union.problem).grams(start, folds)
     far = start.copy()
@@ -214,9 +215,7 @@ def test_of_a_step_that_leaves_more_a_part_of_a_hundredth_is_taken_or_none(end, 
 def test_a_fold_s_step_is_taken_where_it_comes_nearer_and_costs_no_more(
     offset_recording, monkeypatch, to_go, rise, taken, asked
 ):
-    pool, folds, choice, best = pool_of(offset_recording)
-    model = fold_models(pool, choice, variance=1e-8)[0]
-    union = shrink._union(pool, [model], best)
+    pool, folds, best, model, union = first_fold(offset_recording)
     x = union.started(best.by_name)
     rows = Mapped(union.problem)
     square = np.abs(rows.white_residuals(x)).max() ** 2
@@ -239,9 +238,7 @@ def test_a_fold_s_fit_is_at_rest_where_its_square_changes_by_a_ten_thousandth(
     offset_recording, count, limit
 ):
     """So many standard errors change it by their square, of as many as there are readings."""
-    pool, _, choice, best = pool_of(offset_recording)
-    model = fold_models(pool, choice, variance=1e-8)[0]
-    union = shrink._union(pool, [model], best)
+    pool, _, best, model, union = first_fold(offset_recording)
     x = union.started(best.by_name)
     gram = replace(Mapped(union.problem).grams(x)[0], count=count)
     together = shrink._columns_of(pool, union, model)

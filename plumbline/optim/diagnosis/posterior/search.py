@@ -37,7 +37,7 @@ from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
 
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
-STEPS = (BaseBump, ToolSlip)
+STEPS = (BaseBump, ToolSlip)  # effects that move all later rows at once
 BRIEF = LevenbergMarquardt(max_iterations=8, tolerance=1e-6)
 NAMED = 4  # causes that a line names
 
