@@ -31,6 +31,7 @@ from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.predict.held_out import evaluate
 from plumbline.optim.diagnosis.prior import MOST_COMPARED_ROWS, PART_OF_UNLISTED
+from plumbline.optim.diagnosis.verdict import explanation as explanation_module
 from plumbline.optim.diagnosis.verdict import judge as judge_module
 from plumbline.optim.diagnosis.verdict.explanation import (
     Explanation,
@@ -526,3 +527,20 @@ def test_where_a_model_is_open_errors_are_those_of_blocks(judged, monkeypatch):
     assert estimate.std == 7.0
     (estimate,) = kind(judged).causes[0].parameters.values()
     assert estimate.std < 1.0
+
+
+@pytest.mark.parametrize(("causes", "asked"), [(6, "sample"), (7, "best_near")])
+def test_states_of_up_to_six_causes_are_looked_at_whole(scaled, monkeypatch, causes, asked):
+    """Longer ones are climbed, and asked place by place."""
+
+    class ReachedError(Exception):
+        pass
+
+    def reached(*_):
+        raise ReachedError
+
+    _, selected, _ = scaled
+    monkeypatch.setattr(type(selected.selection), "keys", lambda *_: set(range(causes)))
+    monkeypatch.setattr(explanation_module, asked, reached)
+    with pytest.raises(ReachedError):
+        explain(selected, 0)

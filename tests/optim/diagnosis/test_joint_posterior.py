@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import combinations, product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.special import logsumexp
 
 import plumbline.optim.diagnosis.posterior.one_by_one as one_by_one_module
 from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
+from plumbline.optim.diagnosis.posterior import joint
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot
@@ -521,3 +523,21 @@ def test_where_nothing_is_at_work_nothing_is_named():
     X, _, lacked = of_library(3, count=20)
     t = np.random.default_rng(3).normal(0.0, SIGMA, N)
     assert named(X, t, lacked)[0] == []
+
+
+def test_of_seven_moves_one_asks_whether_rows_are_gross(monkeypatch):
+    """Half of them would leave the terms too few: a probability moves by 0.03."""
+    asked = dict.fromkeys(("row", "rows", "terms"), 0)
+
+    def count(kind):
+        return lambda *_: asked.update({kind: asked[kind] + 1})
+
+    monkeypatch.setattr(joint._Chain, "_ask_a_row", count("row"))
+    monkeypatch.setattr(joint._Chain, "_ask_all_rows", count("rows"))
+    monkeypatch.setattr(joint._Chain, "_fill", count("terms"))
+    rows = SimpleNamespace(gross=np.array([True]), linear=SimpleNamespace(n=9.0))
+    chain = joint._Chain(rows, np.random.default_rng(0), frozenset(), {})
+    for _ in range(2000):
+        chain._move()
+    assert (asked["row"] + asked["rows"]) / 2000 == pytest.approx(1 / 7, abs=0.03)
+    assert asked["row"] == pytest.approx(asked["rows"], rel=0.3)

@@ -5,11 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
+from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.optim.diagnosis.posterior import search as module
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import Task, search
+from plumbline.optim.diagnosis.posterior.shortlists import nearby
 from plumbline.optim.recording.loading import load_recording
+from tests.benches import bench
 from tests.made_up_diagnosis import BENCH
 
 ANSWERS = {
@@ -32,3 +36,10 @@ def test_the_terms_are_those_of_the_last_fit_in_its_order(answers, monkeypatch):
     found = search(task, np.zeros(len(recording), dtype=bool))
     assert tuple(term.effect for term in found.model.terms) == found.effects
     assert found.best.problem is found.model.problem
+
+
+def test_finer_variants_are_tried_of_twelve_of_a_dense_family_and_of_all_others():
+    """Of more the UR10's grid takes 5 GB."""
+    ripples = [GearRipple(joint=2, order=float(k)) for k in range(3, 17)]
+    found = nearby([*ripples, Hysteresis(joint=3)], bench("ur5", "tip_position"))
+    assert list(found) == [*ripples[:12], Hysteresis(joint=3)]

@@ -37,7 +37,7 @@ from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
 
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
-STEPS = (BaseBump, ToolSlip)  # effects that move all later rows at once
+STEP_EFFECTS = (BaseBump, ToolSlip)  # effects that move all later rows at once
 BRIEF = LevenbergMarquardt(max_iterations=8, tolerance=1e-6)
 NAMED = 4  # causes that a line names
 
@@ -165,7 +165,7 @@ def _rows_by_steps(
     """
     found = np.zeros(len(task.recording), dtype=bool)
     effects = dict(zip(selected.effects, selected.chosen, strict=True))
-    steps = sorted((e for e in effects if isinstance(e, STEPS)), key=lambda e: e.moment)
+    steps = sorted((e for e in effects if isinstance(e, STEP_EFFECTS)), key=lambda e: e.moment)
     for gone in [*((e,) for e in steps), *pairwise(steps)]:
         kept = [e for e in effects if e not in gone]
         ridge = ridge_of(selected.selection, [effects[e] for e in kept], task.fixed)
