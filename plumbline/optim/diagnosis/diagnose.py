@@ -228,7 +228,7 @@ def _judged(recording: Recording, found: Explained, evaluation: Evaluation) -> V
     if recording.element is not None:
         untold = left_open(selected.nominal, noise.sigma)
         verdict = replace(verdict, notes=(*verdict.notes, *untold))
-    return replace(in_own_unit(verdict, recording), unjudged=recording.unjudged)
+    return replace(in_own_unit(verdict, recording, evaluation), unjudged=recording.unjudged)
 
 
 def _lacking(found: Explained, noise: NoiseLevel) -> float:

@@ -6,7 +6,6 @@ what it cannot see at all.
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
-from plumbline.optim.diagnosis.of_recordings import OfRecording, Transfer
+from plumbline.optim.diagnosis.of_recordings import JointGap, OfRecording, Transfer
 from plumbline.optim.diagnosis.prior import FAR, UNLISTED
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
@@ -308,6 +307,7 @@ class Verdict(AlwaysFitted, Answer):
         transfer: Which causes are in each of them what they are in the others.
         unjudged: What the recording holds that takes no part, such as ``"3 targets"``.
         friction: Friction of drives over their speed, where efforts were measured.
+        joints: The gap joint by joint, where each joint is measured by itself.
     """
 
     verdict: Outcome
@@ -334,6 +334,7 @@ class Verdict(AlwaysFitted, Answer):
     transfer: tuple[Transfer, ...] = ()
     unjudged: str = ""
     friction: tuple[FrictionCurve, ...] = ()
+    joints: tuple[JointGap, ...] = ()
 
     @property
     def knows_noise(self) -> bool:
@@ -383,17 +384,12 @@ class Verdict(AlwaysFitted, Answer):
         found = super().to_dict()
         if not self.recordings:
             del found["recordings"], found["transfer"]
-        if not self.unjudged:
-            del found["unjudged"]
-        if not self.friction:
-            del found["friction"]
+        for name in ("unjudged", "friction", "joints"):
+            if not found[name]:
+                del found[name]
         if not self.knows_noise:
             found["gap"]["noise_floor"] = None
         return found
-
-    def to_json(self) -> str:
-        """The verdict as JSON text."""
-        return json.dumps(self.to_dict(), indent=1, allow_nan=False)
 
     def __repr__(self) -> str:
         """Recording, kind, causes and gap on one line."""

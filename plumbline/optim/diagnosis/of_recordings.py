@@ -1,4 +1,4 @@
-"""What a verdict on several recordings says of each of them, and of what carries over."""
+"""What a verdict says of each recording, of each joint, and of what carries over."""
 
 from __future__ import annotations
 
@@ -32,6 +32,17 @@ class OfRecording:
     noise: float  # one standard deviation of one axis [unit]
     noise_source: str  # ``"given"``, or ``"repeats"`` or ``"fit"`` where its own rows have told it
     gross: tuple[int, ...] = ()  # its rows (from 1) that were taken for gross errors
+
+
+@dataclass(frozen=True)
+class JointGap:
+    """What one joint is missed by, on rows that were left out: RMS before and after [unit]."""
+
+    element: int  # the joint, or the tip's axis, from 1
+    label: str  # as in ``"joint 3"``
+    before: float  # of the nominal robot
+    after: float  # with the causes
+    unit: str  # what was measured of this joint, ``"rad"``, ``"m"``, ``"N m"`` or ``"N"``
 
 
 @dataclass(frozen=True)

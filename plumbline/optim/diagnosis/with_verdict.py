@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.diagnosis.findings import Cause, Gap, Place, Verdict
+from plumbline.optim.diagnosis.of_recordings import JointGap
 
 
 class WithVerdict(Answer):
@@ -36,6 +37,11 @@ class WithVerdict(Answer):
     def gap(self) -> Gap:
         """How large the gap is and how far it shrinks, on rows that were left out."""
         return self.verdict.gap
+
+    @property
+    def by_joint(self) -> tuple[JointGap, ...]:
+        """The gap joint by joint, of motions and efforts."""
+        return self.verdict.joints
 
     @property
     def causes(self) -> tuple[Cause, ...]:

@@ -132,7 +132,7 @@ def test_frame_and_tool_are_each_recording_s_own(answer, tips):
 
 
 def test_the_verdict_tells_recordings_and_transfer_in_json_page_and_store(answer, tmp_path):
-    told = json.loads(answer.verdict.to_json())
+    told = answer.verdict.to_dict()
     assert [r["name"] for r in told["recordings"]] == ["calm", "slipped", "other"]
     assert {t["carries"] for t in told["transfer"]} >= {"differs", "here only"}
     page = html_report(answer)

@@ -46,7 +46,7 @@ from plumbline.optim.diagnosis.findings import (
     Step,
     Verdict,
 )
-from plumbline.optim.diagnosis.of_recordings import OfRecording
+from plumbline.optim.diagnosis.of_recordings import JointGap, OfRecording
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 from plumbline.optim.diagnosis.verdict.words import (
     gap_words,
@@ -706,6 +706,28 @@ def test_a_terminal_tells_the_values_of_six_causes_and_names_every_one(bench):
     assert all(f"{cause.label} " in shown for cause in causes)
     assert "2 further causes, with values in JSON and report" in shown
     assert "further cause" not in said(replace(bench.verdict, causes=causes[:6]))
+
+
+def test_page_and_card_fold_all_causes_but_six(bench, undrawn):
+    causes = tuple(replace(bench.verdict.causes[0], element=k) for k in range(1, 9))
+    for many, folded in ((causes, 2), (causes[:7], 1), (causes[:6], 0)):
+        told = replace(bench, verdict=replace(bench.verdict, causes=many))
+        for shown in (html_report(told), card(told.verdict)):
+            first, _, more = shown.partition("further cause")
+            assert all(f"{cause.label}<" in first for cause in many[:6])
+            assert all(f"{cause.label}<" in more.split("</details>")[0] for cause in many[6:])
+            assert ("further cause" in shown) == bool(folded)
+
+
+def test_the_gap_is_told_joint_by_joint_where_joints_are_measured_by_themselves(bench, undrawn):
+    joints = (JointGap(1, "joint 1", 0.0123, 1e-3, "rad"), JointGap(2, "joint 2", 2.5, 0.75, "N m"))
+    told = replace(bench, verdict=replace(bench.verdict, joints=joints))
+    for shown in (said(told.verdict), html_report(told)):
+        before, _, after = shown.lower().partition("joint by joint")
+        assert "12.3 mrad" not in before
+        assert all(x in after for x in ("12.3 mrad", "1.00 mrad", "2.50 n m", "0.750 n m"))
+    assert "joint by joint" not in said(bench.verdict).lower()
+    assert "joint by joint" not in html_report(bench).lower()
 
 
 def test_a_terminal_of_80_columns_keeps_recordings_apart_that_begin_alike(bench):

@@ -1,7 +1,6 @@
 """A verdict says whether every fit behind it converged, wherever it is shown."""
 
 import io
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -68,7 +67,7 @@ def test_one_step_alone_does_not_go_unnoticed(cut_short):
 
 def test_the_json_has_the_figures_of_every_fit(cut_short, run_out):
     for diagnosis in (cut_short, run_out):
-        said = json.loads(diagnosis.verdict.to_json())["judged"]
+        said = diagnosis.verdict.to_dict()["judged"]
         assert said["converged"] == diagnosis.verdict.judged.converged
         keys = {"fit", "converged", "stationarity", "violation", "at_bound", "limit"}
         assert all(set(one) == keys for one in said["fits"])

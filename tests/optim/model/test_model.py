@@ -162,7 +162,7 @@ def test_many_ripples_of_a_joint_take_two_sines(model):
 def test_what_is_always_fitted_has_value_error_unit_and_meaning(diagnosis, case):
     found = diagnosis.verdict.nuisances
     assert {"frame x", "frame rz", "tool x"} <= set(found)
-    assert json.loads(diagnosis.verdict.to_json())["nuisances"]["tool x"]["unit"] == "m"
+    assert diagnosis.verdict.to_dict()["nuisances"]["tool x"]["unit"] == "m"
     assert all(e.std > 0.0 and e.doc for e in found.values())
     for axis, true in zip("xyz", case.scene.device[:3, 3], strict=True):
         one = diagnosis.frame[f"frame {axis}"]

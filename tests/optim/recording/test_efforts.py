@@ -228,6 +228,9 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     assert gap.noise_floor == pytest.approx(np.sqrt(np.mean(sigma**2)), rel=0.05)
     own = np.sqrt(np.mean(found.residual_after**2, axis=0))
     np.testing.assert_allclose(own, sigma, rtol=0.15)
+    for one, after in zip(found.by_joint, own, strict=True):
+        assert (one.after, one.unit) == (pytest.approx(after), "N m")
+    assert found.by_joint[1].before > 3.0 * found.by_joint[1].after
     model, r = found.model(), found.recording
     left = r.measured - model.tau(r.q, r.velocity, r.acceleration)
     np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), sigma, rtol=0.15)

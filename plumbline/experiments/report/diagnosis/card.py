@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from html import escape
 
+from plumbline.experiments.report.diagnosis.phrases import MOST_CAUSES, further
 from plumbline.optim.core.quantities import chance, counted, percent
 from plumbline.optim.diagnosis.findings import Cause, Outcome, Place, Verdict
 from plumbline.optim.diagnosis.verdict import words
@@ -48,8 +49,12 @@ def _heading(verdict: Verdict) -> str:
 def _causes(verdict: Verdict) -> str:
     titles = ("cause", "probability", "its part", "parameters")
     head = "".join(f"<th style='{_LEFT}'>{title}</th>" for title in titles)
-    rows = "".join(_cause(cause) for cause in verdict.causes)
-    return f"<table style='margin-top:.6em'><tr>{head}</tr>{rows}</table>"
+    first, more = (
+        f"<table style='margin-top:.6em'><tr>{head}</tr>{''.join(map(_cause, some))}</table>"
+        for some in (verdict.causes[:MOST_CAUSES], verdict.causes[MOST_CAUSES:])
+    )
+    folded = further(verdict.causes[MOST_CAUSES:])
+    return first + (_folded(folded, more) if len(verdict.causes) > MOST_CAUSES else "")
 
 
 def _cause(cause: Cause) -> str:
@@ -103,4 +108,8 @@ def _unknown(verdict: Verdict) -> list[str]:
 
 def _list(title: str, lines: Iterable[str]) -> str:
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f"<details><summary>{title}</summary><ul>{items}</ul></details>" if items else ""
+    return _folded(title, f"<ul>{items}</ul>") if items else ""
+
+
+def _folded(title: str, body: str) -> str:
+    return f"<details><summary>{title}</summary>{body}</details>"

@@ -14,9 +14,11 @@ from markupsafe import Markup
 from plumbline.experiments.report.diagnosis import several
 from plumbline.experiments.report.diagnosis.motion import motion_pictures
 from plumbline.experiments.report.diagnosis.phrases import (
+    MOST_CAUSES,
     Elsewhere,
     confounded_lines,
     distrusted_words,
+    further,
     suggestion_words,
 )
 from plumbline.experiments.report.diagnosis.pictures import pictures
@@ -96,6 +98,9 @@ def _section(
         interval=_interval(verdict),
         tree=words.tree_lines(verdict),
         causes=[_Card.of(cause) for cause in verdict.causes],
+        most_causes=MOST_CAUSES,
+        further=further(verdict.causes[MOST_CAUSES:]),
+        by_joint=several.joints(verdict),
         nuisances=nuisances(verdict),
         recordings=several.recordings(verdict),
         transfer=several.transfer(verdict),

@@ -7,6 +7,7 @@ from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.verdict import words
 
+MOST_CAUSES = 6  # that are shown at once with their values: what a screen holds
 ROWS_NAMED = 40  # distrusted rows that are named one by one
 
 
@@ -42,6 +43,11 @@ def confounded_lines(causes: Sequence[Cause]) -> tuple[str, ...]:
         for cause in causes
         if cause.confounded_with
     )
+
+
+def further(causes: Sequence[object]) -> str:
+    """Heads the causes that are not shown at once."""
+    return counted(len(causes), "further cause")
 
 
 def distrusted_words(rows: Sequence[int]) -> str:

@@ -1,4 +1,4 @@
-"""Several recordings under one verdict: what each leaves, and what carries over, as tables."""
+"""Several recordings or joints under one verdict: what each leaves, what carries over: tables."""
 
 import math
 from collections.abc import Sequence
@@ -31,6 +31,15 @@ def recordings(verdict: Verdict) -> Grid:
         for r in verdict.recordings
     ]
     return Grid(columns, rows, range(2, 7), sorts=False)
+
+
+def joints(verdict: Verdict) -> Grid:
+    """What each joint is missed by, on rows that were left out."""
+    rows = [
+        (joint.label, quantity(joint.before, joint.unit), quantity(joint.after, joint.unit))
+        for joint in verdict.joints
+    ]
+    return Grid(("joint", "before", "after"), rows, (1, 2), sorts=False)
 
 
 def _rows(gross: Sequence[int]) -> str:

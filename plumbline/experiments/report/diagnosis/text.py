@@ -10,9 +10,11 @@ from rich.text import Text
 
 from plumbline.experiments.report.diagnosis import several
 from plumbline.experiments.report.diagnosis.phrases import (
+    MOST_CAUSES,
     Elsewhere,
     confounded_lines,
     distrusted_words,
+    further,
     suggestion_words,
 )
 from plumbline.experiments.report.page.page import Grid
@@ -28,7 +30,6 @@ COLOURS = {
 }
 WORD = 14  # characters of a table's words that are not broken
 BAR = 30  # characters of the longest bar
-MOST_CAUSES = 6  # that are shown with their values: what a screen holds
 MOST_RIVALS = 5  # candidates that are shown with the causes
 MOST_LINES = 12  # of what the recording cannot see
 MOST_ROWS = 3  # of what to record next
@@ -58,6 +59,7 @@ def _sections(verdict: Verdict, elsewhere: Elsewhere | None) -> Iterator[Rendera
     if verdict.causes:
         yield from _section("Causes, with their probabilities", *_causes(verdict))
     for title, grid in (
+        ("Joint by joint, on what was left out", several.joints(verdict)),
         ("Recording by recording", several.recordings(verdict)),
         ("What carries over", several.transfer(verdict)),
     ):
@@ -113,9 +115,7 @@ def _causes(verdict: Verdict) -> Iterator[RenderableType]:
     yield from map(_cause, verdict.causes[:MOST_CAUSES])
     smaller = verdict.causes[MOST_CAUSES:]
     if smaller:
-        yield Text(
-            f"{counted(len(smaller), 'further cause')}, with values in JSON and report:", "dim"
-        )
+        yield Text(f"{further(smaller)}, with values in JSON and report:", "dim")
         yield from map(_title, smaller)
 
 

@@ -16,7 +16,6 @@ from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.motion.unlisted import Unlisted
-from plumbline.optim.diagnosis.motion.verdict import by_joint
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model.drives import Drives
@@ -45,11 +44,6 @@ class MotionDiagnosis(WithVerdict):
     options: DiagnosisOptions
 
     @property
-    def by_joint(self) -> list[dict[str, float]]:
-        """Root mean squares of every joint, ``before`` and ``after``, left out [rad]."""
-        return by_joint({j.number: x for j, x in zip(self.joints, self.left_out, strict=True)})
-
-    @property
     def fits(self) -> dict[int, Fit]:
         """Effects with their values by joint, from 1."""
         return {joint.number: joint.fit for joint in self.joints}
@@ -65,10 +59,6 @@ class MotionDiagnosis(WithVerdict):
             PlumblineError: It is another kind of command, or of another number of joints.
         """
         return self.model().gaps(other)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The verdict's figures as plain data in SI units, with those of every joint."""
-        return super().to_dict() | {"joints": self.by_joint}
 
 
 @dataclass(frozen=True)

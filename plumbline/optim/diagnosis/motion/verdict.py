@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +39,7 @@ from plumbline.optim.diagnosis.motion.proposals import SAME, lags, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
 STAGE = "actuation"
@@ -93,6 +94,7 @@ def verdict_of(found: Found) -> Verdict:
         recording=r.name,
         rows=len(r),
         sha256=r.sha256,
+        joints=tuple(_joints(found)),
     )
 
 
@@ -286,21 +288,19 @@ def _staircase(found: Found, gap: Gap) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _notes(found: Found) -> list[str]:
-    said = []
+def _joints(found: Found) -> Iterator[JointGap]:
     for joint, judged in zip(found.joints, found.judged, strict=True):
-        before, after = (
-            quantity(float(np.sqrt(s.mean())), found.recording.unit)
-            for s in (judged.before, judged.after)
-        )
-        said.append(
-            f"{found.recording.noun} {joint.number}: {before} -> {after} on what was left out"
-        )
-        if {e.name for e in joint.fit.effects} & SAME and not lags(joint):
-            said.append(
-                f"drive {joint.number}: play and a dead band are one and the same without a lag"
-            )
-    return said
+        before, after = (float(np.sqrt(s.mean())) for s in (judged.before, judged.after))
+        label = f"{found.recording.noun} {joint.number}"
+        yield JointGap(joint.number, label, before, after, found.recording.unit)
+
+
+def _notes(found: Found) -> list[str]:
+    return [
+        f"drive {joint.number}: play and a dead band are one and the same without a lag"
+        for joint in found.joints
+        if {e.name for e in joint.fit.effects} & SAME and not lags(joint)
+    ]
 
 
 def _judgement(joints: Sequence[Joint]) -> Judgement:
@@ -310,15 +310,3 @@ def _judgement(joints: Sequence[Joint]) -> Judgement:
         bound = tuple(f"{name} {joint.number}" for name in joint.fit.at_bound)
         fits.append(Judged(f"the fit of joint {joint.number}", go <= STILL, go, 0.0, bound))
     return Judgement(all(f.converged for f in fits), tuple(fits))
-
-
-def by_joint(found: Mapping[int, LeftOut]) -> list[dict[str, float]]:
-    """Held-out figures of every joint, as plain data [rad]."""
-    return [
-        {
-            "element": j,
-            "before": float(np.sqrt(x.before.mean())),
-            "after": float(np.sqrt(x.after.mean())),
-        }
-        for j, x in found.items()
-    ]
