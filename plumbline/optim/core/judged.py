@@ -71,7 +71,7 @@ class Judged:
         if self.converged:
             return f"{self.fit} converged ({self.stationarity:.1g} {self.unit} to go){rests}"
         found = f"its unknowns would still move by {self.stationarity:.2g} {self.unit}"
-        limit, mend = f"{self.limit:g}", "allow more iterations"
+        limit, mend = f"{self.limit:.2g}", "allow more iterations"
         if not np.isfinite(self.stationarity):
             found, limit, mend = "it ended at no finite point", "", "start nearer"
         elif self.violation > FEASIBLE:

@@ -137,6 +137,11 @@ def test_the_worst_is_the_one_to_speak_of(model):
     assert the_worst([]) is None
 
 
+def test_a_limit_is_told_to_two_digits():
+    found = Judged("the fit", False, 10.0, 0.0, limit=0.988635)
+    assert found.words.endswith("move by 10 standard errors, 0.99 allowed; allow more iterations")
+
+
 def test_the_limit_is_a_tenth_of_a_standard_error():
     """A figure changes by half the square of it: 0.5 % of one equation's share."""
     assert judging.STILL == 0.1
