@@ -138,7 +138,7 @@ def test_the_worst_is_the_one_to_speak_of(model):
 
 
 def test_a_limit_is_told_to_two_digits():
-    found = Judged("the fit", False, 10.0, 0.0, limit=0.988635)
+    found = judging.Judged("the fit", False, 10.0, 0.0, limit=0.988635)
     assert found.words.endswith("move by 10 standard errors, 0.99 allowed; allow more iterations")
 
 
