@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dtrtri
 
 from plumbline.optim.core.mapped import Gram
@@ -57,28 +57,27 @@ class Linear:
     def given(self, columns: Columns, precision: Array) -> tuple[Array, Array, Array, float, float]:
         r"""What is left given some columns, in factored form, without working out all of it.
 
-        Their Cholesky factor L (K, K); :math:`R = G_{\cdot B} L^{-T}` (P, K) and
+        The inverse of their Cholesky factor L (K, K); :math:`R = G_{\cdot B} L^{-T}` (P, K) and
         :math:`h = L^{-1} b_B` (K,), such that :math:`G' = G - R R^T` and :math:`b' = b - R h`; the
         target's square, and equations.
         """
-        lower, hidden, tt, n = self._factored(columns, precision)
-        root = solve_triangular(lower, self.G[columns], lower=True, check_finite=False).T
-        return lower, root, hidden, tt, n
+        unit, hidden, tt, n = self._factored(columns, precision)
+        return unit, self.G[columns].T @ unit.T, hidden, tt, n
 
     def left(self, columns: Columns, precision: Array) -> tuple[float, float]:
         """Square of the target, and equations, that some columns leave."""
         return self._factored(columns, precision)[2:]
 
     def _factored(self, columns: Columns, precision: Array) -> tuple[Array, Array, float, float]:
-        """The Cholesky factor L of some columns (K, K), L^-1 b (K,), and what they leave."""
+        """L^-1 (K, K) of some columns' Cholesky factor, L^-1 b (K,), and what they leave."""
         if not len(columns):
             return np.zeros((0, 0)), np.zeros(0), self.tt, self.n
         A = self.G[np.ix_(columns, columns)]
         lower = cholesky(A + np.diag(precision + JITTER * np.diag(A)), np.diag(A))
-        hidden = solve_triangular(lower, self.b[columns], lower=True, check_finite=False)
-        inverse, _ = dtrtri(lower, lower=1)
-        used = len(A) - float(np.sum(precision * np.sum(inverse**2, axis=0)))
-        return lower, hidden, max(self.tt - float(hidden @ hidden), 0.0), self.n - used
+        unit, _ = dtrtri(lower, lower=1)
+        hidden = unit @ self.b[columns]
+        used = len(A) - float(precision @ np.sum(unit**2, axis=0))
+        return unit, hidden, max(self.tt - float(hidden @ hidden), 0.0), self.n - used
 
     def solve(self, columns: Columns, precision: Array) -> Array:
         """Best values (k,) of some columns, all others absent."""

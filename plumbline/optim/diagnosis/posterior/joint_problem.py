@@ -26,7 +26,7 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     NoisePrior,
     Term,
 )
-from plumbline.optim.diagnosis.posterior.parts import Parts
+from plumbline.optim.diagnosis.posterior.parts import Evidence, Parts, State
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import TermProblem
 from plumbline.optim.diagnosis.prior import (
@@ -101,10 +101,23 @@ class JointProblem(TermProblem):
         """Labels of these terms that may be parts of what is unlisted, with the probability."""
         return self.shared.of(self, indices) if self.shared else {}
 
-    def evidence(self, indices: Sequence[int], linear: Linear) -> float:
-        """Log evidence of some terms together, against none, in another problem of the columns."""
+    def beside(self, indices: Sequence[int], linear: Linear) -> Evidence:
+        """What tells the evidence of some of these terms beside the others, in another problem.
+
+        All keep the widths that are the most probable of them together.
+        """
         own = replace(self, linear=linear).only(indices)
-        return weighed(own)[0] - own.log_prior(range(len(indices)))
+        whole = own.reduce([SelectedTerm(k, s) for k, s in enumerate(weighed(own)[1])])
+
+        def evidence(some: State) -> float:
+            left, total = whole, 0.0
+            for term in whole.chosen:
+                if indices[term.index] in some:
+                    total += own.own_evidence(left, term) - float(own.log_priors[term.index])
+                    left = left.without(term)
+            return total
+
+        return evidence
 
     def only(self, indices: Sequence[int]) -> JointProblem:
         """The same problem of some of its terms alone."""

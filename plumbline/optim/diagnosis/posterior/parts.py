@@ -31,6 +31,7 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Term
 from plumbline.optim.diagnosis.prior import DEVIATIONS
 
 State = frozenset[int]
+Evidence = Callable[[State], float]  # log of it, of some terms
 
 
 class Problem(Protocol):
@@ -60,8 +61,8 @@ class Problem(Protocol):
     def unlisted(self) -> NDArray[np.bool_] | None:
         """Which terms are of no effect of the library (C,), if any."""
 
-    def evidence(self, indices: Sequence[int], linear: Linear) -> float:
-        """Log evidence of some terms in another problem of the same columns."""
+    def beside(self, indices: Sequence[int], linear: Linear) -> Evidence:
+        """What tells the evidence of some of these terms beside the others, in another problem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ class Parts:
     drivers: tuple[frozenset[str], ...] = ()
     _found: dict[State, Mapping[int, float]] = field(default_factory=dict)
     _rest: dict[State, Linear] = field(default_factory=dict)
-    _logs: dict[tuple[State, State], float] = field(default_factory=dict)
+    _logs: dict[tuple[State, State], Evidence] = field(default_factory=dict)
 
     def of(self, problem: Problem, indices: Iterable[int]) -> Mapping[int, float]:
         """Labels of some terms, of the first level, that may be parts, with the probability."""
@@ -105,17 +106,16 @@ class Parts:
         told = self.beyond is not None and places.isdisjoint(place[list(own)].tolist())
         if not told or any(self.drivers[k] & self.drivers[label[i]] for i in lacked):
             return self.prior
-        log = self._log(problem, listed, places) - self._log(problem, listed - own, places)
+        log = self._beside(problem, listed, places)(own)
         return float(expit(logit(self.prior) - max(log, 0.0)))
 
-    def _log(self, problem: Problem, listed: State, places: State) -> float:
-        """Log evidence of listed terms in what no mechanism at some places could move."""
+    def _beside(self, problem: Problem, listed: State, places: State) -> Evidence:
+        """Of listed terms, by what no mechanism at some places could move."""
         assert self.beyond is not None
         if places not in self._rest:
             self._rest[places] = self.beyond(places)
         if (listed, places) not in self._logs:
-            log = problem.evidence(sorted(listed), self._rest[places])
-            self._logs[listed, places] = log
+            self._logs[listed, places] = problem.beside(sorted(listed), self._rest[places])
         return self._logs[listed, places]
 
 

@@ -1,12 +1,13 @@
 r"""What a set of terms leaves of a linear problem, ready to be scanned.
 
-Taking one term back is an update of low rank: with :math:`A = G_{BB} + \Lambda`,
-:math:`H = G_{\cdot B} A^{-1}` and the Schur complement :math:`S_e = ((A^{-1})_{ee})^{-1}`,
+Taking one term back is an update of low rank, and so is adding one: with
+:math:`A = G_{BB} + \Lambda`, :math:`H = G_{\cdot B} A^{-1}` and the Schur complement
+:math:`S_e = ((A^{-1})_{ee})^{-1}`,
 
 .. math:: G'_{B \setminus e} = G'_B + H_e S_e H_e^T
 
 (Henderson and Searle 1981, SIAM Review 23(1), eq. 8), so that asking all slots of a model again
-costs one factorisation in all.
+costs one factorisation in all, and so does a chain of models.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
+from plumbline.optim.diagnosis.linearise.linear import JITTER, Columns, Linear, cholesky
 from plumbline.optim.diagnosis.posterior.evidence import Batch, Term
 
 
@@ -35,11 +37,11 @@ def stack(
     candidates: Sequence[Term], chosen: Sequence[SelectedTerm], variance: float
 ) -> tuple[Columns, Array]:
     """Columns (K,) of the terms and their prior precisions (K,) in units of 1 / noise^2."""
-    columns = [candidates[c.index].columns for c in chosen]
-    precision = [np.full(len(candidates[c.index].columns), variance / c.scale**2) for c in chosen]
-    if not columns:
+    if not chosen:
         return np.empty(0, dtype=np.intp), np.empty(0)
-    return np.concatenate(columns), np.concatenate(precision)
+    columns = [candidates[c.index].columns for c in chosen]
+    each = np.array([variance / c.scale**2 for c in chosen])
+    return np.concatenate(columns), np.repeat(each, [len(own) for own in columns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +54,7 @@ class Reduced:
     chosen: tuple[SelectedTerm, ...]  # the terms
     variance: float  # of the noise that weighs their priors
     precision: Array  # prior precisions of the terms' columns (K,)
-    lower: Array | None  # the Cholesky factor L (K, K), or none after an update
-    root: Array  # :math:`G_{\cdot B} L^{-T}` (P, K)
+    inverse: Array  # :math:`A^{-1}` (K, K)
     blocks: tuple[Array, ...]  # the batches' Gram blocks, given the terms
     b: Array  # correlation with the target (P,), given the terms
     tt: float  # square of the target, given the terms
@@ -70,33 +71,63 @@ class Reduced:
     ) -> Reduced:
         """Given these terms, none or more, at this noise variance."""
         columns, precision = stack(candidates, chosen, variance)
-        lower, root, hidden, tt, n = linear.given(columns, precision)
+        unit, root, hidden, tt, n = linear.given(columns, precision)
         blocks, b = tuple(batch.blocks for batch in gathered), linear.b - root @ hidden
-        terms = tuple(chosen)
+        terms, inverse = tuple(chosen), unit.T @ unit
         nothing = cls(
-            linear, gathered, candidates, terms, variance, precision, lower, root, blocks, b, tt, n
+            linear, gathered, candidates, terms, variance, precision, inverse, blocks, b, tt, n
         )
         return replace(nothing, blocks=nothing._moved(root, -1.0))
 
+    def plus(self, term: SelectedTerm) -> Reduced:
+        """Given one term more, by an update of low rank."""
+        columns, precision = stack(self.candidates, [term], self.variance)
+        weights = self.inverse @ self.linear.G[np.ix_(self._columns, columns)]
+        left = self.linear.G[columns].T - self._crossed(weights)
+        size = np.diag(self.linear.G)[columns]
+        own = left[columns] + np.diag(precision + JITTER * size)
+        unit, _ = dtrtri(cholesky(own, size), lower=1)
+        more = np.vstack([-weights, np.eye(len(own))]) @ unit.T
+        inverse = more @ more.T
+        inverse[: -len(own), : -len(own)] += self.inverse
+        chosen, precision = (*self.chosen, term), np.append(self.precision, precision)
+        return self._next(chosen, precision, inverse, left @ unit.T, unit @ self.b[columns], -1.0)
+
     def without(self, term: SelectedTerm) -> Reduced:
-        """Given all terms but one, by an update of low rank; to be scanned, not to be added to."""
-        part, (_, H, _) = self._part(term), self._solved
-        block, change, tt, n = self.of(term)
-        schur = block + np.diag(self.precision[part])
-        seen = H[:, part] @ cholesky(schur, np.diag(schur))
-        rest = tuple(c for c in self.chosen if c.index != term.index)
-        blocks, b = self._moved(seen, 1.0), self.b + H[:, part] @ change
-        return replace(self, chosen=rest, lower=None, blocks=blocks, b=b, tt=tt, n=n)
+        """Given all terms but one, by an update of low rank."""
+        part, own = self._part(term), self.inverse[:, self._part(term)]
+        schur = np.linalg.inv(own[part])
+        lower = cholesky((schur + schur.T) / 2, np.diag(schur))
+        gone, rest = own @ lower, np.delete(np.arange(len(own)), part)
+        inverse = self.inverse[np.ix_(rest, rest)] - gone[rest] @ gone[rest].T
+        chosen = tuple(c for c in self.chosen if c.index != term.index)
+        hidden = gone.T @ self.linear.b[self._columns]
+        return self._next(chosen, self.precision[rest], inverse, self._crossed(gone), hidden, 1.0)
 
     def of(self, term: SelectedTerm) -> tuple[Array, Array, float, float]:
         """What all terms but one leave of this one's own columns: its block (k, k), b, tt and n."""
-        part, (inverse, _, z) = self._part(term), self._solved
-        schur = np.linalg.inv(inverse[part, part])
-        share = np.sum((inverse[:, part] @ schur) * inverse[:, part], axis=1)
-        change, own = schur @ z[part], self.precision[part]
+        part = self._part(term)
+        schur, z = np.linalg.inv(self.inverse[part, part]), self._values[part]
+        share = np.sum((self.inverse[:, part] @ schur) * self.inverse[:, part], axis=1)
+        change, own = schur @ z, self.precision[part]
         block = (schur + schur.T) / 2 - np.diag(own)
         used = len(own) - float(self.precision @ share)
-        return block, change, self.tt + float(z[part] @ change), self.n + used
+        return block, change, self.tt + float(z @ change), self.n + used
+
+    def block(self, a: Columns, b: Columns) -> Array:
+        """Gram block of some columns (k,) and others (m,), given the terms."""
+        G, mine = self.linear.G, self._columns
+        return np.asarray(G[np.ix_(a, b)] - G[np.ix_(a, mine)] @ self.inverse @ G[np.ix_(mine, b)])
+
+    @cached_property
+    def _columns(self) -> Columns:
+        """Columns of the terms (K,)."""
+        return stack(self.candidates, self.chosen, self.variance)[0]
+
+    @cached_property
+    def _values(self) -> Array:
+        """:math:`A^{-1} b_B` (K,)."""
+        return np.asarray(self.inverse @ self.linear.b[self._columns])
 
     def _part(self, term: SelectedTerm) -> slice:
         """Where a term's columns are among those of all terms."""
@@ -104,13 +135,31 @@ class Reduced:
         first = sum(sizes[i] for i in itertools.takewhile(lambda i: i != term.index, sizes))
         return slice(first, first + sizes[term.index])
 
-    @cached_property
-    def _solved(self) -> tuple[Array, Array, Array]:
-        """:math:`A^{-1}`, H and :math:`z = A^{-1} b_B`."""
-        assert self.lower is not None
-        columns, _ = stack(self.candidates, self.chosen, self.variance)
-        unit = np.linalg.inv(self.lower)
-        return unit.T @ unit, self.root @ unit, unit.T @ (unit @ self.linear.b[columns])
+    def _crossed(self, weights: Array) -> Array:
+        r""":math:`G_{\cdot B}` times what stands on the right (P, k)."""
+        return np.asarray(self.linear.G[self._columns].T @ weights)
+
+    def _next(
+        self,
+        chosen: Sequence[SelectedTerm],
+        precision: Array,
+        inverse: Array,
+        root: Array,
+        hidden: Array,
+        sign: float,
+    ) -> Reduced:
+        """Given other terms, by what they span more, or less (P, k), and how the target lies."""
+        used = len(precision) - float(precision @ np.diag(inverse))
+        return replace(
+            self,
+            chosen=tuple(chosen),
+            precision=precision,
+            inverse=inverse,
+            blocks=self._moved(root, sign),
+            b=self.b + sign * (root @ hidden),
+            tt=max(self.tt + sign * float(hidden @ hidden), 0.0),
+            n=self.linear.n - used,
+        )
 
     def _moved(self, root: Array, sign: float) -> tuple[Array, ...]:
         """The blocks with what a root (P, K) spans added, or taken away."""

@@ -15,11 +15,9 @@ import numpy as np
 from plumbline.kinematics.effects import Effect, Scope
 from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES, TIP_OBSERVATIONS
-from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Blame
-from plumbline.optim.diagnosis.linearise.linear import Columns
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE, SWALLOWED
 
@@ -33,7 +31,7 @@ def rivals(
     # Of the noise, not of what the cause's absence leaves: that would grow with the very signal.
     variance = selection.variance(chosen)
     columns, precision = stack(selection.candidates, mine, variance)
-    G = _block(given_others, columns, columns)
+    G = given_others.block(columns, columns)
     b = given_others.b[columns]
     z = np.linalg.solve(G + np.diag(precision), b)
     signal = float(z @ G @ z)
@@ -42,8 +40,8 @@ def rivals(
     for i, candidate in enumerate(selection.candidates):
         if candidate.key in own or not selection.allowed[i]:
             continue
-        block = _block(given_others, candidate.columns, candidate.columns)
-        cross = _block(given_others, candidate.columns, columns) @ z
+        block = given_others.block(candidate.columns, candidate.columns)
+        cross = given_others.block(candidate.columns, columns) @ z
         ridge = 1e-9 * max(float(np.trace(block)), 1e-300) * np.eye(len(block))
         explained = float(cross @ np.linalg.solve(block + ridge, cross))
         lost = max(signal - explained, 0.0) / (2 * variance)
@@ -128,9 +126,3 @@ def _is_of_an_arm(cls: type[Effect]) -> bool:
     seen = set(cls.observations)
     of_arms = set(TIP_OBSERVATIONS) <= seen and not set(FIDUCIALS) & seen
     return cls.stage in OF_AN_ARM or of_arms
-
-
-def _block(given_others: Reduced, a: Columns, b: Columns) -> Array:
-    return np.asarray(
-        given_others.linear.G[np.ix_(a, b)] - given_others.root[a] @ given_others.root[b].T
-    )
