@@ -541,3 +541,13 @@ def test_of_seven_moves_one_asks_whether_rows_are_gross(monkeypatch):
         chain._move()
     assert (asked["row"] + asked["rows"]) / 2000 == pytest.approx(1 / 7, abs=0.03)
     assert asked["row"] == pytest.approx(asked["rows"], rel=0.3)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_does_as_well_is_as_probable_whether_or_not_it_was_asked(seed):
+    """Of forty equal columns beside a cause whose absence leaves far more, few are asked."""
+    X, t = drawn(seed, count=2, strength=300.0)
+    copies = np.tile(X[:, :1], 39)
+    asked = problem(np.hstack([X, copies]), t, noise=NoisePrior(SIGMA, 100.0))
+    found = sample(asked, [frozenset({0, 1})], 0, moves=12)
+    np.testing.assert_allclose(np.delete(found.marginals[0], 1), 1.0 / 40.0, atol=0.005)

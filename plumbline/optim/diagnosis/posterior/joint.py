@@ -114,15 +114,14 @@ class Sampled:
 
 
 class _Chain:
-    """A state on its way, and what every state near its path weighs.
+    """A state on its way.
 
     Attributes:
         problem: What is sampled.
         rng: Of its moves.
         state: Where it is.
         looks: What has been worked out of states, by any chain.
-        been: The states that were asked.
-        seen: Log posterior of these, and of all that have one term more.
+        been: The states that were asked, and what was found.
     """
 
     def __init__(
@@ -134,7 +133,7 @@ class _Chain:
     ) -> None:
         """At its start."""
         self.problem, self.rng, self.state, self.looks = problem, rng, state, looks
-        self.been, self.seen = set[State](), dict[State, float]()
+        self.been: dict[State, _Look] = {}
         # More terms than equations say nothing.
         self.most = min(2 * MANY_CAUSES, max(int(problem.linear.n), 1))
 
@@ -167,24 +166,11 @@ class _Chain:
             self.state = rest | {drawn}
 
     def _look(self, state: State) -> _Look:
-        """What is known of a state; what it says of those near by is kept."""
+        """What is known of a state."""
         if state not in self.looks:
             self.looks[state] = look_at(self.problem, state)
-        look = self.looks[state]
-        if state in self.been:
-            return look
-        self.been.add(state)
-        self.seen[state] = look.log_posterior
-        near = look.log_posterior + np.where(self.problem.gross, look.row_odds, look.log_odds)
-        for i in np.flatnonzero(near > max(self.seen.values()) - NEARLY_NOTHING).tolist():
-            self._see(state | {i}, float(near[i]))
-        return look
-
-    def _see(self, state: State, log: float) -> None:
-        """Keep what a neighbour says of a state, unless it has been looked at itself."""
-        looked = self.looks.get(state)
-        log = log if looked is None else looked.log_posterior
-        self.seen[state] = max(self.seen.get(state, -np.inf), log) if looked is None else log
+        self.been[state] = self.looks[state]
+        return self.looks[state]
 
     def _ask_all_rows(self) -> None:
         """All rows gross, or none and one term that may explain them together."""
@@ -214,6 +200,11 @@ class _Look:
     row_odds: Array  # of every row more that may be gross (C,), against none
 
     @cached_property
+    def near(self) -> Array:
+        """Log posterior of this state with each term, or row, more (C,)."""
+        return np.asarray(self.log_posterior + np.maximum(self.log_odds, self.row_odds))
+
+    @cached_property
     def up_to(self) -> Array:
         """Probability that one of the terms up to each fills one place (C,)."""
         return np.cumsum(shares_of(self.log_odds))
@@ -226,7 +217,7 @@ def look_at(problem: JointProblem, state: State) -> _Look:
     total, scales, _ = weighed(small)
     terms = tuple(SelectedTerm(i, s) for i, s in zip(indices, scales, strict=True))
     log_odds, scores = problem.odds(problem.reduce(terms))
-    rows = scores.log_bayes + LOG_GROSS_ODDS
+    rows = np.where(problem.gross, scores.log_bayes + LOG_GROSS_ODDS, -np.inf)
     rows[indices] = -np.inf
     return _Look(terms, total, log_odds, rows)
 
@@ -256,21 +247,43 @@ def sample(
     ]
     for chain in chains:
         chain.run(moves)
-    seen: dict[State, float] = {}
-    for chain in chains:
-        for key, log in chain.seen.items():
-            looked = looks.get(key)
-            seen[key] = looked.log_posterior if looked else max(seen.get(key, -np.inf), log)
+    seen = _seen(looks)
     marginals, gross = _marginals(problem, seen)
     # A chain that holds next to nothing of what all have found has no say.
-    logs = np.array([logsumexp(list(chain.seen.values())) for chain in chains])
-    heard = [c for c, log in zip(chains, logs, strict=True) if log > logs.max() + LEAST_HEARD]
-    each = np.stack([_marginals(problem, chain.seen)[0][0] for chain in heard])
+    own = [_seen(chain.been) for chain in chains]
+    logs = np.array([logsumexp(list(found.values())) for found in own])
+    heard = [f for f, log in zip(own, logs, strict=True) if log > logs.max() + LEAST_HEARD]
+    each = np.stack([_marginals(problem, found)[0][0] for found in heard])
     ranked = sorted(looks.values(), key=lambda look: -look.log_posterior)
     states = tuple((look.log_posterior, look.terms) for look in ranked)
     tilted = [_marginals(problem, seen, log)[0][0] for log in (-np.log(TILT), np.log(TILT))]
     apart = float(np.ptp(each, axis=0).max(initial=0.0))
     return Sampled(marginals, gross, states, np.stack(tilted), apart, seen)
+
+
+def _seen(looks: Mapping[State, _Look]) -> dict[State, float]:
+    """Log posterior of states that were asked, and of all that have one term more.
+
+    What one more makes of a state is worked out at the widths and the noise that the others have
+    without it. Where the most probable of these was asked itself, that is off by as much for what
+    gains as much: else what was asked would weigh more than what does as well.
+    """
+    off: dict[State, tuple[float, float]] = {}
+    for state, look in looks.items():
+        for rest, i in ((state - {i}, i) for i in state if state - {i} in looks):
+            gain = float(looks[rest].near[i]) - looks[rest].log_posterior
+            missed = look.log_posterior - looks[rest].log_posterior - gain
+            off[rest] = max(off.get(rest, (0.0, 0.0)), (gain, missed))
+    least = max(look.log_posterior for look in looks.values()) - NEARLY_NOTHING
+    seen: dict[State, float] = {}
+    for state, look in looks.items():
+        gain, missed = off.get(state, (0.0, 0.0))
+        alike = np.clip((look.near - look.log_posterior) / (gain or 1.0), 0.0, 1.0)
+        near = look.near + missed * alike
+        for i in np.flatnonzero(near > least).tolist():
+            more = state | {i}
+            seen[more] = max(seen.get(more, -np.inf), float(near[i]))
+    return seen | {state: look.log_posterior for state, look in looks.items()}
 
 
 def _marginals(
