@@ -48,6 +48,7 @@ from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.measurement.torque import own_units, stated_noise
+from plumbline.optim.recording.disagreement import unmet
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
@@ -228,7 +229,8 @@ def _judged(recording: Recording, found: Explained, evaluation: Evaluation) -> V
     if recording.element is not None:
         untold = left_open(selected.nominal, noise.sigma)
         verdict = replace(verdict, notes=(*verdict.notes, *untold))
-    return replace(in_own_unit(verdict, recording, evaluation), unjudged=recording.unjudged)
+    verdict = replace(verdict, unmet=unmet(recording), unjudged=recording.unjudged)
+    return in_own_unit(verdict, recording, evaluation)
 
 
 def _lacking(found: Explained, noise: NoiseLevel) -> float:

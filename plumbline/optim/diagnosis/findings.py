@@ -305,6 +305,7 @@ class Verdict(AlwaysFitted, Answer):
         nuisances: Frame, tool, sockets and what else was always fitted, by name.
         recordings: Figures of each recording, where the verdict is on several.
         transfer: Which causes are in each of them what they are in the others.
+        unmet: By how much rows miss the model, where they may not be of that robot at all.
         unjudged: What the recording holds that takes no part, such as ``"3 targets"``.
         friction: Friction of drives over their speed, where efforts were measured.
         joints: The gap joint by joint, where each joint is measured by itself.
@@ -332,6 +333,7 @@ class Verdict(AlwaysFitted, Answer):
     nuisances: dict[str, Estimate] = field(default_factory=dict)
     recordings: tuple[OfRecording, ...] = ()
     transfer: tuple[Transfer, ...] = ()
+    unmet: str = ""
     unjudged: str = ""
     friction: tuple[FrictionCurve, ...] = ()
     joints: tuple[JointGap, ...] = ()
@@ -348,8 +350,9 @@ class Verdict(AlwaysFitted, Answer):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What takes from the weight of every figure: fits that have not converged."""
-        return tuple(f"not to be relied on: {line}" for line in self.judged.failures)
+        """What takes from the weight of every figure: another robot, fits that have not ended."""
+        doubts = (*filter(None, [self.unmet]), *self.judged.failures)
+        return tuple(f"not to be relied on: {line}" for line in doubts)
 
     @property
     def meaning(self) -> str:
@@ -384,7 +387,7 @@ class Verdict(AlwaysFitted, Answer):
         found = super().to_dict()
         if not self.recordings:
             del found["recordings"], found["transfer"]
-        for name in ("unjudged", "friction", "joints"):
+        for name in ("unmet", "unjudged", "friction", "joints"):
             if not found[name]:
                 del found[name]
         if not self.knows_noise:

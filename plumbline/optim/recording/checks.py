@@ -15,8 +15,7 @@ import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.core.quantities import counted
-from plumbline.optim.recording.constants import BETTER_ROWS, SAME_POSTURE
-from plumbline.optim.recording.efforts import opposed_joints
+from plumbline.optim.recording.constants import BETTER_ROWS, COARSE, SAME_POSTURE
 from plumbline.optim.recording.kinds import ALWAYS
 from plumbline.optim.recording.origin import Array, Origin
 
@@ -70,6 +69,25 @@ def moves(r: Recording, origin: Origin) -> Iterator[str]:
     if still.any():
         names = ", ".join(f"q{j + 1}" for j in np.flatnonzero(still))
         yield f"{origin.file}: {names} never move: their effects cannot be told from the frame"
+
+
+def tips_leave_a_plane(r: Recording, origin: Origin) -> Iterator[str]:
+    """No coordinate of tips is the same in every row, unless all of them lie in a plane.
+
+    Raises:
+        PlumblineError: One is, and the model's tips are off every plane by more than any noise.
+    """
+    if not r.kind.device:
+        return
+    still = np.flatnonzero(np.ptp(r.measured[:, :3], axis=0) == 0.0)
+    tips = r.chain.tips(r.q, r.tool_offset)
+    off = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(r))
+    if 0 < len(still) < 3 and off > COARSE * r.chain.reach:
+        column = "xyz"[still[0]]
+        found = f"{shown(float(r.measured[0, still[0]]))} in every row"
+        expected = f"a coordinate that changes: the tips leave every plane by {off:.2g} m"
+        raise fault(origin.at(column), found, expected, "look at what wrote this column")
+    yield from ()  # nothing is merely odd here
 
 
 def rows_differ(r: Recording, origin: Origin) -> Iterator[str]:
@@ -185,17 +203,7 @@ def check_always(always: tuple[str, ...], effects: tuple[str, ...], where: str) 
         raise fault(where, shown(unknown), "frame, tool or an effect", f"best matches: {near}")
 
 
-def efforts_run_with_the_model(r: Recording, origin: Origin) -> Iterator[str]:
-    """Efforts that run against the model's are noted: the sign of a joint may be turned."""
-    if not r.kind.efforts:
-        return
-    opposed = opposed_joints(r)
-    if opposed:
-        names = ", ".join(f"effort{j}" for j in opposed)
-        yield f"{origin.file}: {names} run against the model's torques: is their sign turned?"
-
-
 CHECKS = (
-    sockets_are_shared, has_enough_rows, moves, rows_differ, time_runs_forwards,
-    direction_is_a_side, efforts_run_with_the_model, always_is_told_once, held_out_is_told_apart,
+    sockets_are_shared, has_enough_rows, moves, tips_leave_a_plane, rows_differ, time_runs_forwards,
+    direction_is_a_side, always_is_told_once, held_out_is_told_apart,
 )  # fmt: skip

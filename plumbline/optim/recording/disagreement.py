@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plumbline.optim.recording.constants import FEWEST, HUGE, OUT_OF_BASE
+from plumbline.optim.recording.constants import FEWEST, HUGE, OUT_OF_BASE, UNMET
 from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.set_up import missed as misfit_of
 from plumbline.optim.recording.set_up import wrong_set_up
@@ -27,13 +27,20 @@ def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
     wrong = wrong_set_up(r)
     if wrong is not None:
         yield f"{origin.file}: {wrong.words}: mend this; diagnose refuses it unless forced"
-    elif r.kind.device and len(r) >= FEWEST:
-        some = r.select(some_of(len(r)))
-        missed, wide = misfit_of(some), spread(some.measured[:, :3])
-        if missed > HUGE * wide > 0.0:
-            said = f"the tips miss the model by {missed:.2g} m over a spread of {wide:.2g} m"
-            wrong_what = "joint order, joint signs, robot, tip frame or unit wrong?"
-            yield f"{origin.file}: {said}: {wrong_what}"
+    elif said := unmet(r, HUGE):
+        yield f"{origin.file}: {said}"
+
+
+def unmet(r: Recording, share: float = UNMET) -> str:
+    """What to doubt where tips miss the model by a share of their spread; empty if they do not."""
+    if not r.kind.device or len(r) < FEWEST:
+        return ""
+    some = r.select(some_of(len(r)))
+    missed, wide = misfit_of(some), spread(some.measured[:, :3])
+    if not missed > share * wide > 0.0:
+        return ""
+    said = f"the tips miss the model by {missed:.2g} m over a spread of {wide:.2g} m"
+    return f"{said}: joint order, joint signs, robot, tip frame or unit wrong?"
 
 
 def encoders_count_the_motors_turns(r: Recording, origin: Origin) -> Iterator[str]:

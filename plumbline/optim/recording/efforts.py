@@ -25,10 +25,10 @@ from plumbline.optim.recording.constants import (
     INERTIA_ROWS,
     LARGEST,
     LEAST_EFFORT_NOISE,
-    OPPOSED,
     UNSIGNED,
 )
 from plumbline.optim.recording.derivatives import derived_motion, turning, velocity_noise
+from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.settings import Section
 
@@ -99,7 +99,7 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
         r, velocity=smooth, acceleration=acceleration, turning=sense, notes=notes, always=always,
         measured_joints=tuple(range(r.chain.n)),
     )  # fmt: skip
-    refuse_unsigned(r, origin)
+    refuse_strange(r, origin)
     noise = _noise_by_joint(r, shaken, origin)
     stated = r.noise_by_joint is not None or r.noise_std is not None
     whole = float(np.sqrt(np.mean(noise**2))) if stated else None
@@ -117,15 +117,16 @@ def _moved(r: Recording) -> tuple[Array, Array]:
     return r.velocity, r.acceleration
 
 
-def refuse_unsigned(r: Recording, origin: Origin) -> None:
-    """Refuse efforts without signs.
+def refuse_strange(r: Recording, origin: Origin) -> None:
+    """Refuse efforts of another joint, against their joint, or without signs.
 
     Raises:
-        PlumblineError: A joint's efforts never change sign where the model's do.
+        PlumblineError: They are, or never change sign where the model's do.
     """
     if len(r) < FEWEST_EFFORTS:
         return
     model = nominal_efforts(r)
+    refuse_mixed_up(model, r.measured, ("the model's effort", "effort"), origin)
     large = np.abs(model) >= np.median(np.abs(model), axis=0)
     changes = [0.2 < (model[large[:, j], j] > 0).mean() < 0.8 for j in range(r.chain.n)]
     positive = (r.measured >= 0).mean(axis=0) >= UNSIGNED
@@ -135,18 +136,6 @@ def refuse_unsigned(r: Recording, origin: Origin) -> None:
         found = f"efforts from {shown(float(r.measured[:, j].min()))} up, where the model's change"
         mend = "record them with their sign: a size alone does not say which way a drive works"
         raise fault(origin.at(f"effort{j + 1}"), f"{found} sign", "efforts with signs", mend)
-
-
-def opposed_joints(r: Recording) -> list[int]:
-    """Joints (from 1) whose efforts run against the model's."""
-    model = nominal_efforts(r)
-    found = []
-    for j in range(r.chain.n):
-        a, b = model[:, j], r.measured[:, j]
-        spread = float(np.sqrt(np.mean(a**2) * np.mean(b**2)))
-        if len(r) >= FEWEST_EFFORTS and spread > 0 and np.mean(a * b) / spread < OPPOSED:
-            found.append(j + 1)
-    return found
 
 
 def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:

@@ -5,9 +5,10 @@ The misfit of a set-up is what it leaves after the best frame F, tool d and sock
 .. math:: \operatorname{median}_i |F\,(p_i + R_i d) + t - y_i| \quad\text{or}\quad
           \operatorname{median}_i |p_i + R_i d - s_{k(i)}|
 
-(the minimum by squares). Signs of joints, zeros off by quarters of a turn, swapped columns,
-mirrored axes, rows in other sockets and the other robots of the package are tried in turn. A gap of
-the robot itself, however large, is mended by none of them.
+(the minimum by squares). Signs of joints, zeros off by quarters of a turn, swapped columns, joints
+that count from others, mirrored axes, inverted poses, measurements a row late, rows in other
+sockets, DH rows of the other convention and the other robots of the package are tried in turn. A
+gap of the robot itself, however large, is mended by none of them.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ import numpy as np
 from scipy.cluster.vq import kmeans, vq
 
 from plumbline.errors import PlumblineError, one_line
+from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.slips import (
     TURNED,
     UNTOLD,
+    counted_from_others,
     matched,
     moved_zero,
     named,
@@ -117,11 +120,13 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
         return None
     if recording.kind.encoders:
         return _wrong_encoder(recording)
-    r = recording.select(some_of(len(recording)))
+    some = some_of(len(recording))
+    r = recording.select(some)
     own = missed(r)
     if not own > ASKED * plausible(r):
         return None
-    tried = [(change, missed(other)) for change, other in _others(r)]
+    others = itertools.chain(_others(r), _a_row_off(recording, some))
+    tried = [(change, missed(other)) for change, other in others]
     left = min(left for _, left in tried)
     if not left < MENDED * own:
         return None
@@ -167,16 +172,31 @@ def _turned(R: Array, quaternions: Array, fit_tool: bool) -> Array:
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
+def _a_row_off(recording: Recording, some: Integers) -> Iterator[tuple[str, Recording]]:
+    """Measurements that stand a row too late or too early, of postures that are no path in time."""
+    if recording.kind.sockets or recording.time is not None or recording.velocity is not None:
+        return
+    for by, side in ((1, "late"), (-1, "early")):
+        met = some[(some + by >= 0) & (some + by < len(recording))]
+        moved = replace(recording.select(met), measured=recording.measured[met + by])
+        yield f"what was measured a row too {side}", moved
+
+
 def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
     """Other simple set-ups with what is other in them, the likeliest first."""
     turns = [kind == "revolute" for kind in r.chain.kinds]
-    for slip in itertools.chain(signs(r.q), zeros(r.q, turns), swaps(r.q)):
+    slips = (signs(r.q), zeros(r.q, turns), swaps(r.q), counted_from_others(r.q, turns))
+    for slip in itertools.chain(*slips):
         yield slip.change, replace(r, q=slip.q)
     if r.measured.shape[1]:
         mirrored = replace(r, measured=r.measured * MIRROR[: r.measured.shape[1]])
         yield "the device's axes mirrored (left-handed: turn the sign of z)", mirrored
     if r.kind.oriented:
+        yield "each pose inverted: it is the device's in the tip's frame", _inverted(r)
         yield from _positions_alone(r)
+    if r.robot.dh:
+        rows = "the DH rows modified (Craig's), each with the a and alpha of the link before"
+        yield rows, replace(r, chain=_modified(r.robot, r.chain.tip_frame))
     if r.kind.sockets:
         yield from _sockets_by_place(r)
     for name in bundled_names():
@@ -202,6 +222,22 @@ def _sockets_by_place(r: Recording) -> Iterator[tuple[str, Recording]]:
         found = kmeans(tips, count, iter=STARTS, rng=np.random.default_rng(0))[0]
         places = vq(tips, found)[0].astype(np.int64)
         yield "rows in the socket where their tip lies: mend socket", replace(r, socket=places)
+
+
+def _inverted(r: Recording) -> Recording:
+    """The device's poses in the tip's frame taken for the tip's in the device's."""
+    back = rotations(r.measured[:, 3:]).transpose(0, 2, 1)
+    places = -np.einsum("nij,nj->ni", back, r.measured[:, :3])
+    turns = r.measured[:, 3:] * [1.0, -1.0, -1.0, -1.0]
+    return replace(r, measured=np.column_stack([places, turns]))
+
+
+def _modified(robot: Robot, tip_frame: str) -> Chain:
+    """The chain of rows whose a and alpha lead to their joint, the first ones part of the base."""
+    rows = robot.dh or ()
+    after = [*rows[1:], replace(rows[-1], a=0.0, alpha=0.0)]
+    moved = [replace(row, a=k.a, alpha=k.alpha) for row, k in zip(rows, after, strict=True)]
+    return Robot.from_dh(moved, tip_frame=robot.default_tip).chain(tip_frame)
 
 
 def _positions_alone(r: Recording) -> Iterator[tuple[str, Recording]]:

@@ -1,6 +1,7 @@
 r"""Slips in writing a recording down, each undone, and what a model then leaves of it.
 
-The signs of joints, zeros off by quarters of a turn, and swapped columns are tried in turn. What is
+The signs of joints, zeros off by quarters of a turn, swapped columns and joints that count from the
+one before are tried in turn. What is
 left are the gaps after the best frame F, shift t and, where it is free, tool d, all by squares,
 
 .. math:: \min_{F, t, d} \sum_i |F\,(p_i + R_i d) + t - y_i|^2
@@ -45,6 +46,20 @@ def swaps(q: Array) -> Iterator[Slip]:
     """Two columns swapped."""
     for i, j in combinations(range(q.shape[1]), 2):
         yield Slip(f"q{i + 1} and q{j + 1} swapped", "mend these columns", swapped(q, i, j))
+
+
+def counted_from_others(q: Array, turns: Sequence[bool]) -> Iterator[Slip]:
+    """Joints in a row, each of which counts from where the one before it points, or against it.
+
+    So the drives of parallelograms count, whose links keep their direction.
+    """
+    for first, last in combinations(range(q.shape[1]), 2):
+        rest = range(first + 1, last + 1)
+        for by in (-1.0, 1.0) if all(turns[first : last + 1]) else ():
+            pairs = ", ".join(f"[{j + 1}, {j}, {by}]" for j in rest)
+            other = q.copy()
+            other[:, first + 1 : last + 1] += by * q[:, first:last]
+            yield Slip(f"couplings = [{pairs}] in [robot]", "write these couplings", other)
 
 
 def turned_signs(q: Array, joints: Sequence[int]) -> Array:

@@ -59,7 +59,7 @@ def test_quaternions_as_they_should_be_pass(tmp_path):
 
 
 def test_where_the_tips_tell_nothing_every_possible_convention_is_named(tmp_path):
-    line = {name: np.linspace(0.0, 0.3, ROWS) if name == "x" else np.zeros(ROWS) for name in "xyz"}
+    line = {name: np.linspace(0.0, 0.3 if name == "x" else 1e-6, ROWS) for name in "xyz"}
     change = written(*"wxyz", sense=-1)
     message = complaint(with_columns(tmp_path, lambda t: change(t) | line, "pose"))
     assert "inverse rotations" in message

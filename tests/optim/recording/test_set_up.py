@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from plumbline.errors import PlumblineError
@@ -13,6 +14,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording import set_up
 from plumbline.optim.recording.building import build_recording
+from plumbline.optim.recording.disagreement import unmet
 from plumbline.optim.recording.set_up import (
     MENDED,
     missed,
@@ -131,6 +133,86 @@ def test_mirrored_axes_are_refused(axis):
     mirrored = given["measured"] * np.where(np.arange(3) == axis, -1.0, 1.0)
     with pytest.raises(PlumblineError, match="with the device's axes mirrored"):
         refuse_wrong_set_up(told(given, measured=mirrored))
+
+
+def by_the_other_convention(rows, q, offset):
+    """Tips (N, 3) of rows that are modified ones: twist and normal before the joint (Craig)."""
+    tips = []
+    for angles in q:
+        T = np.eye(4)
+        for row, angle in zip(rows, angles, strict=True):
+            ca, sa = np.cos(row.alpha), np.sin(row.alpha)
+            ct, st = np.cos(row.theta + angle), np.sin(row.theta + angle)
+            twist = np.array([[1, 0, 0, row.a], [0, ca, -sa, 0], [0, sa, ca, 0], [0, 0, 0, 1]])
+            turn = np.array([[ct, -st, 0, 0], [st, ct, 0, 0], [0, 0, 1, row.d], [0, 0, 0, 1]])
+            T = T @ twist @ turn
+        tips.append(T[:3, :3] @ offset + T[:3, 3])
+    return np.array(tips)
+
+
+def test_dh_rows_of_the_other_convention_are_refused_by_name():
+    given = room("tip_position")
+    tips = by_the_other_convention(given["robot"].dh, given["q"], np.asarray(TOOL))
+    tips += np.random.default_rng(0).normal(0.0, 2e-4, tips.shape)
+    with pytest.raises(PlumblineError, match=r"with the DH rows modified \(Craig's\)"):
+        refuse_wrong_set_up(told(given, measured=tips))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("by", [1.0, -1.0])
+def test_joints_that_count_from_the_one_before_are_refused_with_their_couplings(kind, by):
+    given = room(kind)
+    q = given["q"].copy()
+    q[:, 2] -= by * q[:, 1]
+    q[:, 3] -= by * q[:, 2]  # the readings are what counts
+    wrong = wrong_set_up(told(given, q=q))
+    assert f"couplings = [[3, 2, {by}], [4, 3, {by}]] in [robot]" in wrong.words
+
+
+def test_inverted_poses_are_refused_by_name():
+    given = room("pose")
+    given["measured"][:, :3] -= given["measured"][:, :3].mean(axis=0)  # a device that is near
+    back = [pin.XYZQUATToSE3(row[[0, 1, 2, 4, 5, 6, 3]]).inverse() for row in given["measured"]]
+    read = np.array([pin.SE3ToXYZQUAT(T) for T in back])[:, [0, 1, 2, 6, 3, 4, 5]]
+    with pytest.raises(PlumblineError, match="with each pose inverted"):
+        refuse_wrong_set_up(told(given, measured=read))
+
+
+@pytest.mark.parametrize(("by", "side"), [(1, "late"), (-1, "early")])
+@pytest.mark.parametrize("kind", ["tip_position", "pose"])
+def test_measurements_in_another_row_are_refused_by_name(kind, by, side):
+    given = room(kind)
+    moved_on = np.roll(given["measured"], by, axis=0)
+    with pytest.raises(PlumblineError, match=f"with what was measured a row too {side}"):
+        refuse_wrong_set_up(told(given, measured=moved_on))
+    # Along a path in time a row late is a gap like any other.
+    assert wrong_set_up(told(given, measured=moved_on, time=0.1 * np.arange(ROWS))) is None
+
+
+@pytest.mark.parametrize("axis", [0, 2])
+def test_a_coordinate_that_never_changes_is_refused_unless_all_tips_lie_in_a_plane(axis):
+    given = room("tip_position")
+    still = given["measured"] * (np.arange(3) != axis)
+    with pytest.raises(PlumblineError, match=f"'{'xyz'[axis]}'.*in every row.*leave every plane"):
+        told(given, measured=still)
+    scara = Robot.from_dh([{"a": 0.3}, {"a": 0.25}], name="flat")
+    q = np.random.default_rng(0).uniform(-2.0, 2.0, (ROWS, 2))
+    flat = {"observation": "tip_position", "robot": scara, "q": q, "always": ("frame",)}
+    told(flat, measured=scara.chain().tips(q, np.zeros(3)) * [1.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize(("size", "doubted"), [(0.1, False), (None, True)])
+def test_a_verdict_on_rows_of_no_such_robot_is_not_to_be_relied_on(size, doubted):
+    for seed in range(5):
+        off = 0.0 if size is None else np.random.default_rng(seed).normal(0.0, size, 6)
+        given = room("tip_position", off=off, seed=seed)
+        if size is None:
+            given["q"] = readings(Robot.bundled("ur5").chain(), ROWS, 100 + seed)
+        assert bool(unmet(told(given))) == doubted
+    if doubted:
+        found = diagnose(told(given))
+        assert found.verdict.warnings[0].startswith("not to be relied on: the tips miss the model")
+        assert "unmet" in found.to_dict()
 
 
 @pytest.mark.parametrize(

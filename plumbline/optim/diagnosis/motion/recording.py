@@ -37,6 +37,7 @@ from plumbline.optim.recording.loading import (
     open_folder,
     read_robot,
 )
+from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.origin import Array, Flags, Integers, Origin
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section
@@ -46,6 +47,7 @@ OBSERVATION, TRACKING = "motion", "tracking"
 LEVER = 0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
 STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
 ALIKE, SAME_UNIT = 0.9, 1.5  # correlation and ratio of motions that may differ by their unit alone
+LATEST = 1.0  # [s]: no drive obeys later
 LEAP = 10.0  # times what readings usually are off the line of their neighbours: no noise is that
 LISTED = 5  # rows that a note names
 LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
@@ -295,6 +297,7 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
     _refuse_frozen(r, origin)
     _refuse_sizes(r, origin)
     _refuse_degrees(r, origin)
+    _refuse_mixed_up(r, origin)
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
@@ -360,6 +363,17 @@ def _refuse_degrees(r: MotionRecording, origin: Origin) -> None:
             found = f"{max(times, 1 / times):.3g} times the motion of {other}{j + 1}"
             mend = "divide by 57.3 if in degrees"
             raise fault(origin.at(f"{column}{j + 1}"), found, "radians in both", mend)
+
+
+def _refuse_mixed_up(r: MotionRecording, origin: Origin) -> None:
+    """Refuse joints that run against their commands, or with another's, where commands lead."""
+    if r.law.follows or r.law in (Law.VELOCITY, Law.RATE):
+        step = np.append(0.0, np.diff(r.time).clip(min=0.0))[:, None]  # a group starts anew
+        told = r.command if r.law.follows else np.cumsum(step * r.command, axis=0)
+        letters = ("u", r.joints[0][0] if r.unit == "m" else "q")
+        latest = round(LATEST / float(np.median(np.diff(r.time))))
+        told, read = told - told.mean(axis=0), r.q - r.q.mean(axis=0)
+        refuse_mixed_up(told, read, letters, origin, latest)
 
 
 def _most(r: MotionRecording, j: int, places: bool) -> tuple[float, str]:

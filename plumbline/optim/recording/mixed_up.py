@@ -1,0 +1,74 @@
+r"""Columns that are another joint's, or count the other way: told by what they run with.
+
+What joint i was told or its model foretells, :math:`a_i`, and what was read in column j,
+:math:`b_j`, run with each other by the cosine of their angle,
+
+.. math:: c_{ij} = a_i^T b_j / (|a_i|\,|b_j|)
+
+A column with its sign turned, or two that are exchanged, are refused where they run with the joint
+so much better than as they stand that no gap or friction could make it. Late by half a period a
+joint runs against one sine as well, so a sign is told only where no delay does as much.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from scipy.signal import correlate
+
+from plumbline.errors import fault
+from plumbline.optim.recording.origin import Array, Origin
+
+# Ratio of squares between unit vectors, 2 (1 - c), at which columns are mixed up: a third of the
+# distance. A reversed column is refused from c = -0.8 on; two joints that carry the same weight,
+# whose columns run with each other at 0.85, are told apart where the right ones reach 0.984.
+MIXED_UP = 9.0
+ROUNDING = 0.01  # of a cosine: rows at the ends, which do not meet another
+
+
+def refuse_mixed_up(
+    expected: Array, read: Array, letters: tuple[str, str], origin: Origin, latest: int = 0
+) -> None:
+    """Refuse columns that run against their joint, or two of them that run with the other's.
+
+    Args:
+        expected: What each joint was told, or its model foretells (N, n).
+        read: What was read of each (N, n).
+        letters: What the columns of both are called, without the number.
+        origin: The recording's files.
+        latest: By how many rows at most what is read may follow late.
+
+    Raises:
+        PlumblineError: It names the columns and what they run with.
+    """
+    c = _cosines(expected, read)
+    told, name = letters
+    for j in range(len(c)):
+        turned = 1.0 - c[j, j] >= MIXED_UP * (1.0 + c[j, j])
+        if not turned or _late(expected[:, j], read[:, j], latest) >= -(1.0 - ROUNDING) * c[j, j]:
+            continue
+        found = f"{name}{j + 1} against {told}{j + 1} (cosine {c[j, j]:.2f})"
+        mend = "turn the sign of this column"
+        raise fault(origin.at(f"{name}{j + 1}"), found, "columns that run together", mend)
+    off = 1.0 - c
+    for i, j in combinations(range(len(c)), 2):
+        crossed = max(off[i, j], off[j, i])
+        if min(off[i, i], off[j, j]) >= MIXED_UP * crossed:
+            found = f"{name}{i + 1} with {told}{j + 1}, and {name}{j + 1} with {told}{i + 1}"
+            mend = "exchange these columns"
+            raise fault(origin.at(f"{name}{i + 1}"), found, "each with its own joint", mend)
+
+
+def _late(expected: Array, read: Array, latest: int) -> float:
+    """The largest cosine (columns (N,)) of what is read so many rows late, or fewer."""
+    rows = len(read)
+    late = correlate(read, expected, method="fft")[rows - 1 :][: latest + 1]
+    late *= rows / (rows - np.arange(len(late)))  # as many as meet
+    return float(late.max() / max(np.linalg.norm(expected) * np.linalg.norm(read), 1e-300))
+
+
+def _cosines(expected: Array, read: Array) -> Array:
+    """Cosines (n, n) of columns; zero where a column is zero throughout."""
+    a, b = (x / np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (expected, read))
+    return np.asarray(a.T @ b)

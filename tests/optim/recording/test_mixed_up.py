@@ -1,0 +1,76 @@
+"""Columns of another joint, or against their own, are refused by name; gaps of drives never are."""
+
+import numpy as np
+import pytest
+
+from plumbline.errors import PlumblineError
+from plumbline.optim.recording.mixed_up import refuse_mixed_up
+from plumbline.optim.recording.origin import Origin
+
+LETTERS = ("u", "q")
+ROWS = 400
+
+
+def motions(joints=3, seed=0):
+    """Sums of sines, each joint its own (ROWS, joints)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(ROWS) / 50
+    sines = np.sin(2 * np.pi * t[:, None] * rng.uniform(0.1, 0.8, 3) + rng.uniform(0, 6, 3))
+    return sines @ rng.normal(size=(3, joints))
+
+
+def refuse(told, read, latest=50):
+    refuse_mixed_up(told, read, LETTERS, Origin(), latest)
+
+
+@pytest.mark.parametrize("joint", [1, 3])
+def test_a_column_against_its_joint_is_refused_by_name(joint):
+    told = motions()
+    read = told * np.where(np.arange(3) + 1 == joint, -0.7, 1.0)
+    with pytest.raises(PlumblineError, match=rf"q{joint} against u{joint} .*turn the sign"):
+        refuse(told, read)
+
+
+def test_two_exchanged_columns_are_refused_by_name():
+    told = motions()
+    with pytest.raises(PlumblineError, match=r"q1 with u3, and q3 with u1.*exchange these columns"):
+        refuse(told, told[:, [2, 1, 0]])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_late_weak_coupled_and_noisy_joints_are_not_refused(seed):
+    rng = np.random.default_rng(seed)
+    told = motions(seed=seed)
+    read = np.roll(told, rng.integers(0, 20), axis=0) * rng.uniform(0.1, 2.0, 3)
+    read += 0.4 * read[:, [1, 2, 0]] + rng.normal(0, read.std(), read.shape)
+    refuse(told, read)
+
+
+def test_joints_that_do_the_same_are_not_exchanged():
+    told = motions()[:, [0, 0, 1]]
+    refuse(told, told + np.random.default_rng(1).normal(0, 0.05, told.shape))
+
+
+def test_a_sine_late_by_half_its_period_is_not_taken_for_a_turned_sign():
+    t = np.arange(ROWS) / 50
+    told = np.sin(2 * np.pi * t)[:, None]
+    refuse(told, -told, latest=25)
+    with pytest.raises(PlumblineError, match="turn the sign"):
+        refuse(told, -told, latest=10)  # no drive is so late
+
+
+@pytest.mark.parametrize(("cosine", "refused"), [(-0.78, False), (-0.82, True)])
+def test_a_third_of_the_distance_is_the_limit(cosine, refused):
+    rng = np.random.default_rng(3)
+    a, b = np.linalg.qr(rng.normal(size=(ROWS, 2)))[0].T
+    read = (cosine * a + np.sqrt(1 - cosine**2) * b)[:, None]
+    if refused:
+        with pytest.raises(PlumblineError, match=f"cosine {cosine:.2f}"):
+            refuse(a[:, None], read, latest=0)
+    else:
+        refuse(a[:, None], read, latest=0)
+
+
+def test_a_joint_that_stands_still_is_not_refused():
+    told = motions()
+    refuse(told * [1.0, 0.0, 1.0], told * [1.0, 1.0, 0.0])
