@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.diagnosis.motion.recording import build_motion
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.origin import Origin
 
@@ -74,3 +75,16 @@ def test_a_third_of_the_distance_is_the_limit(cosine, refused):
 def test_a_joint_that_stands_still_is_not_refused():
     told = motions()
     refuse(told * [1.0, 0.0, 1.0], told * [1.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize("kind", ["position", "velocity", "rate"])
+def test_a_motion_is_refused_whose_commands_are_mixed_up_and_only_then(kind):
+    time = np.arange(ROWS) / 50
+    places = 0.3 * motions(6)
+    told = places if kind == "position" else np.gradient(places, time, axis=0)
+    given = {"robot": "ur3", "time": time, "kind": kind}
+    build_motion(command=told, q=places, **given)
+    with pytest.raises(PlumblineError, match=r"q2 with u5.*exchange these columns"):
+        build_motion(command=told[:, [0, 4, 2, 3, 1, 5]], q=places, **given)
+    with pytest.raises(PlumblineError, match=r"q4 against u4"):
+        build_motion(command=told * [1, 1, 1, -1, 1, 1], q=places, **given)
