@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.core.problem import Array, Problem, Symbols
 
 CHUNK_NUMBERS = 4_000_000
 NEARBY = 0.1  # of a step, for differences along it (Transtrum and Sethna 2012, sec. 3.2)
@@ -53,12 +53,6 @@ class Gram:
         matrix = self.matrix[np.ix_(columns, columns)]
         return Gram(matrix, self.vector[columns], self.square, self.count)
 
-    def pulled(self, strength: Array, x: Array) -> Gram:
-        """With a residual ``strength * x`` (P,) more for every unknown: a pull to nought."""
-        matrix = self.matrix + np.diag(strength**2)
-        square = self.square + float(np.sum((strength * x) ** 2))
-        return Gram(matrix, self.vector + strength**2 * x, square, self.count)
-
     @classmethod
     def empty(cls, size: int) -> Gram:
         """Of no rows at all."""
@@ -96,14 +90,11 @@ def _within(follows: Array, groups: NDArray[np.intp] | None) -> Array:
 
 
 class _Statement:
-    """The symbols of a problem as a key: the same objects, not merely alike, are the same."""
+    """Symbols of a problem as a key: the same objects, not merely alike, are the same."""
 
-    def __init__(self, problem: Problem) -> None:
-        p = problem
-        self.symbols = (
-            p.x, p.row, p.residual, p.shared, p.objective, p.constraints, p.given,
-        )  # fmt: skip
-        self._key = tuple(_name_of(symbol) for symbol in self.symbols)
+    def __init__(self, *symbols: Symbols) -> None:
+        self.symbols = symbols
+        self._key = tuple(_name_of(symbol) for symbol in symbols)
 
     def __hash__(self) -> int:
         """By identity; the key keeps the symbols alive, so that no other takes their place."""
@@ -178,7 +169,7 @@ class _Compiled:
         return cs.Function("lagrangian", [x, given, forces], [cs.densify(slope), cs.densify(g)])
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def _compiled(statement: _Statement) -> _Compiled:
     """One statement serves many data sets: it is compiled once."""
     return _Compiled(statement)
@@ -192,7 +183,15 @@ class Mapped:
 
     @cached_property
     def _compiled(self) -> _Compiled:
-        return _compiled(_Statement(self.problem))
+        p = self.problem
+        return _compiled(
+            _Statement(p.x, p.row, p.residual, p.shared, p.objective, p.constraints, p.given)
+        )
+
+    @cached_property
+    def _of_rows(self) -> _Compiled:
+        """What the rows alone ask for: whatever else costs may be another."""
+        return _compiled(_Statement(self.problem.x, self.problem.row, self.problem.residual))
 
     def _chunks(self, width: int) -> Iterator[slice]:
         total = len(self.problem.rows)
@@ -205,7 +204,7 @@ class Mapped:
         p = self.problem
         out = np.empty((len(p.rows), p.equations))
         for part in self._chunks(p.equations + p.rows.shape[1]):
-            out[part] = over_rows(self._compiled.residual, p.rows[part], x)[0][:, 0]
+            out[part] = over_rows(self._of_rows.residual, p.rows[part], x)[0][:, 0]
         return out
 
     def white_residuals(self, x: ArrayLike) -> Array:
@@ -218,7 +217,7 @@ class Mapped:
         """Chunks of rows: which, residuals (n, m) and Jacobians (n, m, P)."""
         p = self.problem
         for part in self._chunks(p.size * p.equations + p.rows.shape[1]):
-            r, J = over_rows(self._compiled.both, p.rows[part], x)
+            r, J = over_rows(self._of_rows.both, p.rows[part], x)
             yield part, r[:, 0], J
 
     def whitened(
@@ -274,14 +273,6 @@ class Mapped:
         kept = zip(matrix, vector, totals.tolist(), strict=True)
         return [Gram(G, v, square, count) for G, v, (square, count) in kept]
 
-    def renewed(self, gram: Gram, x: ArrayLike) -> Gram:
-        """Normal equations of all rows at x, but for the curvature: that is one from nearby.
-
-        The gradient is one sweep back through every row, however many unknowns there are.
-        """
-        white = self.white_residuals(x)
-        return replace(gram, vector=self._back(x, white), square=float(np.sum(white**2)))
-
     def curvature_along(self, x: Array, step: Array) -> Array:
         r""":math:`J^T r''` (P,), the residuals' second derivative along a step (P,).
 
@@ -300,7 +291,7 @@ class Mapped:
         back = np.sqrt(p.weights)[:, None] * back_to_rows(white, p.follows)
         rows, vector = np.hstack([p.rows, back]), np.zeros(p.size)
         for part in self._chunks(p.size + rows.shape[1]):
-            vector += over_rows(self._compiled.pulled, rows[part], x)[0].sum(axis=(0, 1))
+            vector += over_rows(self._of_rows.pulled, rows[part], x)[0].sum(axis=(0, 1))
         return vector
 
     def gram(self, x: ArrayLike) -> Gram:
@@ -347,3 +338,19 @@ class Mapped:
         slope, g = self._compiled.lagrangian(np.asarray(x), self.problem.data, multipliers)
         squares = self.gram(x).vector if self.problem.has_squares else 0.0
         return slope.full().ravel() + squares, g.full().ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class Nearby(Mapped):
+    """The same with a curvature of the rows from nearby.
+
+    The gradient is one sweep back through every row, however many unknowns there are.
+    """
+
+    nearby: Gram  # of the rows
+
+    def gram(self, x: ArrayLike) -> Gram:
+        """Normal equations at x, but for the rows' curvature."""
+        white = self.white_residuals(x)
+        rows = replace(self.nearby, vector=self._back(x, white), square=float(np.sum(white**2)))
+        return rows + self.shared_gram(x)

@@ -126,14 +126,9 @@ LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (cost only)
 FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's step foretells
-FOLD_STEPS = 12  # of a fold's own, where one from the fit of all does not do (cost only)
 # Root of the share of a fold's square, a ten thousandth, by which its fit may still change: less
 # than a figure's last digit. In standard errors it is this times the root of the readings.
 FOLD_STILL = 0.01
-HALVINGS = 8  # of a step that leaves more than none: to less than a hundredth
-# Share of its way to go from which a step's curvature is worked out anew; along one motion no fold
-# comes to rest by the curvature of all.
-SLOW = 0.1
 
 # Causes that are not named (predict/negligible, verdict/explanation).
 NEGLIGIBLE_RISE = 0.01  # of the held-out RMS without a cause, or all spared, below which it is

@@ -11,7 +11,6 @@ import pytest
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.optim.diagnosis.discrepancy import part_dependences
 from plumbline.optim.diagnosis.discrepancy.functions import nearness, plays, spots, waves
-from plumbline.optim.diagnosis.predict.shrink import _nearer
 from plumbline.optim.diagnosis.prior import REACHES
 
 N = 600
@@ -74,10 +73,3 @@ def test_what_changes_with_time_has_fifteen_forms_and_three_where_it_warms_up():
     families = offered()
     assert 12 < families["time", None] < 20
     assert 2 <= families["time", 1] <= 4
-
-
-@pytest.mark.parametrize(("sigmas", "whole"), [(1.04, True), (1.07, False)])
-def test_a_fold_s_step_may_leave_a_twentieth_more_than_its_start(sigmas, whole):
-    rows = SimpleNamespace(white_residuals=lambda x: np.sqrt(x))
-    end = _nearer(rows, np.array([1.0]), np.array([sigmas]))
-    assert (end[0] == sigmas) == whole

@@ -35,7 +35,11 @@ class LevenbergMarquardt(OfRows):
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""
         refuse(self, problem)
-        mapped = Mapped(problem)
+        return self.on(Mapped(problem), start)
+
+    def on(self, mapped: Mapped, start: ArrayLike) -> Solution:
+        """The same by other functions of the problem, such as a curvature from nearby."""
+        problem = mapped.problem
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         gram, mu, message = mapped.gram(x), self.damping, "iteration limit reached"
         steps, growth, bent = 0, GROWTH, False

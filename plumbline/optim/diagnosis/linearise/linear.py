@@ -125,23 +125,6 @@ def flat_prior(linear: Linear, count: int) -> Array:
     return np.full(count, max(1e-11 * size, FLATTEST))
 
 
-def bounded(gram: Gram, held: NDArray[np.bool_], low: Array, high: Array, scale: Array) -> Array:
-    """Newton's step (P,) with some unknowns held: what it would carry past its bound stays there.
-
-    The bounds are on the step.
-    """
-    step = np.zeros(len(held))
-    while True:
-        free = np.flatnonzero(~held)
-        slope = gram.vector + gram.matrix @ np.where(held, step, 0.0)
-        about = Linear(gram.matrix * np.outer(scale, scale), -slope * scale, 0.0, 0.0)
-        step[free] = about.solve(free, flat_prior(about, len(free))) * scale[free]
-        beyond = ~held & ((step < low) | (step > high))
-        if not beyond.any():
-            return step
-        step, held = np.clip(step, low, high), held | beyond
-
-
 def orthonormal(columns: Array) -> Array:
     """An orthonormal basis (n, r) of what columns (n, p) span, whatever their units."""
     unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)

@@ -11,15 +11,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import STILL, Judged, judged_by_gram
-from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.mapped import Gram, Mapped, Nearby
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, bounded, flat_prior
+from plumbline.optim.core.solvers.levenberg_marquardt import LevenbergMarquardt
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import (
@@ -31,17 +33,17 @@ from plumbline.optim.diagnosis.posterior.slots import added_evidence, asked_agai
 from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
-    FOLD_STEPS,
     FOLD_STILL,
-    HALVINGS,
     LONG,
     MANY_SLOTS,
     NO_EVIDENCE,
     ROUNDS,
-    SLOW,
 )
 from plumbline.optim.measurement.observation import Model, build_model
 
+# A hundredth of what a fold's square may still change by.
+NEAR = LevenbergMarquardt(tolerance=FOLD_STILL**2)
+FOLD_SOLVER = LevenbergMarquardt(tolerance=0.01 * FOLD_STILL**2)
 BY_MARKER = "marker"  # what the error of one marker's place depends on
 
 
@@ -217,76 +219,61 @@ def _settled(
 ) -> tuple[Array, Judged]:
     """One fold's own values (P,) once no step moves them any more, and how that ended.
 
-    The curvature is that of all folds' last step (``grams``), which is near, as long as steps with
-    it come nearer; the gradient is each point's own. A step, the one from the ``start`` (P,) to the
-    first values ``x`` among them, that misses the rows by more than what it leaves is halved.
+    From its first values ``x``, or where these are no nearer from the ``start`` of all folds. The
+    curvature is that of all folds' last step (``grams``); where that does not do, it is each
+    point's own. What the fold alone determines follows from its own rows, of which others know
+    nothing.
     """
-    problem = union.problem
-    both = [Mapped(problem.part(rows)) for rows in (~left_out, left_out)]
-    bends = [sum((g for k, g in enumerate(grams) if k != model.fold), Gram.empty(problem.size))]
-    bends += [g for k, g in enumerate(grams) if k == model.fold]
+    bend = sum((g for k, g in enumerate(grams) if k != model.fold), Gram.empty(union.problem.size))
+    rest = Linear.about(bend, start, union.problem.scale)
     together = _columns_of(pool, union, model)
-    found: tuple[Array, Judged, float] | None = None
-    first = np.where(np.isin(np.arange(len(x)), together), start, 0.0)
-    x = _nearer(both[0], first, np.clip(x, problem.lower, problem.upper))
-    for _ in range(FOLD_STEPS):
-        most = (1.0 + FOLD_BELIEVED) * found[2] if found else np.inf
-        near = [mapped.renewed(bend, x) for mapped, bend in zip(both, bends, strict=True)]
-        ended, cost, step = _judged(pool, problem, model, together, near[0], x)
-        if found and not ended.stationarity < SLOW * found[1].stationarity:
-            near = bends = [mapped.grams(x)[0] for mapped in both]
-            ended, cost, step = _judged(pool, problem, model, together, near[0], x)
-        # Standard errors to go are few as well where a step has led far off.
-        if found and not (ended.stationarity < found[1].stationarity and cost < most):
-            break
-        found = x, ended, cost
+    own = _own(pool, model, rest, together)
+    problem = _without_fold(pool, union, model, np.setdiff1d(together, own), ~left_out, x)
+    whole, moved = Mapped(problem), np.isin(np.arange(len(x)), together)
+    first = np.clip(x, problem.lower, problem.upper)
+    if not whole.cost(first) <= whole.cost(np.where(moved, start, 0.0)):
+        first = np.where(moved, start, 0.0)
+    for mapped, solver in ((Nearby(problem, bend), NEAR), (whole, FOLD_SOLVER)):
+        x = solver.on(mapped, first).x
+        ended = _judged(mapped, x)
         if ended.converged:
             break
-        linear, fold = (Linear.about(g, x, problem.scale) for g in near)
-        own, z = _own(pool, model, linear, together), (x + step) / problem.scale
-        if len(own):
-            z[own] = _refitted(fold, together, z[together], own)
-        x = _nearer(both[0], x, z * problem.scale)
-    assert found is not None
-    return found[:2]
+        first = x
+    if len(own):
+        gram = Mapped(union.problem.part(left_out)).grams(x)[0]
+        z = x / problem.scale
+        z[own] = _refitted(Linear.about(gram, x, problem.scale), together, z[together], own)
+        x = z * problem.scale
+    return x, ended
 
 
-def _nearer(rows: Mapped, start: Array, end: Array) -> Array:
-    """The end (P,) of a step, or of half of it, a quarter, ..., that leaves no more than its start.
+def _without_fold(
+    pool: Pool, union: Model, model: FoldModel, free: Columns, others: NDArray[np.bool_], x: Array
+) -> Problem:
+    """A fold's fit to all other rows (N,) in some unknowns, under its priors; the others stay."""
+    problem, held = union.problem, np.ones(len(x), dtype=bool)
+    held[free] = False
+    pulls = np.zeros(len(x))
+    sizes = [len(e.parameters) for e in model.effects]
+    pulls[_columns_of(pool, union, model)[pool.always :]] = np.repeat(model.ridge, sizes)
+    pulled = np.flatnonzero(pulls * ~held)
+    near_null = (pulls / problem.scale)[pulled] * problem.x[pulled.tolist()]
+    return replace(
+        problem.part(others),
+        lower=np.where(held, x, problem.lower),
+        upper=np.where(held, x, problem.upper),
+        shared=cs.vertcat(problem.shared, near_null),
+    )
 
-    So far off that no residual is a number it has to be halved, too.
-    """
-    most = (1.0 + FOLD_BELIEVED) * np.sum(rows.white_residuals(start) ** 2)
-    for _ in range(HALVINGS):
-        if np.sum(rows.white_residuals(end) ** 2) <= most:
-            return end
-        end = (start + end) / 2.0
-    return start
 
-
-def _judged(
-    pool: Pool, problem: Problem, model: FoldModel, together: Columns, gram: Gram, x: Array
-) -> tuple[Judged, float, Array]:
-    """How a fold's fit stands at x (P,) by the others' normal equations, its cost and next step.
-
-    What its gradient presses against a bound that it rests on stays there.
-    """
-    ridge = np.repeat(model.ridge, [len(e.parameters) for e in model.effects])
-    pull = np.concatenate([np.zeros(pool.always), ridge]) / problem.scale[together]
-    # What is the fold's own is where its own rows have it: the others have no say in it.
-    own = _own(pool, model, Linear.about(gram, x, problem.scale), together)
-    said = ~np.isin(together, own)
-    gram = gram + pool.shared_at(x[: pool.always]).padded(problem.size)
-    pulled = gram.part(together[said]).pulled(pull[said], x[together[said]])
-    at = together[said]
-    low, high = (bound[at] - x[at] for bound in (problem.lower, problem.upper))
-    held = ((low >= 0.0) & (pulled.vector > 0.0)) | ((high <= 0.0) & (pulled.vector < 0.0))
-    step = np.zeros(problem.size)
-    step[at] = bounded(pulled, held, low, high, problem.scale[at])
+def _judged(mapped: Mapped, x: Array) -> Judged:
+    """How a fold's fit stands at x (P,); what is pressed against a bound stays there."""
+    problem, gram = mapped.problem, mapped.gram(x)
+    low, high = x <= problem.lower, x >= problem.upper
+    held = (low & high) | (low & (gram.vector > 0.0)) | (high & (gram.vector < 0.0))
     # All that counts of a fold is what it misses rows by, which many rows hardly change.
     limit = max(STILL, FOLD_STILL * float(np.sqrt(gram.count)))
-    told = judged_by_gram(pulled.part(np.flatnonzero(~held)), limit=limit)
-    return told, pulled.square, step
+    return judged_by_gram(gram.part(np.flatnonzero(~held)), limit=limit)
 
 
 def _columns_of(pool: Pool, union: Model, model: FoldModel) -> Columns:
