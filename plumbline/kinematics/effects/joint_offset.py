@@ -6,6 +6,7 @@ Of a second encoder on the link's side it is the difference of the two zeros.
 from dataclasses import dataclass
 
 import casadi as cs
+import numpy as np
 
 from plumbline.kinematics.effects.effect import JointEffect, State
 from plumbline.kinematics.parameters import Parameter
@@ -21,9 +22,10 @@ class JointOffset(JointEffect):
     reference = "Mooring, Roth, Driels (1991), Fundamentals of Manipulator Calibration, ch. 2"
     source = (
         "width by hand: a zero set at a mark; range: wrists on cables, whose zeros are off by "
-        "tenths of a radian (Hwang et al. 2020, IEEE RA-L 5(4))"
+        "tenths of a radian (Hwang et al. 2020, IEEE RA-L 5(4)), and second encoders, mounted at "
+        "any angle of a turn"
     )
-    offset = Parameter("rad", -0.8, 0.8, scale=1e-3, doc="error of the zero")
+    offset = Parameter("rad", -np.pi, np.pi, scale=1e-3, doc="error of the zero")
 
     def apply(self, state: State, *values: cs.SX) -> State:
         return state.move_joint(self.joint, values[0])

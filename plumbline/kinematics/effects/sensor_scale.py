@@ -1,11 +1,14 @@
-r"""The device's metre is not a metre: :math:`y \leftarrow (1 + k)\, y`, alike or axis by axis."""
+r"""The device's metre is not a metre: :math:`y \leftarrow (1 + k)\, y`, alike or axis by axis.
+
+Where the tip rests in sockets, their stated distance is what measures.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as cs
 
-from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import TOOL_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
 MOST_STATED = 4.0  # of a maker's standard deviations; beyond, the statement is wrong
@@ -17,11 +20,12 @@ class SensorScale(Effect):
 
     alike: bool = True
     known_to: float = 0.0
+    sockets: bool = False
 
     name = "sensor_scale"
     stage = Stage.SENSOR
     depends_on = "place"
-    observations = DEVICE_OBSERVATIONS
+    observations = TOOL_OBSERVATIONS
     words = "the measuring device's scale is off"
     reference = "ISO 10360-2 (2009), sec. 5"
     source = (
@@ -40,7 +44,9 @@ class SensorScale(Effect):
 
     @property
     def variant(self) -> str:
-        """Whether its axes are alike."""
+        """Whether its axes are alike, or what measures if that is no device."""
+        if self.sockets:
+            return "the stated distance of the sockets"
         return "" if self.alike else "not alike"
 
     def _stated(self, parameter: Parameter) -> Parameter:
@@ -50,9 +56,17 @@ class SensorScale(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """Both kinds."""
+        """Both kinds; of sockets, which have no axes, one."""
+        if scope.observation == "fixed_point":
+            return [] if cls.out_of_reach(scope) else [cls(sockets=True)]
         known_to = scope.span.get("scale_std", (0.0, 0.0))[0]
         return [cls(alike, known_to) for alike in (True, False)]
+
+    @classmethod
+    def out_of_reach(cls, scope: Scope) -> str:
+        """Sockets without a stated distance have no scale."""
+        stated = scope.observation != "fixed_point" or "distance" in scope.span
+        return "" if stated else "no distance of sockets is stated"
 
     def apply(self, state: State, *values: cs.SX) -> State:
         gains = cs.vertcat(*(values if not self.alike else values * 3))

@@ -169,8 +169,8 @@ def _scope_of(recording: Recording) -> Scope:
         span |= _spans("effort", recording.measured) | _spans("velocity", recording.velocity)
     elif not recording.stand_in:  # which has no bodies
         span |= _spans("load", _loads(recording, chain))
-    if recording.scale_std is not None:
-        span["scale_std"] = (recording.scale_std, recording.scale_std)
+    stated = {"scale_std": recording.scale_std, "distance": recording.socket_distance}
+    span |= {name: (value, value) for name, value in stated.items() if value is not None}
     tool = zip("xyz", recording.tool_offset.tolist(), strict=True)
     span |= {f"tool_{c}": (value, value) for c, value in tool}
     return Scope(

@@ -18,7 +18,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.recording import checks, units
 from plumbline.optim.recording.constants import LARGEST
-from plumbline.optim.recording.disagreement import far_from_base
+from plumbline.optim.recording.disagreement import counted_from_one_turn, far_from_base
 from plumbline.optim.recording.efforts import with_motion
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.noise_shape import with_noise_shape
@@ -147,7 +147,8 @@ def build(
     recording = replace(recording, socket_pairs=recording.socket_pairs or assumed)
     units.refuse_fast(recording, origin)  # before what was recorded is smoothed
     recording = _completed(recording, origin)
-    found = [_told(assumed, origin)] if len(assumed) > 1 else []
+    recording, found = counted_from_one_turn(recording, origin)
+    found += [_told(assumed, origin)] if len(assumed) > 1 else []
     found += [*checks.run(recording, origin), *units.run(recording, origin)]
     off = 0.0 if "frame" in recording.always else far_from_base(recording)
     if off:

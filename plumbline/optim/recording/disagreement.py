@@ -8,6 +8,7 @@ robot's.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from plumbline.optim.recording.constants import FEWEST, HUGE, OUT_OF_BASE, UNMET
 from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.set_up import missed as misfit_of
 from plumbline.optim.recording.set_up import wrong_set_up
+from plumbline.optim.recording.slips import whole_turns
 from plumbline.optim.rigid import some_of, spread
 
 if TYPE_CHECKING:
@@ -41,6 +43,18 @@ def unmet(r: Recording, share: float = UNMET) -> str:
         return ""
     said = f"the tips miss the model by {missed:.2g} m over a spread of {wide:.2g} m"
     return f"{said}: joint order, joint signs, robot, tip frame or unit wrong?"
+
+
+def counted_from_one_turn(r: Recording, origin: Origin) -> tuple[Recording, list[str]]:
+    """Link-side angles in the turn of most rows, since an encoder tells them to a turn alone."""
+    measured, notes = r.measured.copy(), []
+    for j in r.measured_joints if r.kind.encoders else ():
+        turns = whole_turns(r.measured[:, j] - r.q[:, j])
+        if r.chain.kinds[j] == "revolute" and turns.any():
+            measured[:, j] -= turns
+            rows = f"{np.count_nonzero(turns)} of {len(r)} rows"
+            notes.append(f"{origin.file}: m{j + 1} is whole turns off in {rows}: taken to a turn")
+    return (replace(r, measured=measured) if notes else r), notes
 
 
 def encoders_count_the_motors_turns(r: Recording, origin: Origin) -> Iterator[str]:

@@ -37,6 +37,7 @@ from plumbline.optim.recording.slips import (
     swapped,
     swaps,
     turned_signs,
+    whole_turns,
     zeros,
 )
 from plumbline.optim.rigid import nearest_rotation, rotations, some_of
@@ -282,5 +283,6 @@ def _wrong_encoder(r: Recording) -> WrongSetUp | None:
 
 
 def _scatter(values: Array) -> float:
-    """Median distance from the median; gross errors do not move it."""
+    """Median distance of angles from their median, to a turn; gross errors do not move it."""
+    values = values - whole_turns(values)
     return float(np.median(np.abs(values - np.median(values))))

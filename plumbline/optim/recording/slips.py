@@ -79,6 +79,13 @@ def swapped(values: Array, i: int, j: int) -> Array:
     return values[:, order]
 
 
+def whole_turns(apart: Array) -> Array:
+    """Whole turns (N,) [rad] that lie between angles (N,) [rad] which are known to a turn alone."""
+    middle = np.angle(np.exp(1j * apart).mean())
+    turns = np.round((apart - middle) / (2 * np.pi))
+    return np.asarray(2 * np.pi * (turns - np.round(np.median(turns))))
+
+
 def named(joints: Sequence[int]) -> str:
     """Joints (from 0) by the names of their columns."""
     return ", ".join(f"q{j + 1}" for j in joints)

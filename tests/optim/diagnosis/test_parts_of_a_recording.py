@@ -15,6 +15,8 @@ from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
+from plumbline.kinematics.effects.link_geometry import LinkGeometry
+from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import _lever_unknown, diagnose
 from plumbline.optim.diagnosis.findings import Outcome
@@ -144,6 +146,20 @@ def test_a_known_distance_counts_as_much_as_all_visits_not_as_those_of_a_part(tm
     )
     assert resumed == pytest.approx(fresh)
     assert abs(fresh) > 0.0
+
+
+def test_a_stated_distance_of_sockets_that_is_wrong_is_blamed_and_not_the_links(tmp_path):
+    touching = recorded(faultless(rows=60, seed=3, observation="fixed_point"), tmp_path)[0]
+    told = diagnose(touching, DiagnosisOptions(library=(*SMALL, SensorScale))).verdict
+    assert "sensor_scale" not in {cause.effect for cause in told.candidates}
+    place = told.nuisances
+    one, two = (np.array([place[f"socket {k} {c}"].value for c in "xyz"]) for k in (1, 2))
+    far = 1.01 * float(np.linalg.norm(one - two))
+    stated = replace(touching, socket_distance=far, socket_pairs=((1, 2),))
+    found = diagnose(stated, DiagnosisOptions(library=(*SMALL, LinkGeometry, SensorScale))).verdict
+    assert [cause.effect for cause in found.causes] == ["sensor_scale"]
+    assert found.causes[0].parameters["x"].value == pytest.approx(0.01, rel=0.2)
+    assert "sockets" in found.causes[0].variant
 
 
 @pytest.mark.parametrize(("off", "gross"), [(20e-3, True), (0.8e-3, False)])

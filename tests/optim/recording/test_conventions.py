@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import plumbline
 from plumbline.optim.recording.loading import load_recording
 from tests.recording_folders import (
     ROWS,
@@ -125,6 +126,40 @@ def test_columns_that_were_mixed_up_are_noted_by_name(tmp_path, kind, change, wo
 def test_an_encoder_that_is_turned_round_or_turns_off_is_noted(tmp_path, change, words):
     assert words in said(with_columns(tmp_path, change, "joint_position"))
     assert said(with_columns(tmp_path, lambda t: t, "joint_position")) == ""
+
+
+@pytest.mark.parametrize("first", [-np.pi, 0.0], ids=["from -pi", "from 0"])
+def test_an_encoder_tells_its_angle_to_a_turn(tmp_path, first):
+    def wide(table):
+        return table | {"q2": 2.0 * table["q2"], "m2": 2.0 * table["m2"]}
+
+    def wrapped(table):
+        return (own := wide(table)) | {"m2": (own["m2"] + 0.9 - first) % (2 * np.pi) + first}
+
+    plain, turned = (
+        load_recording(with_columns(tmp_path / change.__name__, change, "joint_position"))
+        for change in (wide, wrapped)
+    )
+    assert np.ptp(turned.measured[:, 1] - plain.measured[:, 1]) < 1e-6
+    assert "m2 is whole turns off in" in " ".join(turned.notes)
+    assert "whole turns off in" not in " ".join(plain.notes)
+
+
+def test_second_encoders_may_be_mounted_at_any_angle(tmp_path):
+    settings = 'name = "b"\nobservation = "joint_position"\nnoise_std = 1e-4\n'
+    settings += '[robot]\nbundled = "ur5"\n[fit]\nalways = ["joint_offset"]\n'
+    noise = np.random.default_rng(0).normal(0.0, 1e-4, (6, ROWS))
+    with_columns(
+        tmp_path,
+        lambda t: t | {f"m{j}": t[f"q{j}"] + 2.5 - 0.7 * j + noise[j - 1] for j in range(1, 7)},
+        "joint_position",
+    )
+    (tmp_path / "dataset.toml").write_text(settings)
+    answer = plumbline.diagnose(load_recording(tmp_path))
+    assert answer.verdict.verdict == "no-gap"
+    assert answer.verdict.outside_probability < 0.05
+    zeros = answer.verdict.nuisances
+    assert abs(zeros["joint_offset 1 offset"].value - 1.8) < 1e-3
 
 
 def test_another_robot_is_noted_by_name(tmp_path):
