@@ -47,6 +47,7 @@ NOTHING_FURTHER = (
     "Beyond the causes named below nothing further was found; no noise is stated, so how small "
     "what is left would have to be is not known."
 )
+ON_A_BOUND = "Nothing further was found, but a parameter rests on its bound: it may lie beyond."
 NOT_FORETOLD = (
     "The causes named below bring all rows together to the noise floor; rows left out, in other "
     "stretches of time, they do not foretell."
@@ -366,6 +367,8 @@ class Verdict(AlwaysFitted, Answer):
                 return NOT_FORETOLD
             if not self.knows_noise:
                 return NOTHING_FURTHER
+            if any(e.at_bound for cause in self.causes for e in cause.parameters.values()):
+                return ON_A_BOUND
         if self.verdict == Outcome.OUTSIDE and self.gap.shrink_ci95[0] > 0.0:
             return STAND_INS
         return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
@@ -376,20 +379,16 @@ class Verdict(AlwaysFitted, Answer):
         named = [f"{c.label} ({chance(c.probability)})" for c in self.causes[:LISTED]]
         more = len(self.causes) - len(named)
         listed = ", ".join(named) + (f" and {more} more" if more else "")
-        gap = self.gap
-        sizes = f"{quantity(gap.before, gap.unit)} -> {quantity(gap.after, gap.unit)}"
+        sizes = " -> ".join(quantity(v, self.gap.unit) for v in (self.gap.before, self.gap.after))
         left = f"not judged: {self.unjudged}" if self.unjudged else ""
         said = "; ".join(filter(None, (self.verdict.value, listed, sizes, left)))
         return f"{self.recording[:40]}: {said}"
 
     def to_dict(self) -> dict[str, Any]:
         """Its figures as plain data; a floor that nobody knows is none."""
-        found = super().to_dict()
-        if not self.recordings:
-            del found["recordings"], found["transfer"]
-        for name in ("unmet", "unjudged", "friction", "joints"):
-            if not found[name]:
-                del found[name]
+        held = vars(self) | {"transfer": self.recordings}
+        optional = ("recordings", "transfer", "unmet", "unjudged", "friction", "joints")
+        found = {k: v for k, v in super().to_dict().items() if k not in optional or held[k]}
         if not self.knows_noise:
             found["gap"]["noise_floor"] = None
         return found

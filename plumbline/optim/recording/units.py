@@ -78,7 +78,8 @@ def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
                 "out if it is not known: then it is estimated"
             )
         if value > at.COARSE * limit[unit]:
-            yield f"{origin.key(key)}: {value:.3g} {unit} is coarse; is it in {unit}?"
+            said = f"{value:.3g} {unit} is coarse; is it in {unit}? No gap shows beside it"
+            yield f"{origin.key(key)}: {said}: the noise is taken from what a fit leaves"
     if r.noise_std_rotation is not None and not r.kind.oriented:
         yield "noise_std_rotation: not used, only a pose has rotations"
 

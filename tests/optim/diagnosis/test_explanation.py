@@ -16,6 +16,7 @@ from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.findings import (
     MEANING,
     NOTHING_FURTHER,
+    ON_A_BOUND,
     STAND_INS,
     Cause,
     Estimate,
@@ -467,6 +468,7 @@ def test_a_parameter_at_its_bound_explains_nothing(judged, monkeypatch):
     cause = Cause("joint_scale", "joint", 2, probability=0.99, parameters={"gain": stuck})
     monkeypatch.setattr(judge_module, "cause_of", lambda *_: cause)
     assert kind(judged).verdict == Outcome.PARTLY
+    assert kind(judged).meaning == ON_A_BOUND
     free = replace(cause, parameters={"gain": replace(stuck, at_bound=False)})
     monkeypatch.setattr(judge_module, "cause_of", lambda *_: free)
     assert kind(judged).verdict == Outcome.EXPLAINED

@@ -47,6 +47,16 @@ def test_tips_of_other_rows_are_no_noise_even_if_they_are_stated_to_be(stated):
     assert diagnose(recording, DiagnosisOptions(force=True)).verdict.verdict not in SURE
 
 
+def test_a_noise_that_no_device_has_says_as_much_as_none():
+    given = room("tip_position", "bh7")
+    most = set_up.plausible(told(given))
+    coarse, fine = (told(given, noise_std=share * most) for share in (1.01, 0.99))
+    assert (coarse.noise_std, fine.noise_std) == (None, 0.99 * most)
+    assert "is coarse; is it in m?" in " ".join(coarse.notes)
+    plain, verdict = diagnose(told(given)).verdict, diagnose(coarse).verdict
+    assert (verdict.verdict, verdict.noise) == (plain.verdict, plain.noise)
+
+
 def test_encoders_that_read_anything_are_no_noise():
     given = room("joint_position", "bh7")
     read = given["measured"] + np.random.default_rng(0).normal(0.0, 0.1, given["q"].shape)
