@@ -193,6 +193,7 @@ class Gap:
         held_out_by: What was left out together.
         removable: Share of what can be removed, (before - after) / (before - noise_floor), by
             chance more than one; NaN where the noise is known from the fit alone.
+        rotation: Of poses ``before``, ``after`` and ``noise_floor`` of their turns, RMS [rad].
     """
 
     unit: str
@@ -204,6 +205,7 @@ class Gap:
     held_out: bool = True
     held_out_by: str = "rows"
     removable: float = math.nan
+    rotation: dict[str, float] = field(default_factory=dict)
 
     @property
     def is_far(self) -> bool:

@@ -362,6 +362,28 @@ def test_a_planted_fault_is_found_whatever_was_observed(observation, tmp_path):
     assert diagnosis.residual_after.shape[0] == 80
 
 
+def test_of_poses_the_gap_says_how_far_the_tool_is_turned():
+    """About its own shaft, which no place of its tip shows."""
+    robot, rng = Robot.bundled("ur5"), np.random.default_rng(3)
+    q, tool = rng.uniform(-1.5, 1.5, (60, 6)), np.array([0.0, 0.0, 0.1])
+    T = robot.chain().placement(q)
+    places = T[:, :3, 3] + T[:, :3, :3] @ tool + rng.normal(0.0, 1e-4, (60, 3))
+    turns = Rotation.from_matrix(T[:, :3, :3])
+    turns = turns * Rotation.from_rotvec([[0.0, 0.0, 1e-3 * np.sin(a)] for a in q[:, 5]])
+    turns = turns * Rotation.from_rotvec(rng.normal(0.0, 1e-4, (60, 3)))
+    read = np.hstack([places, turns.as_quat(scalar_first=True)])
+    noise = {"noise_std": 1e-4, "noise_std_rotation": 1e-4}
+    given = {"observation": "pose", "robot": robot, "q": q, "measured": read, "tool_offset": tool}
+    verdict = diagnose(build_recording(**given, **noise)).verdict
+    assert verdict.causes[0].element == 6
+    assert abs(verdict.gap.shrink) < 0.05
+    rotation = verdict.gap.rotation
+    assert rotation["before"] > 3.0 * rotation["after"]
+    assert rotation["after"] < 1.2 * rotation["noise_floor"]
+    assert rotation["noise_floor"] == pytest.approx(1e-4 * np.sqrt(3.0))
+    assert "the tool is turned by" in shrink_words(verdict)
+
+
 def test_a_robot_without_masses_is_said_to_have_none(diagnosis):
     rows = [{"d": 0.1, "a": 0.4, "alpha": a, "theta": 0.0} for a in (np.pi / 2, 0.0, np.pi / 2)]
     massless = bench(Robot.from_dh(rows), "tip_position", noise_std=1e-4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -47,7 +48,8 @@ from plumbline.optim.diagnosis.verdict.lack_of_fit import (
 from plumbline.optim.diagnosis.verdict.staircase import Stairs, always_words, staircase
 from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
-from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.measurement.observation import rotation_lever, scope_of
+from plumbline.optim.measurement.refit import figure
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import ASKED, plausible
 
@@ -70,7 +72,8 @@ def judge(
     told = told.doubted(lack_of_fit(noise, selected), missing, keys)
     named = [key for key in keys if key in told.named]
     stand_ins = [key for key in keys if key not in told.named]
-    gap = _gap(evaluation, noise)
+    fitted = selected.model.recording  # which knows what a turn counts
+    gap = replace(_gap(evaluation, noise), rotation=_rotation(fitted, evaluation, noise))
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
     timed = any(effect.runs_with_time() for effect in selected.effects)
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
@@ -85,7 +88,7 @@ def judge(
     earned = max(told.beside, left) < UNLISTED and noise.source != "fit"
     earned = earned and _is_earned(gap, causes, judged, least)
     kind = _kind(bool(causes), max(beyond, left) > 0.5, earned)
-    scope = scope_of(selected.model.recording)
+    scope = scope_of(fitted)
     words = told.words or noisiest_joint(recording, selected)
     return Verdict(
         verdict=kind,
@@ -185,6 +188,17 @@ def _gap(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
         held_out_by=evaluation.by,
         removable=float(removable),
     )
+
+
+def _rotation(recording: Recording, evaluation: Evaluation, noise: NoiseLevel) -> dict[str, float]:
+    """RMS of the turns [rad] that a pose's positions do not show; none of other readings."""
+    if recording.several or not recording.kind.oriented:
+        return {}
+    lever = rotation_lever(recording)
+    ends = {"before": evaluation.before, "after": evaluation.after}
+    found = {k: figure(r[evaluation.rows, 3:], True) / lever for k, r in ends.items()}
+    floor = noise.sigma * evaluation.per_point / lever
+    return found if noise.source == "fit" else found | {"noise_floor": floor}
 
 
 def _notes(

@@ -22,6 +22,7 @@ from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
     Estimate,
+    Gap,
     Key,
     NoiseLevel,
     Outcome,
@@ -335,7 +336,16 @@ def shrink_words(verdict: Verdict) -> str:
         "workspace": "blocks of space",
     }
     held = by.get(gap.held_out_by, gap.held_out_by)
-    return f"{words}; every figure is of rows that the fit has not seen ({held} left out)."
+    told = f"{words}{_turned_words(gap)}; every figure is of rows that the fit has not seen"
+    return f"{told} ({held} left out)."
+
+
+def _turned_words(gap: Gap) -> str:
+    """What becomes of the turns of poses, which the gap of their places does not show."""
+    if not gap.rotation:
+        return ""
+    before, after = (quantity(gap.rotation[k], "rad") for k in ("before", "after"))
+    return f"; the tool is turned by {before} before and {after} after"
 
 
 def left_over(depends_on: str) -> str:
