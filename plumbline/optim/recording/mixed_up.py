@@ -15,7 +15,6 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from scipy.signal import correlate
 
 from plumbline.errors import fault
 from plumbline.optim.recording.origin import Array, Origin
@@ -63,7 +62,8 @@ def refuse_mixed_up(
 def _late(expected: Array, read: Array, latest: int) -> float:
     """The largest cosine (columns (N,)) of what is read so many rows late, or fewer."""
     rows = len(read)
-    late = correlate(read, expected, method="fft")[rows - 1 :][: latest + 1]
+    spectrum = np.fft.rfft(read, 2 * rows) * np.fft.rfft(expected, 2 * rows).conj()
+    late = np.fft.irfft(spectrum, 2 * rows)[: min(latest + 1, rows)]
     late *= rows / (rows - np.arange(len(late)))  # as many as meet
     return float(late.max() / max(np.linalg.norm(expected) * np.linalg.norm(read), 1e-300))
 
