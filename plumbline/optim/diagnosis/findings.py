@@ -48,6 +48,7 @@ NOTHING_FURTHER = (
     "what is left would have to be is not known."
 )
 ON_A_BOUND = "Nothing further was found, but a parameter rests on its bound: it may lie beyond."
+TOO_FEW = "No gap shows, but rows left out are missed by far: too few are left to foretell them by."
 NOT_FORETOLD = (
     "The causes named below bring all rows together to the noise floor; rows left out, in other "
     "stretches of time, they do not foretell."
@@ -60,9 +61,7 @@ STAND_INS = (
 MEANING_BY_FORM = MEANING | {
     Outcome.NO_GAP: "There is nothing that does not look like noise.",
     Outcome.EXPLAINED: "What the causes named below leave looks like noise.",
-    Outcome.PARTLY: (
-        "The causes named below do part of it; what they leave does not look like noise."
-    ),
+    Outcome.PARTLY: "The causes named below do part of it; what is left does not look like noise.",
 }
 
 
@@ -302,9 +301,7 @@ class Verdict(AlwaysFitted, Answer):
         distrusted_rows: Rows (from 1) taken for gross errors and left out.
         notes: What else the reader should know.
         judged: Whether every fit behind the verdict converged, with the figures.
-        recording: Name of the recording.
-        rows: Number of its rows.
-        sha256: Hash of its files.
+        recording, rows, sha256: Its name, the number of its rows, the hash of its files.
         nuisances: Frame, tool, sockets and what else was always fitted, by name.
         recordings: Figures of each recording, where the verdict is on several.
         transfer: Which causes are in each of them what they are in the others.
@@ -371,6 +368,8 @@ class Verdict(AlwaysFitted, Answer):
                 return NOTHING_FURTHER
             if any(e.at_bound for cause in self.causes for e in cause.parameters.values()):
                 return ON_A_BOUND
+        if self.verdict == Outcome.NO_GAP and self.is_missed:
+            return TOO_FEW
         if self.verdict == Outcome.OUTSIDE and self.gap.shrink_ci95[0] > 0.0:
             return STAND_INS
         return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
@@ -379,12 +378,12 @@ class Verdict(AlwaysFitted, Answer):
     def headline(self) -> str:
         """``bench-ur5: explained; backlash of joint 2 (98 %); 0.451 mm -> 0.131 mm``."""
         named = [f"{c.label} ({chance(c.probability)})" for c in self.causes[:LISTED]]
-        more = len(self.causes) - len(named)
-        listed = ", ".join(named) + (f" and {more} more" if more else "")
+        more = len(self.causes) - LISTED
+        listed = ", ".join(named) + f" and {more} more" * (more > 0)
         sizes = " -> ".join(quantity(v, self.gap.unit) for v in (self.gap.before, self.gap.after))
-        left = f"not judged: {self.unjudged}" if self.unjudged else ""
-        said = "; ".join(filter(None, (self.verdict.value, listed, sizes, left)))
-        return f"{self.recording[:40]}: {said}"
+        left = f"not judged: {self.unjudged}" * bool(self.unjudged)
+        parts = filter(None, (self.verdict.value, listed, sizes, left))
+        return f"{self.recording[:40]}: {'; '.join(parts)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Its figures as plain data; a floor that nobody knows is none."""

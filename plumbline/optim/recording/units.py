@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import chain as joined
+from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -178,6 +179,8 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
     predicted = r.chain.tips(r.q[some], r.tool_offset)
     ratio = spread(tips[some]) / max(spread(predicted), 1e-12)
     if spread(predicted) > at.SMALLEST_SPREAD:
+        if ratio > at.NEAR_SCALE:
+            _check_columns(predicted, tips[some], origin)
         if spread(tips[some]) < at.STILL:
             found = "the same tip in most rows, while the joints move"
             mend = "the device stood still, or its columns were copied: record it again"
@@ -191,6 +194,20 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
         mend = "mend or delete the row; if all are like it, positions must be in m"
         raise fault(origin.at(column, row), found, f"at most {most:.3g} m", mend)
     yield from ()
+
+
+def _check_columns(predicted: Array, tips: Array, origin: Origin) -> None:
+    """One or two columns in a unit of their own: in metres they meet the predicted tips."""
+    parts = [some for count in (1, 2) for some in combinations(range(3), count)]
+    tried = [
+        (misfit(predicted, tips / np.where(np.isin(range(3), some), scale, 1.0)), some, words)
+        for (scale, words), some in product(at.SCALES, parts)
+    ]
+    left, some, words = min(tried)
+    if left < at.MEETS * spread(predicted):
+        named = " and ".join("xyz"[k] for k in some)
+        found = f"{named} in another unit than the rest: in it the tips meet the model"
+        raise fault(origin.at("xyz"[some[0]]), found, "x, y, z in m", f"looks like {words}")
 
 
 def _check_scale(r: Recording, away: Array, ratio: float, origin: Origin) -> None:

@@ -114,6 +114,10 @@ def test_a_verdict_whose_rows_left_out_are_missed_does_not_say_that_they_reach_t
     missed = replace(verdict.gap, after=3.0 * verdict.gap.noise_floor)
     far = replace(verdict, verdict=Outcome.PARTLY, gap=missed)
     assert far.meaning.endswith("they do not foretell.")
+    few = replace(verdict, verdict=Outcome.NO_GAP, causes=(), gap=missed)
+    assert "rows left out are missed by far" in few.meaning
+    floor = replace(missed, after=missed.noise_floor)
+    assert replace(few, gap=floor).meaning == "There is nothing beyond noise."
 
 
 # Blind

@@ -97,6 +97,21 @@ def test_noise_that_no_device_has_is_noted(tmp_path, kind):
     assert "less than any device reads" in said(folder)
 
 
+@pytest.mark.parametrize(
+    ("columns", "scale", "words"),
+    [
+        ("y", 100.0, "column 'y': found y in another unit"),
+        ("xz", 1e3, "column 'x': found x and z in another unit"),
+        ("z", 1.0 / 0.0254, "looks like inches"),
+    ],
+)
+def test_a_column_in_a_unit_of_its_own_is_named(tmp_path, columns, scale, words):
+    def change(table):
+        return table | {c: scale * table[c] for c in columns}
+
+    assert words in complaint(with_columns(tmp_path, change))
+
+
 def swapped(one, two):
     return lambda table: table | {one: table[two], two: table[one]}
 
