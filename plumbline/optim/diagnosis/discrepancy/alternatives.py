@@ -44,6 +44,7 @@ from plumbline.optim.diagnosis.prior import (
     PART_OF_UNLISTED,
     RESEMBLING,
     SWALLOWED,
+    THE_SAME,
     USUAL,
 )
 from plumbline.optim.recording.recording import Recording
@@ -65,8 +66,8 @@ class Unlisted:
 
     @property
     def sides(self) -> list[float]:
-        """Either side is as likely (k,)."""
-        return [0.0] * len(self.columns)
+        """Either side is as likely (k,), but of what resembles an effect of one side."""
+        return list(self.family.sides) or [0.0] * len(self.columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,12 +144,13 @@ def alternatives(
     listed = resembled(pool, looks(pool, chosen))
     near = list(resembling(listed, found, recording, ports, design.visible))
     if near:
-        own = np.array([f.log_prior for f in near]) + np.log(RESEMBLING)
-        shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])
+        own = np.array([f.log_prior for f in near])
+        shares = np.concatenate([shares + np.log1p(-RESEMBLING - THE_SAME), own])
         found += near
-    kept = design.worth_trying(found, shares, pool, chosen)
+    gross = ports.own_shifts()
+    kept = design.worth_trying(found, shares, pool, chosen, gross)
     found, shares = [found[i] for i in kept], shares[kept]
-    added = [*(f.columns for f in found), *ports.own_shifts()]
+    added = [*(f.columns for f in found), *gross]
     linear, columns = design.with_more(added)
     terms = _terms(pool, found, columns, rows[np.flatnonzero(ports.gross)])
     names, numbers = _labels(terms)

@@ -67,6 +67,7 @@ class Dependence:
         columns: Its columns.
         log_prior: Log share among the forms of one dependence; where the data have chosen it from
             many, of these.
+        sides: Sign that each column's number has, 0 where either; empty where all may be either.
     """
 
     words: str
@@ -75,6 +76,7 @@ class Dependence:
     element: int | None
     columns: Array
     log_prior: float = 0.0
+    sides: tuple[float, ...] = ()
 
 
 def dependences(recording: Recording, ports: Ports, seed: int) -> Iterator[Dependence]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,10 +173,18 @@ class Design:
         return _only(whole, kept), columns
 
     def worth_trying(
-        self, found: Sequence[Dependence], shares: Array, pool: Pool, chosen: Sequence[SelectedTerm]
+        self,
+        found: Sequence[Dependence],
+        shares: Array,
+        pool: Pool,
+        chosen: Sequence[SelectedTerm],
+        gross: Array,
     ) -> NDArray[np.intp]:
-        """Families that do best beside the chosen causes, beside none, or in the place of one."""
-        log = self._beside(found, pool, looks(pool, chosen)) + shares
+        """Families that do best beside the chosen causes, beside none, or in the place of one.
+
+        Each with the shifts of single rows that may be gross (R, m, N, m), and without them.
+        """
+        log = self._beside(found, pool, looks(pool, chosen), gross) + shares
         best = np.max(log - logsumexp(log, axis=1, keepdims=True), axis=0)
         return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
 
@@ -187,12 +195,18 @@ class Design:
         return float(logsumexp(self._beside(found, pool, [state])[0] + shares))
 
     def _beside(
-        self, found: Sequence[Dependence], pool: Pool, states: Sequence[Sequence[SelectedTerm]]
+        self,
+        found: Sequence[Dependence],
+        pool: Pool,
+        states: Sequence[Sequence[SelectedTerm]],
+        gross: Array | None = None,
     ) -> Array:
-        """Log evidence (S, F) of every family given each state."""
-        given = []
-        for state in states:
-            basis = orthonormal(self.base[pool.columns(state)].T)
+        """Log evidence (S, F) of every family given each state, then each with gross rows too."""
+        given, own = [], [self.base[:0]]
+        if gross is not None and len(gross):
+            own.append(self._flat(gross.reshape(-1, *self.live.shape)))
+        for state, rows in product(states, own):
+            basis = orthonormal(np.concatenate([self.base[pool.columns(state)], rows]).T)
             left = self.target - basis @ (basis.T @ self.target)
             given.append((basis, left, self.white.count(self.live) - float(basis.shape[1])))
         log = np.empty((len(given), len(found)))

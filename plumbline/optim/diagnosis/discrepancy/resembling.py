@@ -9,7 +9,7 @@ with D the columns of c modulated by smooth functions of what its port sees, or 
 of its port, and :math:`\kappa` such that both are as visible (Kennedy and O'Hagan 2001, JRSS B
 63(3), whose discrepancy is stated here effect by effect). While the deviation is within the noise
 neither form wins by more than the prior's odds; a strong signal of the exact form wins by what the
-other's freedom costs.
+other's freedom costs. One mechanism more has no deviation at all that such rows would show.
 """
 
 from __future__ import annotations
@@ -38,7 +38,14 @@ from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.prior import DEVIATIONS, MANY_CAUSES, MOST_RESEMBLED, WARMTH
+from plumbline.optim.diagnosis.prior import (
+    DEVIATIONS,
+    MANY_CAUSES,
+    MOST_RESEMBLED,
+    RESEMBLING,
+    THE_SAME,
+    WARMTH,
+)
 from plumbline.optim.recording.recording import Recording
 
 VARIANTS_SEEN = 8  # of each of the best effects, so that enough effects are among them (cost only)
@@ -53,7 +60,7 @@ def resembling(
     ports: Ports,
     visible: Callable[[Array], float],
 ) -> Iterator[Dependence]:
-    """Beside each listed effect what resembles it, with the effect's own prior share.
+    """Beside each listed effect what resembles it, with shares of the effect's own prior.
 
     Args:
         listed: Candidates of the library, by the numbers of their columns in the ports' base.
@@ -85,12 +92,15 @@ def resembling(
         found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > STILL]
         # Forms share; those that the data have chosen bear the price of that choice.
         ways = float(logsumexp([log for *_, log in found])) if found else 0.0
-        for seen, deviation, log in found:
-            share = candidate.log_prior + log - ways - float(np.log(len(DEVIATIONS)))
+        ways += float(np.log(len(DEVIATIONS) / RESEMBLING))
+        none = np.empty((0, *own.shape[1:]))
+        forms = [(seen, r * d, log - ways) for seen, d, log in found for r in DEVIATIONS]
+        for seen, deviation, log in [*forms, (effect.depends_on, none, float(np.log(THE_SAME)))]:
             on = seen if _is_constant(effect) else effect.depends_on
             words = _words(*place, on, effect.name)
-            for r in DEVIATIONS:
-                yield Dependence(words, on, *place, np.concatenate([own, r * deviation]), share)
+            columns = np.concatenate([own, deviation])
+            sides = (*candidate.sides, *[0.0] * len(deviation))
+            yield Dependence(words, on, *place, columns, candidate.log_prior + log, sides)
 
 
 def _is_constant(effect: Effect) -> bool:

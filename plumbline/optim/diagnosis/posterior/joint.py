@@ -16,7 +16,7 @@ does not depend on luck.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -247,10 +247,12 @@ def sample(
     ]
     for chain in chains:
         chain.run(moves)
-    seen = _seen(looks)
+    best = max(look.log_posterior for look in looks.values()) + LEAST_HEARD
+    swapped = {s: [*_swapped(problem, k)] for s, k in looks.items() if k.log_posterior >= best}
+    seen = _seen(looks, swapped)
     marginals, gross = _marginals(problem, seen)
     # A chain that holds next to nothing of what all have found has no say.
-    own = [_seen(chain.been) for chain in chains]
+    own = [_seen(chain.been, swapped) for chain in chains]
     logs = np.array([logsumexp(list(found.values())) for found in own])
     heard = [f for f, log in zip(own, logs, strict=True) if log > logs.max() + LEAST_HEARD]
     each = np.stack([_marginals(problem, found)[0][0] for found in heard])
@@ -261,28 +263,37 @@ def sample(
     return Sampled(marginals, gross, states, np.stack(tilted), apart, seen)
 
 
-def _seen(looks: Mapping[State, _Look]) -> dict[State, float]:
-    """Log posterior of states that were asked, and of all that have one term more.
+def _swapped(problem: JointProblem, look: _Look) -> Iterator[tuple[State, float]]:
+    """States with another term in the place of one, and their log posterior, by all other widths.
 
-    What one more makes of a state is worked out at the widths and the noise that the others have
-    without it. Where the most probable of these was asked itself, that is off by as much for what
-    gains as much: else what was asked would weigh more than what does as well.
+    What one more makes of a state is worked out at the widths that the others have without it: by
+    that alone, what was asked would weigh more than what does as well.
     """
-    off: dict[State, tuple[float, float]] = {}
-    for state, look in looks.items():
-        for rest, i in ((state - {i}, i) for i in state if state - {i} in looks):
-            gain = float(looks[rest].near[i]) - looks[rest].log_posterior
-            missed = look.log_posterior - looks[rest].log_posterior - gain
-            off[rest] = max(off.get(rest, (0.0, 0.0)), (gain, missed))
+    whole = problem.reduce(look.terms)
+    for term in problem.slots(look.terms):
+        log_odds, _ = problem.odds(whole.without(term))
+        gained = log_odds - log_odds[term.index]
+        rest = frozenset(t.index for t in look.terms) - {term.index}
+        for i in np.flatnonzero(gained > -NEARLY_NOTHING).tolist():
+            yield rest | {i}, look.log_posterior + float(gained[i])
+
+
+def _seen(
+    looks: Mapping[State, _Look], swapped: Mapping[State, Sequence[tuple[State, float]]]
+) -> dict[State, float]:
+    """Log posterior of states that were asked, and of what is near: a term more, or another.
+
+    Args:
+        looks: The states.
+        swapped: Of some of them, states with another term in the place of one.
+    """
     least = max(look.log_posterior for look in looks.values()) - NEARLY_NOTHING
     seen: dict[State, float] = {}
     for state, look in looks.items():
-        gain, missed = off.get(state, (0.0, 0.0))
-        alike = np.clip((look.near - look.log_posterior) / (gain or 1.0), 0.0, 1.0)
-        near = look.near + missed * alike
-        for i in np.flatnonzero(near > least).tolist():
-            more = state | {i}
-            seen[more] = max(seen.get(more, -np.inf), float(near[i]))
+        more = np.flatnonzero(look.near > least).tolist()
+        found = [(state | {i}, float(look.near[i])) for i in more]
+        for key, log in (*found, *swapped.get(state, ())):
+            seen[key] = max(seen.get(key, -np.inf), log)
     return seen | {state: look.log_posterior for state, look in looks.items()}
 
 
@@ -301,13 +312,17 @@ def _marginals(
     found = [np.zeros(size) for size in problem.sizes]
     levels = [level.tolist() for level in problem.labels]
     gross = np.zeros(len(problem.candidates))
-    for weight, key in zip(weights.tolist(), seen, strict=True):
+    # Of the least states, which together hold a tenth of what is told, parts are no matter.
+    ranked = np.argsort(-weights)
+    heavy = np.empty(len(weights), dtype=bool)
+    heavy[ranked] = np.cumsum(weights[ranked]) - weights[ranked] < 1.0 - 0.1 * LEAST_TOLD
+    for weight, key, told in zip(weights.tolist(), seen, heavy.tolist(), strict=True):
         mine = [i for i in key if not problem.gross[i]]
         for i in key.difference(mine):
             gross[i] += weight
         for level, total in zip(levels, found, strict=True):
             for label in {level[i] for i in mine}:
                 total[label] += weight
-        for label, part in problem.parts(mine).items():
+        for label, part in problem.parts(mine if told else ()).items():
             found[0][label] -= part * weight
     return tuple(np.minimum(total, 1.0) for total in found), np.minimum(gross, 1.0)
