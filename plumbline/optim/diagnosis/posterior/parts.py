@@ -143,16 +143,15 @@ def moved_by(problem: Problem, indices: Sequence[int]) -> Callable[[Sequence[int
     columns = np.concatenate([problem.candidates[i].columns for i in indices])
     ends = np.cumsum([0, *(len(problem.candidates[i].columns) for i in indices)])
     own = {i: np.arange(a, z) for i, (a, z) in zip(indices, pairwise(ends), strict=True)}
-    G, b = linear.G[np.ix_(columns, columns)], linear.b[columns]
-
-    def fitted(variance: float | Array) -> Array:
-        return np.linalg.lstsq(G + variance * np.eye(len(b)), b, rcond=None)[0]
+    G = linear.G[np.ix_(columns, columns)]
+    values, Q = np.linalg.eigh(G)  # once for all variances
+    values, c = np.maximum(values, 0.0), Q.T @ linear.b[columns]
 
     def left(variance: float | Array) -> tuple[float, float]:
-        z = fitted(variance)
-        return max(float(linear.tt - 2.0 * z @ b + z @ G @ z), 0.0), linear.n
+        z = c / (values + variance)
+        return max(float(linear.tt - 2.0 * z @ c + values @ z**2), 0.0), linear.n
 
-    z = fitted(noise.settled(left, noise.variance(linear.tt, linear.n)))
+    z = Q @ (c / (values + noise.settled(left, noise.variance(linear.tt, linear.n))))
 
     def square(some: Sequence[int]) -> float:
         k = np.concatenate([own[i] for i in some])
