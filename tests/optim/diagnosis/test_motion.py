@@ -278,6 +278,24 @@ def test_a_planned_fit_at_its_least_is_converged_and_one_moved_off_is_not():
         assert to_go(windows, moved, effective) > STILL
 
 
+def test_a_planned_way_s_derivatives_are_worked_out_where_a_step_is_taken_alone(monkeypatch):
+    windows, _ = windows_of(Law.POSITION)
+    effects, found = (ActuationDelay(), AccelerationLimit()), []
+
+    def watched(*given, slopes=True):
+        fit = evaluated(*given, slopes=slopes)
+        found.append((slopes, fit.square, fit.J.shape[2]))
+        return fit
+
+    monkeypatch.setattr("plumbline.optim.diagnosis.motion.fit.evaluated", watched)
+    fitted(windows, effects, np.array([0.02, 4.0]))
+    tried = [square for slopes, square, _ in found if not slopes]
+    taken = [square for slopes, square, _ in found if slopes]
+    assert {(slopes, count) for slopes, _, count in found} == {(True, 2), (False, 0)}
+    assert len(taken) == 1 + len(set(taken) & set(tried))
+    assert taken == sorted(taken, reverse=True)
+
+
 def test_a_servo_that_plans_its_way_has_an_acceleration_limit_however_it_began():
     """It began at rest where its command moved; of two joints one plans, and the other lags."""
     t, u = multisine(24.0)

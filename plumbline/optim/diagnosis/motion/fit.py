@@ -86,9 +86,9 @@ class Fit:
         return float(-effective / 2 * np.log(square) - occam)
 
 
-def evaluated(windows: Windows, effects: Effects, theta: Array) -> Fit:
-    """The effects at given values."""
-    predicted, J = roll_out(windows, effects, theta)
+def evaluated(windows: Windows, effects: Effects, theta: Array, *, slopes: bool = True) -> Fit:
+    """The effects at given values, with derivatives or without."""
+    predicted, J = roll_out(windows, effects, theta, slopes=slopes)
     residual = windows.level(predicted - windows.measured)
     return Fit(effects, theta, residual, windows.level(J), windows.sizes(effects))
 
@@ -100,6 +100,7 @@ def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = F
     if np.any((start < lower) | (start > upper)):
         best = evaluated(windows, effects, np.clip(start, lower, upper))
     damping, enough = 1e-3, ENOUGH if search else ENDED
+    planned = any(e.plans for e in effects)  # whose derivatives cost two roll-outs each
     for _ in range((SEARCH_ITERATIONS if search else ITERATIONS) if effects else 0):
         free = best.free
         J = best.flat[:, free] * scale[free]
@@ -107,10 +108,12 @@ def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = F
         step = np.zeros(len(scale))
         curved = A + damping * np.diag(np.diag(A)) + 1e-12 * np.trace(A) * np.eye(len(A))
         step[free] = -np.linalg.lstsq(curved, g, rcond=None)[0] * scale[free]
-        tried = evaluated(windows, effects, np.clip(best.theta + step, lower, upper))
+        theta = np.clip(best.theta + step, lower, upper)
+        tried = evaluated(windows, effects, theta, slopes=not planned)
         gain = 1 - tried.square / max(best.square, 1e-300)
         if gain > 0:
-            best, damping = tried, max(damping / 5, 1e-9)
+            best = evaluated(windows, effects, theta) if planned else tried
+            damping = max(damping / 5, 1e-9)
         else:
             damping *= 8
         if (gain >= 0 and gain < enough) or damping > 1e6:
@@ -132,7 +135,7 @@ def to_go(windows: Windows, fit: Fit, effective: float) -> float:
     gain = float(np.sum((J @ step) ** 2)) / len(J) / square
     if gain * effective > STILL**2:
         tried = [np.clip(fit.theta + share * step, lower, upper) for share in (1.0, 0.5, 0.25)]
-        least = min(evaluated(windows, fit.effects, theta).square for theta in tried)
+        least = min(evaluated(windows, fit.effects, theta, slopes=False).square for theta in tried)
         gain = max(1 - least / square, 0.0)
     return float(np.sqrt(gain * effective))
 

@@ -59,12 +59,12 @@ def _fold(
 
     def missed(effects: Effects, start: Array) -> Array:
         theta = fitted(training, effects, start, search=True).theta
-        return evaluated(test, effects, theta).residual
+        return evaluated(test, effects, theta, slopes=False).residual
 
     n = range(len(found.effects))
     less = [missed(_without(found.effects, found.effects[k]), np.delete(found.theta, k)) for k in n]
     whole = fitted(training, found.effects, found.theta)
-    after = evaluated(test, found.effects, whole.theta).residual
+    after = evaluated(test, found.effects, whole.theta, slopes=False).residual
     return judge.astype(float), missed((), np.empty(0)), after, less
 
 

@@ -194,29 +194,34 @@ def between_slope(slope: Array, bends: list[Array], f: Array) -> Array:
     return np.asarray(slope - back * bends[0] + on * bends[1])
 
 
-def roll_out(windows: Windows, effects: Effects, theta: Array) -> tuple[Array, Array]:
-    """Predicted positions (W, H - settle) [rad] and their derivatives (W, H - settle, P)."""
+def roll_out(
+    windows: Windows, effects: Effects, theta: Array, *, slopes: bool = True
+) -> tuple[Array, Array]:
+    """Predicted positions (W, H - settle) [rad] and their derivatives (W, H - settle, P).
+
+    Of none (P = 0) where no slopes are asked for.
+    """
     found = [
-        _rolled(replace(windows, start=windows.start[k : k + TOGETHER]), effects, theta)
+        _rolled(replace(windows, start=windows.start[k : k + TOGETHER]), effects, theta, slopes)
         for k in range(0, len(windows), TOGETHER)
         if len(windows) > TOGETHER
-    ] or [_rolled(windows, effects, theta)]
+    ] or [_rolled(windows, effects, theta, slopes)]
     out = found[0] if len(found) == 1 else np.concatenate(found)
     return out[..., 0], out[..., 1:]
 
 
-def _rolled(w: Windows, effects: Effects, theta: Array) -> Array:
+def _rolled(w: Windows, effects: Effects, theta: Array, slopes: bool) -> Array:
     """Positions and their derivatives (W, H - settle, 1 + P)."""
     if not len(w):
-        return np.empty((0, w.length - w.settle, 1 + len(theta)))
+        return np.empty((0, w.length - w.settle, 1 + len(theta) * slopes))
     begin, _, row = w.passes
     at = (w.start - begin[row])[:, None] + np.arange(w.settle, w.length)
     if not any(effect.plans for effect in effects):
-        return np.asarray(_passed(w, effects, theta, slopes=True)[row[:, None], at])
+        return np.asarray(_passed(w, effects, theta, slopes=slopes)[row[:, None], at])
     # A planned way switches between full speed up and full braking: a small change moves every
     # later switch, so that derivatives grow without end where differences over a wide step do not.
     there = [_passed(w, effects, theta, slopes=False)]
-    for behind, ahead in _wide(w, effects, theta):
+    for behind, ahead in _wide(w, effects, theta) if slopes else ():
         step = float(np.sum(ahead - behind))
         values = [_passed(w, effects, at_it, slopes=False) for at_it in (behind, ahead)]
         with np.errstate(over="ignore", invalid="ignore"):  # where a way runs off, no step is taken
