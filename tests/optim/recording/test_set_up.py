@@ -239,6 +239,13 @@ def test_another_robot_of_the_family_is_refused_by_name(kind, true, said):
         refuse_wrong_set_up(told(given, robot=Robot.bundled(said)))
 
 
+def test_encoders_whose_zeros_are_a_matter_of_mounting_may_be_a_quarter_turn_off():
+    given = room("joint_position")
+    read = moved(given["measured"], 4, np.pi / 2)
+    assert wrong_set_up(told(given, measured=read)) is not None
+    assert wrong_set_up(told(given, measured=read, always=("joint_offset",))) is None
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
