@@ -107,8 +107,8 @@ THE_SAME, RESEMBLING = 0.25, 0.3
 DEVIATIONS = (0.3, 1.0)  # of the latter from that effect [the effect], root of squares
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.01 (test_joint_posterior.py)
-LONG_MOVES = 600  # of each chain of a long state (test_joint_posterior.py)
-BETWEEN = 60  # of these, one of which each time is looked at place by place (cost only)
+LONG_MOVES = 600  # of each chain of a long state, of one place each (test_joint_posterior.py)
+LEAST_ASKED = 1e-4  # largest share of a place below which they do not ask a term (cost only)
 # Log odds behind the best at which a state does not count: all of them together hold 1e-4, and to
 # keep them costs a third of the time.
 NEARLY_NOTHING = 14.0

@@ -380,13 +380,19 @@ def test_where_one_state_dominates_its_terms_asked_one_by_one_say_the_same(seed)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize(("strength", "resembling"), [(3.0, 0.4), (3.0, 0.7), (6.0, 0.7)])
-def test_chains_about_a_long_state_find_what_all_sets_add_up_to(seed, strength, resembling):
-    """Where columns resemble one another; the climb's end alone was wrong by three quarters."""
+@pytest.mark.parametrize(
+    ("strength", "resembling", "within"),
+    [(3.0, 0.4, 0.05), (3.0, 0.7, 0.04), (6.0, 0.7, 0.15), (6.0, 1.5, 0.06)],
+)
+def test_chains_about_a_long_state_find_what_all_sets_add_up_to(seed, strength, resembling, within):
+    """Where columns resemble one another; the climb's end alone was wrong by three quarters.
+
+    Where one stands in for two, which no one place shows, chains cross seldom.
+    """
     asked = problem(*drawn(seed, strength=strength, mixed=resembling, causes=3))
     found = coarsened(asked, [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)], 1.0, 0)
     for ours, theirs in zip(found.marginals, by_enumeration(asked)[0], strict=True):
-        np.testing.assert_allclose(ours, theirs, atol=0.08)
+        np.testing.assert_allclose(ours, theirs, atol=within)
 
 
 def test_gross_rows_of_a_long_state_stay():

@@ -274,7 +274,7 @@ def test_the_wrong_side_of_a_bound_earns_nothing():
         linear = statistics(x[:, None], sign * 0.3 * x)
         gathered = batches(linear, [stiff])
         left = Reduced.given(linear, gathered, [stiff], [], 1.0)
-        scores.append(float(scan(left, gathered, NoisePrior.of(0.2)).log_bayes[0]))
+        scores.append(float(scan(left, gathered, NoisePrior.of(0.2), 1).log_bayes[0]))
     assert scores[0] > 10
     assert scores[1] < 0
 
@@ -293,7 +293,7 @@ def scanned(X, t, found):
     linear = statistics(X, t)
     gathered = batches(linear, found)
     nothing = Reduced.given(linear, gathered, found, [], 1.0)
-    return scan(nothing, gathered, NoisePrior.of(1.0)).log_bayes
+    return scan(nothing, gathered, NoisePrior.of(1.0), len(found)).log_bayes
 
 
 def test_neither_the_order_of_rows_nor_of_columns_matters():

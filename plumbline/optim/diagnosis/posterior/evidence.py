@@ -129,12 +129,15 @@ class Batch:
     sides: Array  # 1 or -1 where only one side of the null is physical, else 0 (C, k)
 
 
-def batches(linear: Linear, candidates: Sequence[Term]) -> list[Batch]:
-    """All candidates, gathered by their number of columns."""
-    sizes = np.array([len(c.columns) for c in candidates], dtype=int)
+def batches(
+    linear: Linear, candidates: Sequence[Term], asked: NDArray[np.intp] | None = None
+) -> list[Batch]:
+    """The candidates that are asked, all if not given, gathered by their number of columns."""
+    asked = np.arange(len(candidates)) if asked is None else asked
+    sizes = np.array([len(candidates[i].columns) for i in asked.tolist()], dtype=int)
     found = []
     for k in np.unique(sizes):
-        members = np.flatnonzero(sizes == k)
+        members = asked[sizes == k]
         own = [candidates[int(i)] for i in members]
         columns = np.array([candidate.columns for candidate in own])
         blocks = linear.G[columns[:, :, None], columns[:, None, :]]
@@ -163,11 +166,10 @@ class Scannable(Protocol):
         """Equations that are left."""
 
 
-def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior) -> Scores:
-    """Evidence for every candidate given what has been eliminated."""
-    count = sum(len(batch.members) for batch in gathered)
+def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior, count: int) -> Scores:
+    """Evidence for the candidates that are asked, of so many, given what has been eliminated."""
     log_bayes, scale = np.full(count, -np.inf), np.ones(count)
-    if count:
+    if gathered:
         asked = [(blocks, reduced.b[batch.columns], batch.sides)
                  for batch, blocks in zip(gathered, reduced.blocks, strict=True)]  # fmt: skip
         by_scale = evidence_of_all(asked, reduced.tt, reduced.n, noise) + LOG_SCALE_WEIGHTS

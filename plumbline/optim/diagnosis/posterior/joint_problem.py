@@ -74,6 +74,7 @@ class JointProblem(TermProblem):
     unlisted: NDArray[np.bool_] | None = None
     # which listed terms may be parts of an unlisted mechanism, which need not be one term
     shared: Parts | None = None
+    asked: NDArray[np.intp] | None = None
 
     @cached_property
     def causes(self) -> NDArray[np.intp]:
@@ -138,6 +139,7 @@ class JointProblem(TermProblem):
             gross=self.gross[own],
             labels=self.labels[:, own],
             unlisted=None,
+            asked=None,
         )
 
     def log_prior(self, indices: Sequence[int]) -> float:

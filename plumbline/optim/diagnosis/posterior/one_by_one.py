@@ -1,7 +1,7 @@
-r"""Of many causes: the best state near by, a chain of states from there, and what each term is.
+r"""Of many causes: the best states near by, chains of states from there, and what each term is.
 
-A state too long for chains is climbed: what the state lacks is added, and then slot after slot is
-asked what fills it, given all others,
+A state too long to be sampled whole is climbed: what the state lacks is added, and then slot after
+slot is asked what fills it, given all others,
 
 .. math:: p(c \mid M \setminus e) = \frac{w_c B_c}{1 + \sum_d w_d B_d},
 
@@ -9,12 +9,13 @@ and kept, filled otherwise or emptied, until nothing changes (iterated condition
 1986, J. R. Stat. Soc. B 48(3)). What the library lacks goes in first: a slot that is asked while
 something else is missing is asked for both. One term goes at a time, so that of two that stand in
 for each other one stays. A climb ends in one of many states that say nearly the same and is sure of
-it; a chain draws from these shares instead (Geman and Geman 1984, IEEE TPAMI 6(6)).
+it; a chain draws from these shares instead (Geman and Geman 1984, IEEE TPAMI 6(6)), and all that it
+asks on its way is summed over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,9 +27,10 @@ from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, shar
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import climbed, extended
-from plumbline.optim.diagnosis.prior import BETWEEN, LONG_MOVES, ROUNDS, TILT
+from plumbline.optim.diagnosis.prior import LEAST_ASKED, LONG_MOVES, ROUNDS, TILT
 
-Known = dict[frozenset[SelectedTerm], tuple[Array, Array]]  # what has been asked of states
+# What has been asked beside sets of terms: log odds and scales (C,) of one more.
+Asked = dict[frozenset[SelectedTerm], tuple[Array, Array]]
 
 
 def best_near(problem: JointProblem, state: Sequence[SelectedTerm]) -> tuple[SelectedTerm, ...]:
@@ -43,7 +45,8 @@ def coarsened(
 
     They start at the best of three climbs' ends, and at another if it is as good but for chance:
     from the state downwards, from its listed terms, whose places nothing else then holds, and from
-    its gross rows upwards.
+    its gross rows upwards. Chains that do not cross count by their starts. What is next to
+    nothing in all places of these is not asked again.
     """
     whole = problem.linear
     linear = Linear(power * whole.G, power * whole.b, power * whole.tt, power * whole.n)
@@ -53,52 +56,76 @@ def coarsened(
     listed = state if none is None else [t for t in state if not none[t.index]]
     ends = [best_near(problem, start) for start in (state, listed, gross)]
     logs = np.array([stated(problem, end) for end in ends])
-    near = [ends[k] for k in np.argsort(-logs) if logs[k] > logs.max() + LEAST_HEARD]
-    known = Known()
+    near = [k for k in np.argsort(-logs) if logs[k] > logs.max() + LEAST_HEARD]
+    starts = [near[0], near[-1]]
+    shares = [_largest(problem, ends[k]) for k in starts]
+    problem = replace(problem, asked=np.flatnonzero(np.max(shares, axis=0) >= LEAST_ASKED))
+    asked = Asked()
     chains = [
-        _mean(list(_chain(problem, end, np.random.default_rng([seed, k]), known)))
-        for k, end in enumerate((near[0], near[-1]))
+        _chain(problem, ends[start], np.random.default_rng([seed, k]), asked)
+        for k, start in enumerate(starts)
     ]
-    # Chains that do not cross count by the best that each has found.
-    found = np.array([chain.states[0][0] for chain in chains])
     apart = np.ptp([chain.marginals[0] for chain in chains], axis=0)
-    return replace(_mean(chains, np.exp(found - found.max())), apart=float(apart.max(initial=0.0)))
+    weights = np.exp(logs[starts] - logs.max())
+    return replace(_mean(chains, weights), apart=float(apart.max(initial=0.0)))
 
 
-def _asked(
-    problem: JointProblem, reduced: Reduced, gone: Sequence[SelectedTerm], known: Known
-) -> tuple[Array, Array]:
-    """Log odds and scales (C,) of what fills a state without one term; no state is asked twice."""
-    key = frozenset(t for t in reduced.chosen if t not in gone)
-    if key not in known:
-        log_odds, scores = problem.odds(reduced.without(gone[0]) if gone else reduced)
-        known[key] = log_odds, scores.scale
-    return known[key]
+def _largest(problem: JointProblem, state: Sequence[SelectedTerm]) -> Array:
+    """The largest share (C,) that every term has in any place of a state."""
+    whole = problem.reduce(state)
+    places = [whole, *(whole.without(term) for term in problem.slots(state))]
+    return np.max([shares_of(problem.odds(reduced)[0]) for reduced in places], axis=0)
 
 
 def _chain(
-    problem: JointProblem,
-    state: Sequence[SelectedTerm],
-    rng: np.random.Generator,
-    known: Known,
-) -> Iterator[Sampled]:
-    """Probabilities about states of a chain that asks one place anew at a time, given all others.
+    problem: JointProblem, state: Sequence[SelectedTerm], rng: np.random.Generator, asked: Asked
+) -> Sampled:
+    """What sweeps say together, each of every place of a state and an empty one, in any order."""
+    sweeps, moves = list[Sampled](), 0
+    while moves < LONG_MOVES:
+        reduced, odds = problem.reduce(state), []
+        places: list[list[SelectedTerm]] = [[], *([t] for t in problem.slots(state))]
+        for k in rng.permutation(len(places)).tolist():
+            log_odds, reduced = _redrawn(problem, reduced, places[k], rng, asked)
+            odds.append(log_odds)
+        sweeps.append(_said(problem, state, odds))
+        state, moves = reduced.chosen, moves + len(places)
+    return _mean(sweeps)
 
-    Of n + 1 places the last is empty; what it draws is accepted with probability
-    (n + 1) / (n + 2), which makes the chain reversible (Hastings 1970).
-    """
-    reduced = problem.reduce(state)
-    for move in range(LONG_MOVES):
-        if move % BETWEEN == 0:
-            yield _about(problem, reduced, known)
-        slots = problem.slots(reduced.chosen)
-        place = int(rng.integers(len(slots) + 1))
-        old = slots[place : place + 1]
-        log_odds, scale = _asked(problem, reduced, old, known)
-        drawn = int(np.searchsorted(np.cumsum(shares_of(log_odds)), rng.random()))
-        new = [SelectedTerm(k, float(scale[k])) for k in range(len(log_odds))[drawn:][:1]]
-        if old != new and (old or rng.random() < 1.0 - 1.0 / (len(slots) + 2)):
-            reduced = problem.reduce([*(t for t in reduced.chosen if t not in old), *new])
+
+def _redrawn(
+    problem: JointProblem,
+    reduced: Reduced,
+    old: Sequence[SelectedTerm],
+    rng: np.random.Generator,
+    asked: Asked,
+) -> tuple[Array, Reduced]:
+    """Log odds (C,) of what fills one place, a term's or none's, and the state with what does."""
+    rest = frozenset(reduced.chosen).difference(old)
+    if rest not in asked:
+        log_odds, scores = problem.odds(reduced.without(old[0]) if old else reduced)
+        asked[rest] = log_odds, scores.scale
+    log_odds, scale = asked[rest]
+    drawn = int(np.searchsorted(np.cumsum(shares_of(log_odds)), rng.random()))
+    new = [SelectedTerm(k, float(scale[k])) for k in range(len(scale))[drawn:][:1]]
+    if list(old) != new:
+        for term in old:
+            reduced = reduced.without(term)
+        for term in new:
+            reduced = reduced.plus(term)
+    return log_odds, reduced
+
+
+def _said(problem: JointProblem, state: Sequence[SelectedTerm], odds: Sequence[Array]) -> Sampled:
+    """Probabilities by what one sweep asked from a state on."""
+    held, tilt = [t.index for t in problem.slots(state)], float(np.log(TILT))
+    found, *tilted = (
+        _marginals(problem, [log + t for log in odds], held) for t in (0.0, -tilt, tilt)
+    )
+    gross = np.zeros(len(problem.candidates))
+    gross[[t.index for t in state if problem.gross[t.index]]] = 1.0
+    states = ((stated(problem, state), tuple(state)),)
+    return Sampled(found, gross, states, np.stack([levels[0] for levels in tilted]))
 
 
 def _mean(parts: Sequence[Sampled], shares: Array | None = None) -> Sampled:
@@ -128,19 +155,6 @@ def _thinned(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sequence[S
         state = [t for t in state if t.index not in weak[: (len(weak) + 1) // 2]]
 
 
-def _about(problem: JointProblem, reduced: Reduced, known: Known) -> Sampled:
-    """Probabilities about a state: each of its terms given all others, and one more."""
-    slots = problem.slots(reduced.chosen)
-    asked = [_asked(problem, reduced, gone, known)[0] for gone in ([], *([t] for t in slots))]
-    tilts = (0.0, -float(np.log(TILT)), float(np.log(TILT)))
-    held = [t.index for t in slots]
-    found, *tilted = (_marginals(problem, [log + tilt for log in asked], held) for tilt in tilts)
-    gross = np.zeros(len(problem.candidates))
-    gross[[t.index for t in reduced.chosen if problem.gross[t.index]]] = 1.0
-    states = ((stated(problem, reduced.chosen), reduced.chosen),)
-    return Sampled(found, gross, states, np.stack([levels[0] for levels in tilted]))
-
-
 def _marginals(
     problem: JointProblem, asked: Sequence[Array], held: Sequence[int]
 ) -> tuple[Array, ...]:
@@ -148,7 +162,7 @@ def _marginals(
 
     Args:
         problem: What was asked.
-        asked: Log odds of every term in each slot.
+        asked: Log odds of every term in each slot (K, C).
         held: Terms of the state.
     """
     shares = np.stack([shares_of(log_odds) for log_odds in asked])

@@ -39,6 +39,7 @@ class SelectionProblem(TermProblem):
     candidates: tuple[Candidate, ...]  # all candidates
     noise: NoisePrior  # the prior of the noise
     allowed: NDArray[np.bool_]  # which candidates may be chosen (C,)
+    asked: None = None  # all are
     # log of each candidate's share (C,), -inf for those that are not allowed
     log_priors: Array = field(init=False)
 

@@ -42,6 +42,7 @@ class TermProblem(ABC):
     candidates: Sequence[Term]  # all terms that there may be (C)
     noise: NoisePrior  # the prior of the noise
     log_priors: Array  # log of each term's share (C,); -inf for those that fill no slot
+    asked: NDArray[np.intp] | None  # numbers of the terms that are asked; all if none
 
     @abstractmethod
     def log_slot(self, filled: int) -> float:
@@ -55,7 +56,7 @@ class TermProblem(ABC):
     @cached_property
     def gathered(self) -> list[Batch]:
         """The terms, ready to be scanned."""
-        return batches(self.linear, self.candidates)
+        return batches(self.linear, self.candidates, self.asked)
 
     def variance(self, chosen: Sequence[SelectedTerm]) -> float:
         """Noise variance that these terms leave, whose priors are weighed by it."""
@@ -77,7 +78,7 @@ class TermProblem(ABC):
 
     def odds(self, reduced: Reduced) -> tuple[Array, Scores]:
         """Log odds (C,) of each term for one more slot, against none, and its scores."""
-        scores = scan(reduced, self.gathered, self.noise)
+        scores = scan(reduced, self.gathered, self.noise, len(self.candidates))
         slot = self.log_slot(len(self.slots(reduced.chosen)))
         log_odds = scores.log_bayes + self.log_priors + slot
         log_odds[[term.index for term in reduced.chosen]] = -np.inf
