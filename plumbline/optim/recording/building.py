@@ -148,9 +148,10 @@ def build(
     recording = replace(recording, socket_pairs=recording.socket_pairs or assumed)
     units.refuse_fast(recording, origin)  # before what was recorded is smoothed
     recording = _completed(recording, origin)
-    recording, found = counted_from_one_turn(recording, origin)
-    found += [_told(assumed, origin)] if len(assumed) > 1 else []
+    found = [_told(assumed, origin)] if len(assumed) > 1 else []
     found += [*checks.run(recording, origin), *units.run(recording, origin)]
+    recording, turned = counted_from_one_turn(recording, origin)  # of what is in radians
+    found += turned
     off = 0.0 if "frame" in recording.always else far_from_base(recording)
     if off:
         recording = replace(recording, always=("frame", *recording.always))

@@ -51,20 +51,11 @@ def counted_from_one_turn(r: Recording, origin: Origin) -> tuple[Recording, list
     for j in r.measured_joints if r.kind.encoders else ():
         turns = whole_turns(r.measured[:, j] - r.q[:, j])
         if r.chain.kinds[j] == "revolute" and turns.any():
-            measured[:, j] -= turns
-            rows = f"{np.count_nonzero(turns)} of {len(r)} rows"
-            notes.append(f"{origin.file}: m{j + 1} is whole turns off in {rows}: taken to a turn")
+            measured[:, j] -= 2 * np.pi * turns
+            off = f"{np.median(turns):+.0f} whole turns" if turns.all() else "whole turns"
+            rows = f"in {np.count_nonzero(turns)} of {len(r)} rows: taken to a turn"
+            notes.append(f"{origin.file}: m{j + 1} is {off} off q{j + 1} {rows}")
     return (replace(r, measured=measured) if notes else r), notes
-
-
-def encoders_count_the_motors_turns(r: Recording, origin: Origin) -> Iterator[str]:
-    """Link-side encoders that read whole turns more are noted."""
-    if not r.kind.encoders:
-        return
-    for j in r.measured_joints:
-        turns = round(float(np.median(r.measured[:, j] - r.q[:, j])) / (2 * np.pi))
-        if r.chain.kinds[j] == "revolute" and turns:
-            yield f"{origin.file}: m{j + 1} is {turns:+d} whole turns off q{j + 1}: mend the column"
 
 
 def far_from_base(r: Recording) -> float:

@@ -285,5 +285,5 @@ def _wrong_encoder(r: Recording) -> WrongSetUp | None:
 
 def _scatter(values: Array) -> float:
     """Median distance of angles from their median, to a turn; gross errors do not move it."""
-    values = values - whole_turns(values)
+    values = values - 2 * np.pi * whole_turns(values)
     return float(np.median(np.abs(values - np.median(values))))

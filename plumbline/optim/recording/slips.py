@@ -80,10 +80,9 @@ def swapped(values: Array, i: int, j: int) -> Array:
 
 
 def whole_turns(apart: Array) -> Array:
-    """Whole turns (N,) [rad] that lie between angles (N,) [rad] which are known to a turn alone."""
+    """How many turns angles (N,) [rad], which are known to a turn alone, are off their middle."""
     middle = np.angle(np.exp(1j * apart).mean())
-    turns = np.round((apart - middle) / (2 * np.pi))
-    return np.asarray(2 * np.pi * (turns - np.round(np.median(turns))))
+    return np.asarray(np.round((apart - middle) / (2 * np.pi)))
 
 
 def named(joints: Sequence[int]) -> str:

@@ -16,10 +16,7 @@ import numpy as np
 
 from plumbline.errors import fault, shown
 from plumbline.optim.recording import constants as at
-from plumbline.optim.recording.disagreement import (
-    encoders_count_the_motors_turns,
-    rows_meet_the_model,
-)
+from plumbline.optim.recording.disagreement import rows_meet_the_model
 from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import quaternions_are_in_order, quaternions_are_unit
 from plumbline.optim.rigid import misfit, some_of, spread
@@ -297,5 +294,4 @@ CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
     robot_is_in_metres, gravity_is_the_earths, noise_is_plausible, joints_are_in_si,
     joints_meet_the_tips, tips_are_in_metres, second_encoders_move, quaternions_are_unit,
     quaternions_are_in_order, temperature_is_celsius, payload_is_in_kilograms, rows_meet_the_model,
-    encoders_count_the_motors_turns,
 )  # fmt: skip

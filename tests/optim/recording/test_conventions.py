@@ -156,8 +156,8 @@ def test_an_encoder_tells_its_angle_to_a_turn(tmp_path, first):
         for change in (wide, wrapped)
     )
     assert np.ptp(turned.measured[:, 1] - plain.measured[:, 1]) < 1e-6
-    assert "m2 is whole turns off in" in " ".join(turned.notes)
-    assert "whole turns off in" not in " ".join(plain.notes)
+    assert "m2 is whole turns off q2 in" in " ".join(turned.notes)
+    assert "whole turns off" not in " ".join(plain.notes)
 
 
 def test_second_encoders_may_be_mounted_at_any_angle(tmp_path):
