@@ -37,7 +37,6 @@ from plumbline.optim.diagnosis.prior import (
     EXTREME,
     FIRST_SLOT_ODDS,
     LEAST_SPREAD,
-    MANY_CAUSES,
     MOST_COMPARED_ROWS,
     MOST_GROSS_ROWS,
     NEXT_SLOT_ODDS,
@@ -143,8 +142,7 @@ def alternatives(
     shares = _log_shares(found)
     design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
-    few = len(pool.selection.keys(chosen)) <= MANY_CAUSES
-    near = list(resembling(listed, found, recording, ports, design.visible, same=few))
+    near = list(resembling(listed, found, recording, ports, design.visible))
     if near:
         own = np.array([f.log_prior for f in near])
         shares = np.concatenate([shares + np.log1p(-RESEMBLING - THE_SAME), own])

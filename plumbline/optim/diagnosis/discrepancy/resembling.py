@@ -59,8 +59,6 @@ def resembling(
     recording: Recording,
     ports: Ports,
     visible: Callable[[Array], float],
-    *,
-    same: bool = True,
 ) -> Iterator[Dependence]:
     """Beside each listed effect what resembles it, with shares of the effect's own prior.
 
@@ -70,7 +68,6 @@ def resembling(
         recording: The rows (N).
         ports: Ports of these rows.
         visible: Root of the squares of columns (k, N, m) that nuisances leave.
-        same: Whether to add one each that rows cannot tell from the effect.
     """
     if recording.stand_in:
         return  # for poses and points that were given there is no joint whose angle or load counts
@@ -98,9 +95,7 @@ def resembling(
         ways += float(np.log(len(DEVIATIONS) / RESEMBLING))
         none = np.empty((0, *own.shape[1:]))
         forms = [(seen, r * d, log - ways) for seen, d, log in found for r in DEVIATIONS]
-        # Twins of many causes would take a chain through as many states that say the same.
-        twins = [(effect.depends_on, none, float(np.log(THE_SAME)))] if same else []
-        for seen, deviation, log in [*forms, *twins]:
+        for seen, deviation, log in [*forms, (effect.depends_on, none, float(np.log(THE_SAME)))]:
             on = seen if _is_constant(effect) else effect.depends_on
             words = _words(*place, on, effect.name)
             columns = np.concatenate([own, deviation])
