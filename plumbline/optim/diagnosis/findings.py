@@ -50,8 +50,8 @@ NOTHING_FURTHER = (
 ON_A_BOUND = "Nothing further was found, but a parameter rests on its bound: it may lie beyond."
 TOO_FEW = "No gap shows, but rows left out are missed by far: too few are left to foretell them by."
 NOT_FORETOLD = (
-    "The causes named below bring all rows together to the noise floor; rows that were left out they "
-    "do not foretell."
+    "The causes named below bring all rows together to the noise floor; rows that were left out "
+    "they do not foretell."
 )
 STAND_INS = (
     "There is a gap. Effects of the library foretell part of it, each as a stand-in for something "

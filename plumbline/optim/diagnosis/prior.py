@@ -100,11 +100,8 @@ UNLISTED = 0.2  # prior probability that a term is of no effect of the library (
 # parts of it with this probability: it need not be one term of ours. What its place cannot move may
 # speak against that (posterior/parts.py; test_joint_posterior.py).
 PART_OF_UNLISTED = 0.4
-# Share of these that do what an effect of the library does, as far as rows can tell: of effects
-# taken out of it in turn two in five are told as another within the noise, of what others thought
-# of one in ten (seeds 7041 and 20291127); and of those that resemble one (test_resembling.py).
-THE_SAME, RESEMBLING = 0.25, 0.3
-DEVIATIONS = (0.3, 1.0)  # of the latter from that effect [the effect], root of squares
+RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_resembling.py)
+DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
 MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.01 (test_joint_posterior.py)
 LONG_MOVES = 600  # of each chain of a long state, of one place each (test_joint_posterior.py)

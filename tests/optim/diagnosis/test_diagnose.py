@@ -250,7 +250,7 @@ def test_the_figures_agree_with_each_other(ripple, diagnosis):
     steps = [step.gap for step in verdict.staircase]
     assert steps[0] == pytest.approx(gap.before, rel=0.02)
     assert steps[-1] == pytest.approx(verdict.causes[0].after)
-    assert verdict.causes[0].probability > 0.9
+    assert verdict.causes[0].probability > 0.95
 
 
 @pytest.mark.parametrize(

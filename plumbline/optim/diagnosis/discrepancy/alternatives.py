@@ -44,7 +44,6 @@ from plumbline.optim.diagnosis.prior import (
     PART_OF_UNLISTED,
     RESEMBLING,
     SWALLOWED,
-    THE_SAME,
     USUAL,
 )
 from plumbline.optim.recording.recording import Recording
@@ -145,7 +144,7 @@ def alternatives(
     near = list(resembling(listed, found, recording, ports, design.visible))
     if near:
         own = np.array([f.log_prior for f in near])
-        shares = np.concatenate([shares + np.log1p(-RESEMBLING - THE_SAME), own])
+        shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])
         found += near
     gross = ports.own_shifts()
     kept = design.worth_trying(found, shares, pool, chosen, gross)

@@ -9,7 +9,7 @@ with D the columns of c modulated by smooth functions of what its port sees, or 
 of its port, and :math:`\kappa` such that both are as visible (Kennedy and O'Hagan 2001, JRSS B
 63(3), whose discrepancy is stated here effect by effect). While the deviation is within the noise
 neither form wins by more than the prior's odds; a strong signal of the exact form wins by what the
-other's freedom costs. One mechanism more has no deviation at all that such rows would show.
+other's freedom costs.
 """
 
 from __future__ import annotations
@@ -43,7 +43,6 @@ from plumbline.optim.diagnosis.prior import (
     MANY_CAUSES,
     MOST_RESEMBLED,
     RESEMBLING,
-    THE_SAME,
     WARMTH,
 )
 from plumbline.optim.recording.recording import Recording
@@ -93,14 +92,13 @@ def resembling(
         # Forms share; those that the data have chosen bear the price of that choice.
         ways = float(logsumexp([log for *_, log in found])) if found else 0.0
         ways += float(np.log(len(DEVIATIONS) / RESEMBLING))
-        none = np.empty((0, *own.shape[1:]))
-        forms = [(seen, r * d, log - ways) for seen, d, log in found for r in DEVIATIONS]
-        for seen, deviation, log in [*forms, (effect.depends_on, none, float(np.log(THE_SAME)))]:
+        for seen, deviation, log in found:
             on = seen if _is_constant(effect) else effect.depends_on
-            words = _words(*place, on, effect.name)
-            columns = np.concatenate([own, deviation])
+            words, share = _words(*place, on, effect.name), candidate.log_prior + log - ways
             sides = (*candidate.sides, *[0.0] * len(deviation))
-            yield Dependence(words, on, *place, columns, candidate.log_prior + log, sides)
+            for r in DEVIATIONS:
+                columns = np.concatenate([own, r * deviation])
+                yield Dependence(words, on, *place, columns, share, sides)
 
 
 def _is_constant(effect: Effect) -> bool:
