@@ -147,22 +147,6 @@ def test_taking_a_term_back_is_never_having_added_it(seed, gone):
     assert_same(numbers(left), numbers(reduced(seed, rest)[0]))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("more", [SelectedTerm(0, 2.0), SelectedTerm(4, 0.5)])
-def test_one_term_more_is_having_had_it_from_the_start(seed, more):
-    left = reduced(seed, CHOSEN)[0].plus(more)
-    assert_same(numbers(left), numbers(reduced(seed, [*CHOSEN, more])[0]))
-
-
-def test_a_chain_of_updates_ends_where_one_reduction_does():
-    left, rng = reduced(2, CHOSEN)[0], np.random.default_rng(0)
-    for _ in range(200):
-        gone = left.chosen[int(rng.integers(len(left.chosen)))]
-        free = set(range(len(SIZES))) - {c.index for c in left.chosen}
-        left = left.without(gone).plus(SelectedTerm(int(rng.choice(sorted(free))), 1.0))
-    assert_same(numbers(left), numbers(reduced(2, left.chosen)[0]))
-
-
 @pytest.mark.parametrize("gone", range(len(CHOSEN)))
 def test_what_all_others_leave_of_a_term_is_known_without_taking_it_back(gone):
     left, found, *_ = reduced(1, CHOSEN)

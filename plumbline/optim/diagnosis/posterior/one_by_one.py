@@ -108,11 +108,8 @@ def _redrawn(
     log_odds, scale = asked[rest]
     drawn = int(np.searchsorted(np.cumsum(shares_of(log_odds)), rng.random()))
     new = [SelectedTerm(k, float(scale[k])) for k in range(len(scale))[drawn:][:1]]
-    if list(old) != new:
-        for term in old:
-            reduced = reduced.without(term)
-        for term in new:
-            reduced = reduced.plus(term)
+    if list(old) != new:  # worked out anew: errors of one update after the other grow
+        reduced = problem.reduce([*(t for t in reduced.chosen if t not in old), *new])
     return log_odds, reduced
 
 

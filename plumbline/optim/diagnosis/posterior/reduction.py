@@ -1,13 +1,14 @@
 r"""What a set of terms leaves of a linear problem, ready to be scanned.
 
-Taking one term back is an update of low rank, and so is adding one: with
+Taking one term back is an update of low rank: with
 :math:`A = G_{BB} + \Lambda`, :math:`H = G_{\cdot B} A^{-1}` and the Schur complement
 :math:`S_e = ((A^{-1})_{ee})^{-1}`,
 
 .. math:: G'_{B \setminus e} = G'_B + H_e S_e H_e^T
 
 (Henderson and Searle 1981, SIAM Review 23(1), eq. 8), so that asking all slots of a model again
-costs one factorisation in all, and so does a chain of models.
+costs one factorisation in all. A term more is a factorisation of its own: of terms that do nearly
+the same, errors of one update after the other grow without bound.
 """
 
 from __future__ import annotations
@@ -18,10 +19,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import JITTER, Columns, Linear, cholesky
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
 from plumbline.optim.diagnosis.posterior.evidence import Batch, Term
 
 
@@ -79,20 +79,6 @@ class Reduced:
         )
         return replace(nothing, blocks=nothing._moved(root, -1.0))
 
-    def plus(self, term: SelectedTerm) -> Reduced:
-        """Given one term more, by an update of low rank."""
-        columns, precision = stack(self.candidates, [term], self.variance)
-        weights = self.inverse @ self.linear.G[np.ix_(self._columns, columns)]
-        left = self.linear.G[columns].T - self._crossed(weights)
-        size = np.diag(self.linear.G)[columns]
-        own = left[columns] + np.diag(precision + JITTER * size)
-        unit, _ = dtrtri(cholesky(own, size), lower=1)
-        more = np.vstack([-weights, np.eye(len(own))]) @ unit.T
-        inverse = more @ more.T
-        inverse[: -len(own), : -len(own)] += self.inverse
-        chosen, precision = (*self.chosen, term), np.append(self.precision, precision)
-        return self._next(chosen, precision, inverse, left @ unit.T, unit @ self.b[columns], -1.0)
-
     def without(self, term: SelectedTerm) -> Reduced:
         """Given all terms but one, by an update of low rank."""
         part, own = self._part(term), self.inverse[:, self._part(term)]
@@ -100,9 +86,18 @@ class Reduced:
         lower = cholesky((schur + schur.T) / 2, np.diag(schur))
         gone, rest = own @ lower, np.delete(np.arange(len(own)), part)
         inverse = self.inverse[np.ix_(rest, rest)] - gone[rest] @ gone[rest].T
-        chosen = tuple(c for c in self.chosen if c.index != term.index)
-        hidden = gone.T @ self.linear.b[self._columns]
-        return self._next(chosen, self.precision[rest], inverse, self._crossed(gone), hidden, 1.0)
+        hidden, precision = gone.T @ self.linear.b[self._columns], self.precision[rest]
+        root = self.linear.G[self._columns].T @ gone
+        return replace(
+            self,
+            chosen=tuple(c for c in self.chosen if c.index != term.index),
+            precision=precision,
+            inverse=inverse,
+            blocks=self._moved(root, 1.0),
+            b=self.b + root @ hidden,
+            tt=self.tt + float(hidden @ hidden),
+            n=self.linear.n - (len(precision) - float(precision @ np.diag(inverse))),
+        )
 
     def of(self, term: SelectedTerm) -> tuple[Array, Array, float, float]:
         """What all terms but one leave of this one's own columns: its block (k, k), b, tt and n."""
@@ -134,32 +129,6 @@ class Reduced:
         sizes = {c.index: len(self.candidates[c.index].columns) for c in self.chosen}
         first = sum(sizes[i] for i in itertools.takewhile(lambda i: i != term.index, sizes))
         return slice(first, first + sizes[term.index])
-
-    def _crossed(self, weights: Array) -> Array:
-        r""":math:`G_{\cdot B}` times what stands on the right (P, k)."""
-        return np.asarray(self.linear.G[self._columns].T @ weights)
-
-    def _next(
-        self,
-        chosen: Sequence[SelectedTerm],
-        precision: Array,
-        inverse: Array,
-        root: Array,
-        hidden: Array,
-        sign: float,
-    ) -> Reduced:
-        """Given other terms, by what they span more, or less (P, k), and how the target lies."""
-        used = len(precision) - float(precision @ np.diag(inverse))
-        return replace(
-            self,
-            chosen=tuple(chosen),
-            precision=precision,
-            inverse=inverse,
-            blocks=self._moved(root, sign),
-            b=self.b + sign * (root @ hidden),
-            tt=max(self.tt + sign * float(hidden @ hidden), 0.0),
-            n=self.linear.n - used,
-        )
 
     def _moved(self, root: Array, sign: float) -> tuple[Array, ...]:
         """The blocks with what a root (P, K) spans added, or taken away."""
