@@ -22,6 +22,7 @@ from plumbline.optim.recording.set_up import (
     refuse_wrong_set_up,
     wrong_set_up,
 )
+from plumbline.optim.rigid import spread
 from tests.benches import TOOL, measured, readings
 from tests.recording_folders import write_folder
 
@@ -199,6 +200,18 @@ def test_a_coordinate_that_never_changes_is_refused_unless_all_tips_lie_in_a_pla
     q = np.random.default_rng(0).uniform(-2.0, 2.0, (ROWS, 2))
     flat = {"observation": "tip_position", "robot": scara, "q": q, "always": ("frame",)}
     told(flat, measured=scara.chain().tips(q, np.zeros(3)) * [1.0, 1.0, 0.0])
+
+
+def test_a_quarter_of_the_spread_is_what_a_verdict_may_be_missed_by():
+    given, scatter = room("tip_position"), np.random.default_rng(0).normal(size=(ROWS, 3))
+    found = []
+    for size in np.linspace(0.05, 0.15, 41):
+        recording = told(given, measured=given["measured"] + size * scatter)
+        ratio = missed(recording) / spread(recording.measured)
+        found.append((ratio, bool(unmet(recording))))
+    kept = max(ratio for ratio, doubted in found if not doubted)
+    lost = min(ratio for ratio, doubted in found if doubted)
+    assert 0.23 < kept < 0.25 < lost < 0.27
 
 
 @pytest.mark.parametrize(("size", "doubted"), [(0.1, False), (None, True)])
