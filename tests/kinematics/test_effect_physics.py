@@ -883,7 +883,8 @@ def test_a_distortion_by_range_or_depth_keeps_the_bearing():
     y = recording.measured
     distance = np.linalg.norm(y, axis=1)
     for kind, gain in (("range", distance**2), ("depth", y[:, 2])):
-        seen = predicted(recording, REGISTRY["sensor_distortion"](kind=kind), 1e-3, -1e-3)
+        effect = REGISTRY["sensor_distortion"](kind=kind, right_at=1.0)
+        seen = predicted(recording, effect, 1e-3)
         np.testing.assert_allclose(seen, (1 + 1e-3 * (gain - 1))[:, None] * y, atol=EXACT)
 
 

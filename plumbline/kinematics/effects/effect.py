@@ -163,7 +163,8 @@ class Scope:
     #: optional columns that the recording has, e.g. ``"time"``, ``"direction"``
     columns: frozenset[str]
     #: smallest and largest value of each scalar column, of each joint (``"q1"``), of what gravity
-    #: asks of it (``"load1"``) and of its measured effort (``"effort1"``)
+    #: asks of it (``"load1"``) and of its measured effort (``"effort1"``); of the device's field,
+    #: the square of the range and the depth
     span: Mapping[str, tuple[float, float]]
     rows: int  #: number of rows
     #: whether successive rows are samples of one motion rather than separate postures

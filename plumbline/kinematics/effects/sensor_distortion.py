@@ -2,25 +2,27 @@ r"""The device's error grows away from its axis, with distance or with depth.
 
 .. math:: (x, y) \leftarrow (1 + k\,\rho^2)\,(x, y),\ \rho^2 = (x^2 + y^2)/z^2
           \text{ or } x^2 + y^2; \qquad
-          y \leftarrow (1 + l + k\,|y|^2)\, y; \qquad y \leftarrow (1 + l + k\, z)\, y
+          y \leftarrow (1 + k\,(|y|^2 - f))\, y; \qquad y \leftarrow (1 + k\,(z - f))\, y
 
 the first term of Brown's radial model along the device's z, the optical axis (Brown 1966,
 Photogrammetric Engineering 32(3), eq. 7), by angle or by distance from that axis; its spherical
 counterpart for a range finder; and a scale that changes with depth, as a wrong base line of a
-stereo pair gives. These two are right where the device was calibrated, somewhere in its field:
-l says where.
+stereo pair gives. These two are right where the device was calibrated, at f, somewhere within its
+field. Where, is tried: a growth of nothing, beside a level of its own, would be a scale.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as cs
+import numpy as np
 
 from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
 NEAREST = 0.01  # depth [m] at which no camera sees; readings in a frame's own plane have less
 KINDS = ("radial", "across", "range", "depth")
+PLACES = 5  # within the field, evenly, where the device may be right to begin with
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class SensorDistortion(Effect):
     """A scale error that is not the same everywhere in the device's field."""
 
     kind: str = KINDS[0]
+    right_at: float = 0.0  # square of the range [m^2], or depth [m], where there is no error
 
     name = "sensor_distortion"
     stage = Stage.SENSOR
@@ -37,17 +40,27 @@ class SensorDistortion(Effect):
     reference = "Brown (1966), Photogrammetric Engineering 32(3), eq. 7"
     source = "by hand: 0.2 % at a metre, what a lens is left with after its calibration"
     strength = Parameter("1", -1.0, 1.0, scale=2e-3, doc="growth (1/m by depth, 1/m^2 else)")
-    level = Parameter("1", -0.1, 0.1, scale=2e-3, doc="scale where range or depth would be zero")
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Off the axis nothing but the growth; by range or depth the level too."""
-        return self.declared[: 1 if self.kind in KINDS[:2] else 2]
+    def variant(self) -> str:
+        """What the error grows with, and where there is none."""
+        unit = {"range": "m^2 of squared range", "depth": "m of depth"}.get(self.kind, "")
+        return f"kind {self.kind}" + (f", none at {self.right_at:.4g} {unit}" if unit else "")
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """All kinds."""
-        return [cls(kind) for kind in KINDS]
+        """All kinds; those by range or depth right at several places within the field."""
+        placed = []
+        for kind in KINDS[2:]:
+            field = np.linspace(*scope.span.get(kind, (0.0, 0.0)), PLACES + 2)[1:-1]
+            placed += [cls(kind, float(f)) for f in np.unique(field)]
+        return [*map(cls, KINDS[:2]), *placed]
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """Right elsewhere in the field, by a half of the places' distance and by a quarter."""
+        low, high = scope.span.get(self.kind, (0.0, 0.0))
+        steps = (high - low) / (PLACES + 1) * np.array([-0.5, -0.25, 0.25, 0.5])
+        return [replace(self, right_at=self.right_at + float(by)) for by in steps if by]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         y = state.reading
@@ -56,4 +69,4 @@ class SensorDistortion(Effect):
             gain = values[0] * cs.sumsqr(y[:2]) / depth
             return replace(state, reading=y * (1 + cs.vertcat(gain, gain, 0)))
         field = cs.sumsqr(y) if self.kind == "range" else y[2]
-        return replace(state, reading=y * (1 + values[1] + values[0] * field))
+        return replace(state, reading=y * (1 + values[0] * (field - self.right_at)))

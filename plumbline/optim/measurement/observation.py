@@ -169,6 +169,10 @@ def _scope_of(recording: Recording) -> Scope:
         span |= _spans("effort", recording.measured) | _spans("velocity", recording.velocity)
     elif not recording.stand_in:  # which has no bodies
         span |= _spans("load", _loads(recording, chain))
+    if recording.kind.device:
+        places = recording.measured[:, :3]
+        fields = {"range": np.sum(places**2, axis=1), "depth": places[:, 2]}
+        span |= {name: (float(v.min()), float(v.max())) for name, v in fields.items()}
     stated = {"scale_std": recording.scale_std, "distance": recording.socket_distance}
     span |= {name: (value, value) for name, value in stated.items() if value is not None}
     tool = zip("xyz", recording.tool_offset.tolist(), strict=True)

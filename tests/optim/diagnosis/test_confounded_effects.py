@@ -29,7 +29,7 @@ from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.recording.building import build_recording
-from tests.benches import bench
+from tests.benches import TOOL, bench, measured, readings
 from tests.explained import library_without, told
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
@@ -228,3 +228,36 @@ def test_every_dependence_has_columns_words_and_one_share_a_question(observation
     for share in shares.values():
         assert share == pytest.approx(round(share))
         assert share > 0.5
+
+
+def seen_by(gain, seed):
+    """Tips (90, 3) by a device whose scale is off by a gain of the tips' place, at three sigma."""
+    rng, chain = np.random.default_rng(seed), Robot.bundled("ur5").chain()
+    q = readings(chain, 90, seed)
+    tips = measured(chain, q, "tip_position")
+    wrong = gain(tips)[:, None] * tips
+    sigma = float(np.sqrt(np.mean(wrong**2))) / 3.0
+    given = {"observation": "tip_position", "robot": "ur5", "q": q, "tool_offset": TOOL}
+    tips = tips + wrong + rng.normal(0.0, sigma, tips.shape)
+    return build_recording(**given, measured=tips, noise_std=sigma)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_scale_that_is_not_listed_is_no_distortion(seed):
+    """A growth of nothing beside a level of its own had been one, more than 95 % sure."""
+    recording = seen_by(lambda tips: np.full(len(tips), 2e-4), seed)
+    assert causes(diagnose(recording)) == [("sensor_scale", None)]
+    found = diagnose(recording, DiagnosisOptions(without=("sensor_scale",))).verdict
+    assert found.causes == ()
+    assert found.outside_probability > 0.5
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_distortion_about_a_working_depth_is_one_cause(seed):
+    def grows(tips):
+        low, high = tips[:, 2].min(), tips[:, 2].max()
+        return 5e-4 * (tips[:, 2] - low - (0.3 + 0.2 * seed) * (high - low))
+
+    found = diagnose(seen_by(grows, seed))
+    assert causes(found) == [("sensor_distortion", None)]
+    assert found.causes[0].probability > 0.95
