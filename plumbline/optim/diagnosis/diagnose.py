@@ -50,7 +50,7 @@ from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.recording.disagreement import unmet
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.set_up import refuse_wrong_set_up
+from plumbline.optim.recording.set_up import plausible, refuse_wrong_set_up
 
 
 def diagnose(
@@ -248,7 +248,9 @@ def _lacking(found: Explained, noise: NoiseLevel) -> float:
 
 
 def usable(recording: Recording | str | Path, force: bool) -> Recording:
-    """The recording, read if it is not yet, and refused where another set-up explains it.
+    """The recording, read if it is not yet, without a noise that no device has.
+
+    It is refused where another set-up explains it.
 
     Raises:
         PlumblineError: It cannot be used.
@@ -257,6 +259,8 @@ def usable(recording: Recording | str | Path, force: bool) -> Recording:
         recording = load_to_diagnose(recording)
     if not force and not recording.several:  # of several each was asked on its own
         refuse_wrong_set_up(recording)
+    if (recording.noise_std or 0.0) > plausible(recording):
+        return replace(recording, noise_std=None)
     return recording
 
 

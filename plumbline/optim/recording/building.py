@@ -25,7 +25,6 @@ from plumbline.optim.recording.noise_shape import with_noise_shape
 from plumbline.optim.recording.origin import Array, Flags, Origin
 from plumbline.optim.recording.quaternions import normalised
 from plumbline.optim.recording.recording import Recording, hash_of
-from plumbline.optim.recording.set_up import plausible
 from plumbline.optim.recording.table import as_integers
 
 JOINTWISE = ("direction", "velocity", "acceleration", "effort")
@@ -158,15 +157,9 @@ def build(
         found.append(_frame_is_fitted(off, origin))
     if observation == "pose":
         recording = replace(recording, measured=normalised(recording.measured))
-    notes = (*notes, *recording.notes, *map(one_line, found))
-    return replace(_without_what_says_nothing(recording), notes=notes)
-
-
-def _without_what_says_nothing(r: Recording) -> Recording:
-    """Without a column ``held_out`` that marks no row, and a noise that no device has."""
-    if r.held_out is not None and not r.held_out.any():
-        r = replace(r, held_out=None)
-    return replace(r, noise_std=None) if (r.noise_std or 0.0) > plausible(r) else r
+    if recording.held_out is not None and not recording.held_out.any():
+        recording = replace(recording, held_out=None)
+    return replace(recording, notes=(*notes, *recording.notes, *map(one_line, found)))
 
 
 def _frame_is_fitted(off: float, origin: Origin) -> str:

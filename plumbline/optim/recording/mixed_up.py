@@ -53,7 +53,8 @@ def refuse_mixed_up(
     off = 1.0 - c
     for i, j in combinations(range(len(c)), 2):
         crossed = max(off[i, j], off[j, i])
-        if min(off[i, i], off[j, j]) >= MIXED_UP * crossed:
+        # Joints that all do the same run with each other as with themselves.
+        if min(off[i, i], off[j, j]) >= max(MIXED_UP * crossed, ROUNDING):
             found = f"{name}{i + 1} with {told}{j + 1}, and {name}{j + 1} with {told}{i + 1}"
             mend = "exchange these columns"
             raise fault(origin.at(f"{name}{i + 1}"), found, "each with its own joint", mend)

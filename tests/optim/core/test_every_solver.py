@@ -185,10 +185,13 @@ def test_the_curvature_along_a_step_is_that_of_casadi(model):
 
 @EACH
 def test_a_start_outside_of_the_bounds_is_clipped(model, solver):
-    far = model.start + np.where(np.arange(model.problem.size) >= model.fixed, 3.0, 0.0)
-    found = solver.solve(model.problem, far)
+    own = np.arange(model.problem.size) >= model.fixed
+    bounds = zip((-0.8, 0.8), (model.problem.lower, model.problem.upper), strict=True)
+    lower, upper = (np.where(own, by, bound) for by, bound in bounds)
+    problem = replace(model.problem, lower=lower, upper=upper)
+    found = solver.solve(problem, model.start + 3.0 * own)
     assert found.primal_violation() == 0.0
-    assert found.cost == pytest.approx(solver.solve(model.problem, model.start).cost, rel=1e-8)
+    assert found.cost == pytest.approx(solver.solve(problem, model.start).cost, rel=1e-8)
 
 
 # Bounds

@@ -50,6 +50,8 @@ def test_late_weak_coupled_and_noisy_joints_are_not_refused(seed):
 def test_joints_that_do_the_same_are_not_exchanged():
     told = motions()[:, [0, 0, 1]]
     refuse(told, told + np.random.default_rng(1).normal(0, 0.05, told.shape))
+    ramps = np.arange(ROWS)[:, None] * np.array([1.0, 0.3, 0.7])  # but for rounding
+    refuse(ramps, ramps * np.array([0.1, 3.0, 1.1]))
 
 
 def test_a_sine_late_by_half_its_period_is_not_taken_for_a_turned_sign():
