@@ -190,7 +190,7 @@ class Mapped:
 
     @cached_property
     def _of_rows(self) -> _Compiled:
-        """What the rows alone ask for: whatever else costs may be another."""
+        """What the rows alone ask for; whatever else costs may be another."""
         return _compiled(_Statement(self.problem.x, self.problem.row, self.problem.residual))
 
     def _chunks(self, width: int) -> Iterator[slice]:
