@@ -1,7 +1,6 @@
 """The verdict: what a diagnosis says, as an object, as JSON and in words.
 
-It says what it does not know: probabilities, intervals, what the recording cannot tell apart and
-what it cannot see at all.
+It says what it does not know: probabilities, intervals, what cannot be told apart or not seen.
 """
 
 from __future__ import annotations
@@ -301,7 +300,9 @@ class Verdict(AlwaysFitted, Answer):
         distrusted_rows: Rows (from 1) taken for gross errors and left out.
         notes: What else the reader should know.
         judged: Whether every fit behind the verdict converged, with the figures.
-        recording, rows, sha256: Its name, the number of its rows, the hash of its files.
+        recording: Name of the recording.
+        rows: Number of its rows.
+        sha256: Hash of its files.
         nuisances: Frame, tool, sockets and what else was always fitted, by name.
         recordings: Figures of each recording, where the verdict is on several.
         transfer: Which causes are in each of them what they are in the others.
