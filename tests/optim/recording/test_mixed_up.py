@@ -90,3 +90,15 @@ def test_a_motion_is_refused_whose_commands_are_mixed_up_and_only_then(kind):
         build_motion(command=told[:, [0, 4, 2, 3, 1, 5]], q=places, **given)
     with pytest.raises(PlumblineError, match=r"q4 against u4"):
         build_motion(command=told * [1, 1, 1, -1, 1, 1], q=places, **given)
+
+
+@pytest.mark.parametrize(("half_period", "refused"), [(0.9, False), (1.2, True)])
+def test_a_second_is_the_latest_that_a_drive_obeys(half_period, refused):
+    time = np.arange(ROWS) / 50
+    told = 0.3 * np.sin(np.pi / half_period * time)[:, None] * np.ones(6)
+    given = {"robot": "ur3", "time": time, "command": told, "q": -told}
+    if refused:
+        with pytest.raises(PlumblineError, match="turn the sign"):
+            build_motion(**given)
+    else:
+        build_motion(**given)

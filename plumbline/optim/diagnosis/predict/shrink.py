@@ -41,8 +41,8 @@ from plumbline.optim.diagnosis.prior import (
 )
 from plumbline.optim.measurement.observation import Model, build_model
 
-# A hundredth of what a fold's square may still change by.
 NEAR = LevenbergMarquardt(tolerance=FOLD_STILL**2)
+# It ends at a hundredth of what a fold's square may still change by.
 FOLD_SOLVER = LevenbergMarquardt(tolerance=0.01 * FOLD_STILL**2)
 BY_MARKER = "marker"  # what the error of one marker's place depends on
 
