@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import casadi as cs
 import numpy as np
@@ -875,6 +876,17 @@ def test_a_radial_distortion_grows_with_the_square_of_the_angle_off_the_axis():
     r = np.linalg.norm(y[:, :2], axis=1)
     np.testing.assert_allclose(np.linalg.norm(across[:, :2], axis=1), r + 0.05 * r**3, atol=EXACT)
     np.testing.assert_allclose(across[:, 2], y[:, 2], atol=EXACT)
+
+
+def test_a_distortion_is_tried_all_over_the_field_to_a_fortieth_of_it_and_no_finer():
+    """Places, and their neighbours by halves and quarters: more would cost and tell no more."""
+    effect, field = REGISTRY["sensor_distortion"], (1.0, 3.0)
+    scope = SimpleNamespace(span={"depth": field, "range": field})
+    first = [e for e in effect.forms(scope) if e.kind == "depth"]
+    tried = np.unique([e.right_at for one in first for e in (one, *one.neighbours(scope))])
+    inner = np.linspace(1.4, 2.6, 1000)
+    missed = np.abs(inner[:, None] - tried).min(axis=1).max() / np.ptp(field)
+    assert 1 / 50 < missed < 1 / 42
 
 
 def test_a_distortion_by_range_or_depth_keeps_the_bearing():

@@ -87,6 +87,6 @@ class LooseTool(Mechanism):
         return replace(scene, tool=tool)
 
     def parameters(self) -> dict[str, object]:
-        """Slip [m] and the rows (from 1) where it shows."""
-        rows = [r + 1 for r in self.rows]
+        """Slip [m] and the rows, the header being row 1, where it shows."""
+        rows = [r + 2 for r in self.rows]
         return {"slip": self.size, "rows": rows, "depends_on": list(self.depends_on)}

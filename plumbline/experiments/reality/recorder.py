@@ -62,7 +62,7 @@ class Readings:
     q: Array  # encoder readings (N, n) [rad or m]
     columns: dict[str, Array]  # measured columns (N,)
     noise: Array  # what noise added (N, m) [m or rad]
-    gross: list[int]  # spoilt rows, from 1
+    gross: list[int]  # spoilt rows, from 0
 
 
 def simulate(case: Case) -> tuple[Recording, dict[str, object]]:
@@ -145,14 +145,14 @@ def _noise(case: Case, rng: np.random.Generator) -> Array:
 
 
 def _gross(case: Case, values: Array, rng: np.random.Generator) -> tuple[Array, list[int]]:
-    """Spoil a share of the rows by 10 to 60 sigma; returns the spoilt rows from 1."""
+    """Spoil a share of the rows by 10 to 60 sigma, and tell which, from 0."""
     count = round(case.gross_share * case.rows)
     rows = np.sort(rng.choice(case.rows, size=count, replace=False))
     spoilt = values.copy()
     for row in rows:
         push = rng.normal(size=values.shape[1])
         spoilt[row] += case.noise_std * rng.uniform(10.0, 60.0) * push / np.linalg.norm(push)
-    return spoilt, [int(r) + 1 for r in rows]
+    return spoilt, rows.tolist()
 
 
 def numbered(prefix: str, values: Array) -> dict[str, Array]:
@@ -219,9 +219,9 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
     Args:
         case: The case.
         noise: What noise added to each reading (N, m) [m or rad].
-        gross: Spoilt rows, from 1.
+        gross: Spoilt rows, from 0.
     """
-    trusted = np.delete(noise, np.asarray(gross, dtype=np.intp) - 1, axis=0)
+    trusted = np.delete(noise, np.asarray(gross, dtype=np.intp), axis=0)
     effects = [
         {"effect": m.effect, "element": m.element, "parameters": m.parameters(), "gap_to_noise": g}
         for m, g in zip(case.effects, case.gap_to_noise, strict=True)
@@ -238,7 +238,7 @@ def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
         "arm": case.arm.name,
         "observation": case.observation,
         "moving": case.moving,
-        "gross_rows": gross,
+        "gross_rows": [r + 2 for r in gross],  # as an editor counts: the header is row 1
         "thermometer": "in the room" if case.thermometer is None else "lagging",
         "confounded": list(case.confounded),
         "seed": case.seed,

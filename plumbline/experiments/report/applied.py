@@ -3,6 +3,7 @@
 from plumbline.experiments.report.page.page import Grid, Page, Part, Tile
 from plumbline.optim.core.quantities import percent, quantity
 from plumbline.optim.model import Applied
+from plumbline.optim.recording.origin import HEADER
 
 
 def page(answer: Applied) -> Page:
@@ -48,5 +49,5 @@ def _outside(answer: Applied) -> Part | None:
 def _left(answer: Applied) -> Part | None:
     points = [f"{name}: not carried over" for name in answer.left_out]
     if answer.gross:
-        points.append(f"rows taken for gross errors: {', '.join(map(str, answer.gross))}")
+        points.append(f"taken for gross errors, {HEADER}: {', '.join(map(str, answer.gross))}")
     return Part("What was left out", (), None, points) if points else None

@@ -26,8 +26,8 @@ from plumbline.optim.dh_fit.solvers import promised_drop
 from plumbline.optim.dh_fit.statement import Unknown
 from plumbline.optim.dh_fit.task import readings_of
 from plumbline.optim.recording import storing as storing
+from plumbline.optim.recording.origin import FIRST_ROW
 
-FIRST_ROW = 2  # of a table: the header is row 1
 SHOWN = 12  # quantities that a card shows
 UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 
@@ -99,7 +99,7 @@ class DHFit(Fitted, Answer):
         return asdict(q) | {"parts": parts, "ci95": list(q.ci95), "share": self.shares.get(q.name)}
 
     def _gross(self) -> list[dict[str, Any]]:
-        """Rows as an editor counts lines, the header being row 1, and by place, counted from 0."""
+        """Rows as an editor counts, the header being row 1, and by place, counted from 0."""
         sizes = np.linalg.norm(self.misfits()[self.gross], axis=1).tolist()
         return [
             {"row": FIRST_ROW + k, "index": k, "misfit": size}

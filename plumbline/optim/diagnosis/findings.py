@@ -297,7 +297,7 @@ class Verdict(AlwaysFitted, Answer):
         next: What to record next.
         staircase: The gap after each cause.
         noise: The noise and where it is known from.
-        distrusted_rows: Rows (from 1) taken for gross errors and left out.
+        distrusted_rows: Rows taken for gross errors and left out, the header of a file being row 1.
         notes: What else the reader should know.
         judged: Whether every fit behind the verdict converged, with the figures.
         recording: Name of the recording.

@@ -43,9 +43,7 @@ BETTER = 1e-6  # log odds by which another model must win: more than rounding
 
 # Search (posterior/search).
 WIDE_PRIOR = 30.0  # width about its fit of what is always fitted [its scale]: data decide
-# Rows from which a part is searched first and few steps are enough; so far back reach the joints'
-# paths, of so many rows is play's, and so many blocks has a bootstrap.
-LONG = 4000
+SEARCHED_WHOLE = 4000  # rows from which a part is searched first and few steps are enough (cost)
 DRAWS = 200  # of orders, or readings: their means are known to some per cent
 
 # Short lists of dense families (posterior/shortlists); sizes bound memory.
@@ -82,6 +80,7 @@ FULLEST = 15  # columns of a family, its leading ones (cost only)
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
 FEATURES = 24  # random Fourier features (Rahimi and Recht 2007; cost only)
+PATH_ROWS = 4000  # of a joint's way to its play: 40 of each to-and-fro of a hundred
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
 CENTRES = 40  # places about which local bumps are tried (cost only)
 SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
@@ -124,6 +123,7 @@ MOST_FOLDS = 5  # and blocks; Hastie, Tibshirani, Friedman (2009), sec. 7.10: fi
 FEWEST_ROWS = 4  # of a fold
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
+MOST_BLOCKS = 4000  # rows 4,000 apart tell nothing of one another; draws of them take 32 MB
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (cost only)
 FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's step foretells
 # Root of the share of a fold's square, a ten thousandth, by which its fit may still change: less
@@ -149,6 +149,7 @@ SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding l
 # cause is at work at which the most probable is named with whatever share it has.
 SETTLED = 0.95
 HOPELESS = 0.5  # share of the doubt that any number of rows may leave
+MEMORY = 4000  # rows that a joint's play looks back upon: minutes of a usual log (cost only)
 COOLED = 0.05  # share of its warmth that a rest as long as the recording leaves: 3 time constants
 NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
 WIDER = 0.1  # of the box of tips, on each side [its size]

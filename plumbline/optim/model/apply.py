@@ -32,6 +32,7 @@ from plumbline.optim.measurement.refit import always_fitted, figure, gap_unit, r
 from plumbline.optim.measurement.torque import newton_metres, stated_noise
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import columns_of
+from plumbline.optim.recording.origin import counted_rows
 from plumbline.optim.recording.recording import Recording
 
 ALIKE = 0.01  # of joints' placements, within which two robots are one [m] and [rad]
@@ -78,7 +79,7 @@ class Applied:
     outside_columns: dict[str, float]  # columns that leave it, and the share of rows that do
     changes: tuple[Change, ...]  # causes that seem to have changed, the most telling first
     judged: Judgement = field(default_factory=Judgement)  # whether both fits converged
-    gross: tuple[int, ...] = ()  # rows that were left out as gross errors, from 1
+    gross: tuple[int, ...] = ()  # rows that were left out as gross errors, the header being row 1
 
     @property
     def outside_share(self) -> float:
@@ -181,7 +182,7 @@ def apply(model: Fitted, other: Recording) -> Applied:
         outside_columns=columns,
         changes=changes,
         judged=Judgement.of(ends),
-        gross=tuple(int(k) + 1 for k in np.flatnonzero(bad)),
+        gross=counted_rows(bad),
     )
 
 

@@ -8,9 +8,17 @@ from numpy.typing import NDArray
 
 from plumbline.errors import Spot, shown
 
+FIRST_ROW = 2  # of a table, as an editor counts lines: the header is row 1
+HEADER = "the header being row 1"
+
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+
+def counted_rows(chosen: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Numbers of the rows that a mask (N,) picks, as an editor counts: the header is row 1."""
+    return tuple((FIRST_ROW + np.flatnonzero(chosen)).tolist())
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, fault, one_line
 from plumbline.optim.recording.kinds import EFFORTS, MIXED, PLACES
-from plumbline.optim.recording.origin import Array, Integers
+from plumbline.optim.recording.origin import FIRST_ROW, Array, Integers
 from plumbline.optim.recording.recording import CONTEXT, Recording, Session, hash_of
 
 SHARED = ("frame", "tool", "sockets")
@@ -252,11 +252,11 @@ def apart(recording: Recording) -> tuple[Session, Integers]:
 
 
 def named_row(recording: Recording, row: int) -> str:
-    """A row, from 1; of several recordings whose it is, and which one there."""
+    """A row of a table, whose header is row 1; of several recordings' rows whose it is as well."""
     if not recording.several:
         return str(row)
     for part in apart(recording)[0].parts:
-        if row <= len(part):
+        if row < len(part) + FIRST_ROW:
             return f"{part.name} {row}"
         row -= len(part)
     raise IndexError(row)

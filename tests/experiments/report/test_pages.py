@@ -128,7 +128,7 @@ def test_points_say_their_row_when_the_pointer_rests_on_them():
     assert not tags(text).open
     diagnosis = made_up()
     said = set(re.findall(r"<title>row (\d+)</title>", report_html(diagnosis)))
-    assert said == {str(k + 1) for k in np.flatnonzero(diagnosis.trusted)}
+    assert said == {str(k + 2) for k in np.flatnonzero(diagnosis.trusted)}
 
 
 def test_points_in_space_say_their_row_whichever_is_drawn_first():
@@ -170,7 +170,7 @@ def test_the_scene_s_arrows_lead_from_the_model_s_tips_to_the_measured_ones():
     found = json.loads(scene(Subject.of(shown)))
     np.testing.assert_allclose(found["after"], np.tile([0.0, 1.0, 0.0], (88, 1)), atol=1e-3)
     np.testing.assert_allclose(found["tips"], tips[diagnosis.trusted], atol=1e-4)
-    assert found["rows"] == (np.flatnonzero(diagnosis.trusted) + 1).tolist()
+    assert found["rows"] == (np.flatnonzero(diagnosis.trusted) + 2).tolist()
     assert found["turns"][1] == 0.62  # a joint's own share colours its disc, not the link behind it
     assert found["shares"][1] == 0.0
     encoders = replace(recording, observation="joint_position")

@@ -297,7 +297,7 @@ def test_the_terminal_says_what_the_verdict_says(bench):
         "joint 2 62 % ██████",
         "cannot tell joint_compliance of joint 2 from link_flex of link 2",
         "cannot see hysteresis of joints 4, 5, 6: no row excites it",
-        "2 rows were taken for gross errors: 17, 54.",
+        "2 rows were taken for gross errors, the header being row 1: 17, 54.",
         "On bench-2 (80 rows)",
         "0.160 mm",
     ):

@@ -217,7 +217,7 @@ def shifted(rows, R=None):
 
 def test_rows_of_one_shift_are_named_from_one_and_are_one_choice_of_many():
     _, [found] = shifted([0, 4])
-    assert found.words == "rows 1, 5: one shift of the tool explains them"
+    assert found.words == "rows 2, 6: one shift of the tool explains them"
     assert (found.stage, found.on) == ("tool", "moment")
     assert np.exp(found.log_prior) == pytest.approx(1.0 / comb(N, 2))
 

@@ -25,7 +25,7 @@ def test_gross_errors_are_named_row_by_row(seed, tmp_path):
     assert len(facts["gross_rows"]) == 4
     assert list(diagnosis.verdict.distrusted_rows) == facts["gross_rows"]
     assert diagnosis.verdict.verdict == Outcome.NO_GAP
-    np.testing.assert_array_equal(np.flatnonzero(~diagnosis.trusted) + 1, facts["gross_rows"])
+    np.testing.assert_array_equal(np.flatnonzero(~diagnosis.trusted) + 2, facts["gross_rows"])
 
 
 def test_gross_errors_do_not_hide_a_cause_nor_enter_its_figures(tmp_path):
@@ -59,8 +59,8 @@ def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_pa
     verdict = diagnose(recording).verdict
     assert verdict.verdict == Outcome.OUTSIDE
     assert not verdict.causes
-    assert verdict.outside_depends_on == "rows 10, 28, 45: one shift of the tool explains them"
-    assert verdict.distrusted_rows == (10, 28, 45)
+    assert verdict.outside_depends_on == "rows 11, 29, 46: one shift of the tool explains them"
+    assert verdict.distrusted_rows == (11, 29, 46)
     assert [(p.stage, p.share) for p in verdict.where] == [("tool", 1.0)]
 
 

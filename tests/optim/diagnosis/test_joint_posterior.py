@@ -395,6 +395,27 @@ def test_chains_about_a_long_state_find_what_all_sets_add_up_to(seed, strength, 
         np.testing.assert_allclose(ours, theirs, atol=within)
 
 
+def test_what_fills_no_place_once_in_ten_thousand_is_not_asked_again(monkeypatch):
+    """One column that the rows refuse, the less willingly the larger its usual effect is."""
+    X, t = drawn(0, count=3, strength=20.0, mixed=0.1)
+    state, asked = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)], []
+    own_chain = one_by_one_module._chain
+
+    def kept(problem, *rest):
+        asked.append(2 in problem.asked)
+        return own_chain(problem, *rest)
+
+    monkeypatch.setattr(one_by_one_module, "_chain", kept)
+    shares = []
+    for size in (400.0, 800.0, 1600.0):
+        X[:, 2] *= size * SIGMA / np.linalg.norm(X[:, 2])
+        one_by_one(problem(X, t), state)
+        shares.append(one_by_one_module._largest(problem(X, t), state)[2])
+    assert asked[::2] == [share >= 1e-4 for share in shares], shares
+    assert max(s for s in shares if s < 1e-4) > 5e-5
+    assert min(s for s in shares if s >= 1e-4) < 2e-4
+
+
 def test_gross_rows_of_a_long_state_stay():
     X, t = drawn(0, count=3, strength=20.0)
     t[5] += 30.0 * SIGMA

@@ -428,7 +428,7 @@ def test_a_single_reading_that_leaps_away_and_back_is_gross_and_a_step_is_none(s
     q[400, 0] = (q[399, 0] + q[401, 0]) / 2 + size * usual
     found = build_motion(robot=arm(), time=t, command=u, q=q)
     line = (q[399, 0] + q[401, 0]) / 2
-    note = "joint 1 leaps away and back in 1 row, taken for gross errors: 401"
+    note = "joint 1 leaps away and back in 1 row, taken for gross errors: 402"
     assert found.notes == (note,) * told
     assert found.q[400, 0] == pytest.approx(line if told else q[400, 0], abs=1e-15)
     np.testing.assert_array_equal(np.delete(found.q, 400, axis=0), np.delete(q, 400, axis=0))

@@ -258,7 +258,7 @@ def test_a_gross_row_is_left_out_however_gross_it_is(size, tmp_path):
     found = diagnose(replace(recording, measured=spoilt))
     assert causes(found) == [("transmission_ripple", 2)]
     assert found.verdict.verdict == Outcome.EXPLAINED
-    assert found.verdict.distrusted_rows == (6,)
+    assert found.verdict.distrusted_rows == (7,)
 
 
 def test_a_joint_that_errs_with_the_payload_is_named_with_it():

@@ -1,5 +1,6 @@
 """What further constants decide: wide priors, spectra, levers, axes, simulated cases."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -10,24 +11,27 @@ from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.diagnosis.calibrate import check
 from plumbline.optim.diagnosis.calibrate.simulation import Fault
 from plumbline.optim.diagnosis.design import next_experiment
-from plumbline.optim.diagnosis.design.course import _cooled
+from plumbline.optim.diagnosis.design.course import Course, _cooled
 from plumbline.optim.diagnosis.design.future_rows import _within_reach
 from plumbline.optim.diagnosis.design.rows import DesignOptions
 from plumbline.optim.diagnosis.discrepancy import dependences
 from plumbline.optim.diagnosis.discrepancy.alternatives import _shared_shift, spread_of_noise
+from plumbline.optim.diagnosis.discrepancy.torque_dependences import _thinned_path
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior import correlation, robust, slots
+from plumbline.optim.diagnosis.posterior import correlation, robust, search, slots
 from plumbline.optim.diagnosis.posterior import selection as selecting
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Scores
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.search import ridge_of
+from plumbline.optim.diagnosis.posterior.search import SOLVER, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.spectrum import _filled, _joints_with_spectra
+from plumbline.optim.diagnosis.predict.shrink import blocks_of_rows
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
 from plumbline.optim.diagnosis.verdict.judge import _is_earned
 from plumbline.optim.diagnosis.verdict.tree import tree_of
+from tests.benches import bench
 from tests.designs import selection
 
 N, SIGMA = 60, 0.1
@@ -296,3 +300,57 @@ def test_a_model_that_never_settles_is_asked_again_four_times(monkeypatch):
     monkeypatch.setattr(selecting, "extended", lambda *_: [SelectedTerm(0, 1.0)])
     selecting.select(asked, thorough=False)
     assert len(seen) == 4
+
+
+# What a long recording costs
+
+
+def still(rows):
+    """A recording of so many rows in one place."""
+    return bench("ur5", "tip_position").select(np.zeros(rows, dtype=int))
+
+
+@pytest.mark.parametrize(("rows", "part"), [(3000, 3000), (6000, 3000)])
+def test_a_recording_of_more_than_a_few_thousand_rows_is_searched_in_part(rows, part, monkeypatch):
+    """All of three thousand, and every second row of twice as many."""
+    searched = []
+
+    def stop(task, *_, **__):
+        searched.append(len(task.recording))
+        raise StopIteration
+
+    monkeypatch.setattr(search, "_from_nothing", stop)
+    folds = np.arange(rows) % 5
+    task = search.Task(still(rows), folds, NoisePrior(), (), (), SOLVER)
+    with pytest.raises(StopIteration):
+        search.find_causes(task, lambda *_: None)
+    assert searched == [part]
+    assert (task.refitting is SOLVER) == (part == rows)
+
+
+def test_a_thinned_way_keeps_turning_points_of_a_hundred_turns_to_a_two_hundredth():
+    turns, rows = 100, 40_000
+    phase = 2.0 * np.pi * (turns * np.arange(rows) / rows + 0.013)
+    way = replace(still(rows), q=np.sin(phase)[:, None] * np.ones(6))
+    q, place = _thinned_path(way.select([5, rows - 5]))
+    thinned = q[np.setdiff1d(np.arange(len(q)), place), 0]
+    peaks = thinned[1:-1][(thinned[1:-1] > thinned[:-2]) & (thinned[1:-1] > thinned[2:])]
+    assert len(peaks) == turns
+    assert peaks.min() > 0.995
+    assert len(q) < 5000
+
+
+@pytest.mark.parametrize(("turn", "kept"), [(3000, True), (5000, False)])
+def test_rows_to_come_follow_some_minutes_of_the_last_rows_and_no_more(turn, kept):
+    """A turn so many rows before the end."""
+    path = still(9000)
+    q = path.q + 0.01 * (np.arange(9000) == 9000 - turn)[:, None]
+    recorded = Course(SimpleNamespace(recording=replace(path, q=q))).recorded()
+    assert (np.ptp(recorded.q[:, 0]) > 0.0) == kept
+    assert (recorded.q[-1] == q[-1]).all()
+
+
+@pytest.mark.parametrize(("rows", "own"), [(3000, True), (5000, False)])
+def test_each_of_a_few_thousand_rows_is_drawn_alone_and_more_share_their_draws(rows, own):
+    blocks = blocks_of_rows(np.zeros(rows, dtype=int), separate=True)
+    assert (len(np.unique(blocks)) == rows) == own

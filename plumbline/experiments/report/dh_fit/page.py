@@ -6,7 +6,8 @@ import numpy as np
 
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
 from plumbline.optim.dh_fit import DHFit, HeldOut, Misfit, Quantity, Status
-from plumbline.optim.dh_fit.answer import FIRST_ROW, UNITS
+from plumbline.optim.dh_fit.answer import UNITS
+from plumbline.optim.recording.origin import FIRST_ROW, HEADER
 
 MM = 1e3
 SHOWN = 12  # worst rows, and gross ones that are named one by one
@@ -62,7 +63,7 @@ def _gross(fit: DHFit) -> list[str]:
     rest = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
     many = "rows are" if len(pairs) > 1 else "row is"
     return [
-        f"{len(pairs)} {many} grossly off (the header being row 1): {', '.join(named)}{rest}; "
+        f"{len(pairs)} {many} grossly off, {HEADER}: {', '.join(named)}{rest}; "
         "look at them, or mark them held_out"
     ]
 
@@ -132,7 +133,7 @@ def _worst(fit: DHFit) -> Part:
         sizes = [f"{MM * after[k]:.3f}", f"{MM * before[k]:.3f}"]
         rows.append([str(k + FIRST_ROW), *sizes, *left, "gross" if fit.gross[k] else ""])
     columns = ("row", "after", "before", "dx", "dy", "dz", "")
-    words = ("Rows as an editor counts, the header being row 1; in mm, largest first.",)
+    words = (f"Rows as an editor counts, {HEADER}; in mm, largest first.",)
     grid = Grid(columns, rows, range(6))
     return Part("The rows that are missed most", words, grid, on_paper=True)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.verdict import words
+from plumbline.optim.recording.origin import HEADER
 
 MOST_CAUSES = 6  # that are shown at once with their values: what a screen holds
 ROWS_NAMED = 40  # distrusted rows that are named one by one
@@ -57,7 +58,8 @@ def distrusted_words(rows: Sequence[int]) -> str:
     named = ", ".join(map(str, rows[:ROWS_NAMED]))
     more = f" and {len(rows) - ROWS_NAMED} more" if len(rows) > ROWS_NAMED else ""
     was = "was" if len(rows) == 1 else "were"
-    return f"{counted(len(rows), 'row')} {was} taken for gross errors: {named}{more}."
+    said = f"{counted(len(rows), 'row')} {was} taken for gross errors"
+    return f"{said}, {HEADER}: {named}{more}."
 
 
 def suggestion_words(entry: Mapping[str, object]) -> str:

@@ -11,8 +11,8 @@ from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Ti
 from plumbline.experiments.report.style import SIZES, by_depth, house_style, new_figure, numbered
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
-from plumbline.optim.dh_fit.answer import FIRST_ROW
 from plumbline.optim.hand_eye.scan import ScanAnswer
+from plumbline.optim.recording.origin import FIRST_ROW
 
 
 def page(answer: ScanAnswer) -> Page:

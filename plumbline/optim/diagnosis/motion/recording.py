@@ -38,7 +38,7 @@ from plumbline.optim.recording.loading import (
     read_robot,
 )
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
-from plumbline.optim.recording.origin import Array, Flags, Integers, Origin
+from plumbline.optim.recording.origin import FIRST_ROW, Array, Flags, Integers, Origin
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
@@ -321,7 +321,7 @@ def _without_leaps(r: MotionRecording) -> MotionRecording:
         f"{r.noun} {j + 1} leaps away and back in {counted(len(at), 'row')}, taken for gross "
         f"errors: {', '.join(map(str, at[:LISTED]))}{', ...' * (len(at) > LISTED)}"
         for j in range(r.n)
-        if len(at := rows[columns == j] + 1)
+        if len(at := rows[columns == j] + FIRST_ROW)
     ]
     return replace(r, q=q, notes=(*r.notes, *told))
 

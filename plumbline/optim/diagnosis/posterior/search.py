@@ -30,7 +30,7 @@ from plumbline.optim.diagnosis.posterior.robust import (
     lone_rows,
 )
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
-from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, LONG, ROUNDS, WIDE_PRIOR
+from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, ROUNDS, SEARCHED_WHOLE, WIDE_PRIOR
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
@@ -56,7 +56,7 @@ class Task:
     @property
     def refitting(self) -> Solver:
         """What fits again from a fit nearby: few steps are enough, and many rows make them dear."""
-        return BRIEF if len(self.recording) >= LONG else self.solver
+        return BRIEF if len(self.recording) >= SEARCHED_WHOLE else self.solver
 
     def part(self, step: int) -> Task:
         """The same task on every ``step``-th row, or every ``step``-th visit to each socket."""
@@ -118,9 +118,9 @@ def find_causes(
     A long recording is searched in part first, and its gross rows are found by that fit: what a
     part of the rows shows need not be looked for in all of them.
     """
-    if len(task.recording) < LONG:
+    if len(task.recording) < SEARCHED_WHOLE:
         return _from_nothing(task, tell, ROUNDS, known)
-    part = task.part(-(-len(task.recording) // LONG))
+    part = task.part(-(-len(task.recording) // SEARCHED_WHOLE))
     nothing_yet = np.zeros(len(part.recording), dtype=bool)
     selected, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
     tell("searching all rows", 0.4)

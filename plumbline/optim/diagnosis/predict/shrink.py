@@ -34,8 +34,8 @@ from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
     FOLD_BELIEVED,
     FOLD_STILL,
-    LONG,
     MANY_SLOTS,
+    MOST_BLOCKS,
     NO_EVIDENCE,
     ROUNDS,
 )
@@ -350,7 +350,7 @@ def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
     """Blocks (N,) for the bootstrap: single rows, or stretches of successive rows of one fold."""
     count = len(folds)
     if separate:
-        return np.arange(count) % LONG
+        return np.arange(count) % MOST_BLOCKS
     length = max(1, round(np.sqrt(count)))
     labels = folds.astype(np.intp) * count + np.arange(count) // length
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.intp)

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import quantity
@@ -50,6 +48,7 @@ from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import figure
+from plumbline.optim.recording.origin import counted_rows
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import ASKED, plausible
 
@@ -105,7 +104,7 @@ def judge(
         ),
         staircase=staircase(stairs, [*named, *stand_ins], evaluation, always_words(recording)),
         noise=noise,
-        distrusted_rows=tuple(int(k) + 1 for k in np.flatnonzero(~evaluation.trusted)),
+        distrusted_rows=counted_rows(~evaluation.trusted),
         notes=_notes(recording, selected, told, noise, gap, kind, coarse=coarse),
         judged=judged,
         recording=recording.name,
