@@ -69,7 +69,7 @@ def test_an_effect_of_which_nuisances_leave_nothing_but_rounding_cannot_be_seen(
     whole = selection(np.ones((N, 1)) / np.sqrt(N), np.zeros(N), 1e-9).linear
     model = SimpleNamespace(terms=[])
     pool = SimpleNamespace(whole=whole, candidates=asked.candidates, model=model, always=0)
-    assert bool(unobservable(pool, asked, None, 1e-9, ())) != seen
+    assert bool(unobservable(pool, asked, [], None, 1e-9, ())) != seen
 
 
 def test_an_axis_without_noise_counts_as_a_fifth_as_noisy_as_all():

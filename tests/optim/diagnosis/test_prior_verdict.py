@@ -97,7 +97,24 @@ def test_an_effect_whose_whole_signal_is_below_the_noise_cannot_be_seen(square, 
         model=SimpleNamespace(terms=[]),
         always=0,
     )
-    assert bool(unobservable(pool, asked, None, SIGMA, ())) != seen
+    assert bool(unobservable(pool, asked, [], None, SIGMA, ())) != seen
+
+
+@pytest.mark.parametrize(("left", "seen"), [(0.6, False), (1.6, True)])
+def test_an_effect_that_a_named_cause_absorbs_but_for_less_than_the_noise_cannot_be_seen(
+    left, seen
+):
+    """A signal of ten sigma, of which what is named leaves so much [sigma]."""
+    u, w = np.linalg.qr(np.random.default_rng(0).normal(size=(N, 2)))[0].T
+    sine = left / 10.0
+    X = 10.0 * SIGMA * np.column_stack([u, np.sqrt(1.0 - sine**2) * u + sine * w])
+    asked = selection(X, X[:, 0], SIGMA)
+    pool = SimpleNamespace(
+        whole=asked.linear, candidates=asked.candidates, model=SimpleNamespace(terms=[]), always=0
+    )
+    assert not unobservable(pool, asked, [], None, SIGMA, ())
+    told = unobservable(pool, asked, [SelectedTerm(0, 30.0)], None, SIGMA, ())
+    assert [(b.effect, b.element) for b in told] == ([] if seen else [("joint_offset", 2)])
 
 
 def test_of_few_elements_all_orders_are_taken_and_of_many_some():

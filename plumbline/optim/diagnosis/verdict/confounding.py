@@ -3,7 +3,8 @@ r"""What a recording cannot tell apart, and what it cannot see at all.
 A rival is confounded with a cause if it could have made the cause's fitted signal: what it leaves
 unexplained of it, :math:`\Delta^2`, changes the log likelihood by :math:`\Delta^2 / 2\sigma^2`, and
 below three that is no evidence (Jeffreys 1961, app. B). An effect is unobservable if the
-nuisances swallow it, or if at its usual size it moves the readings by less than the noise.
+nuisances swallow it, or if at its usual size it moves the readings by less than the noise: alone,
+or beside what is named, whose values then hold what both do.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from plumbline.kinematics.effects import Effect, Scope
 from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES, TIP_OBSERVATIONS
-from plumbline.optim.diagnosis.findings import Blame
+from plumbline.optim.diagnosis.findings import Blame, Key
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
@@ -36,7 +37,7 @@ def rivals(
     z = np.linalg.solve(G + np.diag(precision), b)
     signal = float(z @ G @ z)
     own = {selection.candidates[c.index].key for c in mine}
-    found: dict[tuple[str, int | None], tuple[float, Effect]] = {}
+    found: dict[Key, tuple[float, Effect]] = {}
     for i, candidate in enumerate(selection.candidates):
         if candidate.key in own or not selection.allowed[i]:
             continue
@@ -58,30 +59,55 @@ def rivals(
 def unobservable(
     pool: Pool,
     selection: SelectionProblem,
+    named: Sequence[SelectedTerm],
     scope: Scope,
     sigma: float,
     library: Sequence[type[Effect]],
 ) -> list[Blame]:
-    """Effects that this recording cannot see, and why."""
-    raw = np.diag(pool.whole.G)
-    left = np.diag(selection.linear.G)
-    seen: dict[tuple[str, int | None], tuple[float, float, Effect]] = {}
-    for candidate in pool.candidates:
-        strength = float(np.max(left[candidate.columns])) / max(sigma**2, 1e-300)
-        share = float(np.max(left[candidate.columns] / np.maximum(raw[candidate.columns], 1e-300)))
-        old = seen.get(candidate.key, (0.0, 0.0, candidate.effect))
-        seen[candidate.key] = (max(strength, old[0]), max(share, old[1]), candidate.effect)
-    found = []
-    for strength, share, effect in seen.values():
+    """Effects that this recording cannot see, alone or beside the ``named`` terms, and why."""
+    alone, found = _strengths(pool, selection, [], sigma), []
+    beside = _strengths(pool, selection, named, sigma)
+    for key, (strength, share, effect) in alone.items():
         if strength < 1e-12 or share < SWALLOWED:
             why = "what is always fitted absorbs it" if strength else "no row excites it"
         elif strength < 1.0:
             size = f"{np.sqrt(strength):.1g}"
             why = f"at its usual size its whole signal is {size} times the noise"
+        elif beside[key][0] < 1.0 and key not in selection.keys(named):
+            why = f"the {_absorbing(pool, selection, named, key)} that is named absorbs it"
         else:
             continue
         found.append(Blame(effect.name, str(effect.stage), effect.element, why))
     return [*found, *_missing(pool, scope, library)]
+
+
+def _strengths(
+    pool: Pool, selection: SelectionProblem, given: Sequence[SelectedTerm], sigma: float
+) -> dict[Key, tuple[float, float, Effect]]:
+    """By effect: its usual signal's square beside these terms [noise's], and share of the whole."""
+    raw, reduced = np.diag(pool.whole.G), selection.reduce(given)
+    seen: dict[Key, tuple[float, float, Effect]] = {}
+    for candidate in pool.candidates:
+        left = np.diag(reduced.block(candidate.columns, candidate.columns))
+        strength = float(np.max(left)) / max(sigma**2, 1e-300)
+        share = float(np.max(left / np.maximum(raw[candidate.columns], 1e-300)))
+        old = seen.get(candidate.key, (0.0, 0.0, candidate.effect))
+        seen[candidate.key] = (max(strength, old[0]), max(share, old[1]), candidate.effect)
+    return seen
+
+
+def _absorbing(
+    pool: Pool, selection: SelectionProblem, named: Sequence[SelectedTerm], key: Key
+) -> str:
+    """Name of the effect among the named ones that leaves least of another."""
+    own = [c for c in pool.candidates if c.key == key]
+    mine = {c: selection.candidates[c.index].key for c in named}
+
+    def leaves(other: Key) -> float:
+        given = selection.reduce([c for c in named if mine[c] == other])
+        return max(float(np.max(np.diag(given.block(c.columns, c.columns)))) for c in own)
+
+    return min(dict.fromkeys(mine.values()), key=leaves)[0]
 
 
 def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[Blame]:

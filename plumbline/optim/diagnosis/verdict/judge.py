@@ -10,6 +10,7 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.findings import (
+    Blame,
     Cause,
     Gap,
     Key,
@@ -87,7 +88,6 @@ def judge(
     earned = max(told.beside, left) < UNLISTED and noise.source != "fit"
     earned = earned and _is_earned(gap, causes, judged, least)
     kind = _kind(bool(causes), max(beyond, left) > 0.5, earned)
-    scope = scope_of(fitted)
     words = told.words or noisiest_joint(recording, selected)
     return Verdict(
         verdict=kind,
@@ -99,9 +99,7 @@ def judge(
         outside_depends_on=words if beyond > 0.5 else "",
         tree=told.tree,
         unlisted_prior=told.prior,
-        unobservable=tuple(
-            unobservable(selected.pool, selected.selection, scope, noise.sigma, library)
-        ),
+        unobservable=_unseen(selected, causes, noise.sigma, library),
         staircase=staircase(stairs, [*named, *stand_ins], evaluation, always_words(recording)),
         noise=noise,
         distrusted_rows=counted_rows(~evaluation.trusted),
@@ -112,6 +110,18 @@ def judge(
         sha256=recording.sha256,
         friction=friction_curves(selected, noise, errors),
     )
+
+
+def _unseen(
+    selected: SelectedModel, causes: Sequence[Cause], sigma: float, library: Sequence[type[Effect]]
+) -> tuple[Blame, ...]:
+    """What cannot be seen, and is not listed as confounded with a cause either."""
+    asked, keys = selected.selection, {(c.effect, c.element) for c in causes}
+    named = [c for c in selected.chosen if asked.candidates[c.index].key in keys]
+    alike = {(rival.effect, rival.element) for c in causes for rival in c.confounded_with}
+    scope = scope_of(selected.model.recording)
+    unseen = unobservable(selected.pool, asked, named, scope, sigma, library)
+    return tuple(blame for blame in unseen if (blame.effect, blame.element) not in alike)
 
 
 def _where(selected: SelectedModel, told: Explanation, seed: int) -> tuple[Place, ...]:
