@@ -42,7 +42,7 @@ from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import figure, refit
 from plumbline.optim.model import Model, apply
 from plumbline.optim.model.export.replay import replay
-from plumbline.optim.model.making import Fit, model_of
+from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.registration import MarkerNoise, build_fiducials, register
@@ -97,7 +97,7 @@ def nominal(recording: Recording, model: Model) -> Model:
     """The robot as it was delivered, frame and tool fitted to the same rows."""
     end, bare = refit(recording, (), np.empty(0)), build_model(recording, ())
     P = np.eye(len(end.x))
-    return model_of(recording, Fit(bare.nuisance, (), end.x, bare.problem.scale, P), model.held)
+    return model_of(recording, FitEnd(bare.nuisance, (), end.x, bare.problem.scale, P), model.held)
 
 
 def missed(case: Case, model: Model, q: Array, goal: Array, side: Array) -> Array:

@@ -26,7 +26,7 @@ Json = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no words and no progress.")]
 Report = Annotated[
-    Path | None, typer.Option(metavar="OUT.html", help="Write a report with pictures.")
+    Path | None, typer.Option(metavar="OUT.html", help="Write a report, one page for a browser.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")]
 OWN = {"generator": "plumbline"}  # begins JSON that plumbline wrote

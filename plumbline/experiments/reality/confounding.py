@@ -121,7 +121,7 @@ def confounded(
         modelled: Whether the truth is something that a library is expected to have.
 
     Returns:
-        For each the true effect and element that it stands in for (`of`), its own `effect` and
+        For each the true effect and element that it is confounded with (`of`), its own `effect` and
         `element`, and the `separation`.
     """
     columns = always(case)

@@ -1,8 +1,8 @@
 """What is counted: one line a figure, each a share of statements or cases.
 
 A measure says for one case how many of how many it adds; the shares of a group are the sums. Where
-a key ends in ``_or_twin``, an effect that the recording cannot tell from the true one counts as
-right.
+a key ends in ``_or_confounded``, an effect that the recording cannot tell from the true one counts
+as right.
 """
 
 from collections.abc import Callable
@@ -78,7 +78,7 @@ def _first(key: str, words: str, *, ranked: bool = False) -> list[Measure]:
     """Four measures of the first answer: effect or element, strictly or with what is confounded."""
     found = []
     for element, what in ((False, "effect"), (True, "element")):
-        for either, suffix in ((False, ""), (True, "_or_twin")):
+        for either, suffix in ((False, ""), (True, "_or_confounded")):
 
             def hit(case: ScoredCase, element: bool = element, either: bool = either) -> bool:
                 answer = case.answer.ranked_first if ranked else case.answer.first
@@ -165,15 +165,15 @@ MEASURES: tuple[Measure, ...] = (
     _share("top1_or_rival", "top-1 or a rival it lists", in_library, _listed),
     *_first("ranked", "ranked first", ranked=True),
     _share("all_found", "all causes found", *_found(confounded=False)),
-    _share("all_found_or_twin", "all found, or confounded", *_found(confounded=True)),
+    _share("all_found_or_confounded", "all found, or confounded", *_found(confounded=True)),
     _share("pair_found", "both of two found", *_found(confounded=False, more=_of(Sort.SEVERAL))),
-    _share("pair_found_or_twin", "both of two, or confounded",
+    _share("pair_found_or_confounded", "both of two, or confounded",
            *_found(confounded=True, more=_of(Sort.SEVERAL))),
     Measure("falsely_added", "named causes that are none", lambda c: _added(c, c.found)),
     Measure("falsely_added_beyond_confounded", "the same, confounded aside",
             lambda c: _added(c, c.found_or_confounded)),
     Measure("sure_right", "right when > 0.95 sure", lambda c: _sure(c, confounded=False)),
-    Measure("sure_right_or_twin", "right when > 0.95 sure, or confounded",
+    Measure("sure_right_or_confounded", "right when > 0.95 sure, or confounded",
             lambda c: _sure(c, confounded=True)),
     _share("false_alarms", "false alarms, nothing wrong", _none, lambda c: not _says("no-gap")(c)),
     _share("missed", "gap missed", lambda c: bool(c.truth.causes), _says("no-gap")),

@@ -176,7 +176,12 @@ def page(score: Score) -> Page:
 
 def _by_effect(score: Score) -> list[Part]:
     groups = [group for group in score.groups if group.by == "effect"]
-    keys = ("top1_element", "top1_element_or_twin", "ranked_element_or_twin", "outside_hits")
+    keys = (
+        "top1_element",
+        "top1_element_or_confounded",
+        "ranked_element_or_confounded",
+        "outside_hits",
+    )
     rows = [
         (group.name, str(group.cases), *(percent(group.share(key)) for key in keys))
         for group in groups

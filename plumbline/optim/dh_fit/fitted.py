@@ -22,7 +22,7 @@ from plumbline.optim.dh_fit.gross_rows import factor, gross_rows
 from plumbline.optim.dh_fit.identify import Identifiability, triangle
 from plumbline.optim.dh_fit.quantities import Misfit, Quantity, quantities, shares, sums
 from plumbline.optim.dh_fit.softness import softness
-from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown
+from plumbline.optim.dh_fit.statement import DHStatement, Readings, Unknown
 from plumbline.optim.dh_fit.sums import Pass
 from plumbline.optim.dh_fit.task import DHOptions, LinkTask
 from plumbline.optim.recording.recording import Recording
@@ -48,12 +48,12 @@ class Fitted:
         return LinkTask.of(self.recording, self.options, self.registration)
 
     @cached_property
-    def statement(self) -> Statement:
+    def statement(self) -> DHStatement:
         """The problem."""
         return self.task.stated(self.unknowns)
 
     @cached_property
-    def nominal_statement(self) -> Statement:
+    def nominal_statement(self) -> DHStatement:
         """The problem without link parameters."""
         return self.task.stated(self.task.always)
 

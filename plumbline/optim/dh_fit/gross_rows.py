@@ -41,12 +41,12 @@ from plumbline.optim.dh_fit.constants import (
     SLACK,
 )
 from plumbline.optim.dh_fit.identify import triangle
-from plumbline.optim.dh_fit.statement import Readings, Statement
+from plumbline.optim.dh_fit.statement import DHStatement, Readings
 from plumbline.optim.dh_fit.sums import Pass
 
 
 def factor(
-    statement: Statement, readings: Readings, x: Array, free: NDArray[np.intp], S: Array
+    statement: DHStatement, readings: Readings, x: Array, free: NDArray[np.intp], S: Array
 ) -> Array:
     """F (free, P) with ``F F^T`` the covariance of the free unknowns, in units of the scales.
 
@@ -65,7 +65,7 @@ def root(B: Array) -> Array:
 
 
 def gross_rows(
-    statement: Statement, readings: Readings, x: Array, free: NDArray[np.intp]
+    statement: DHStatement, readings: Readings, x: Array, free: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """Which rows (N,) are grossly wrong; none where too many are, or too few tell."""
     none = np.zeros(len(readings), dtype=bool)
@@ -92,7 +92,9 @@ def shape(e: Array) -> Array:
     return np.asarray(V)
 
 
-def _deletion(statement: Statement, readings: Readings, x: Array, free: NDArray[np.intp]) -> Array:
+def _deletion(
+    statement: DHStatement, readings: Readings, x: Array, free: NDArray[np.intp]
+) -> Array:
     rows = Pass(statement, readings)
     V = shape(rows.misfits(x))
     W = root(V)

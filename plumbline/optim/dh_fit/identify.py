@@ -28,7 +28,7 @@ from plumbline.kinematics.link_table import LinkTable
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import ABSENT, DEPENDENT, MOST_POSES, PARTNER
 from plumbline.optim.dh_fit.losses import Squares
-from plumbline.optim.dh_fit.statement import Readings, Statement, Unknown, state
+from plumbline.optim.dh_fit.statement import DHStatement, Readings, Unknown, state
 from plumbline.optim.dh_fit.sums import Pass
 
 
@@ -92,7 +92,7 @@ def noise_free(
     unknowns: Sequence[Unknown],
     q: Array,
     registration_q: Array | None,
-) -> tuple[Statement, Readings]:
+) -> tuple[DHStatement, Readings]:
     """The statement and the readings (N) of a nominal robot whose camera stands in its base."""
     plain = state(table, tool, (), Squares(), readings=_blank(q), registration=None)
     readings = Readings(q, plain.tips(np.empty(0), q))
@@ -107,7 +107,9 @@ def _blank(q: Array) -> Readings:
     return Readings(q, np.eye(3)[np.arange(len(q)) % 3])
 
 
-def triangle(stated: Statement, readings: Readings, x: Array, weight: Array | None = None) -> Array:
+def triangle(
+    stated: DHStatement, readings: Readings, x: Array, weight: Array | None = None
+) -> Array:
     """R (P, P) of the Jacobian of all misfits at x, columns in units of the scales [m].
 
     Built up chunk by chunk, so that no square of a small singular value is ever taken; ``weight``

@@ -17,7 +17,7 @@ for, and :math:`b = (X^T X)^{-1} X^T y`, the mean squared misfit grows by the sh
 
 of what it was if the k-th goes back to the drawing and the others are fitted again (the squared
 semipartial correlation: Cohen et al. 2003, Applied Multiple Regression, sec. 3.3). What all explain
-beyond the sum of the shares, no single one does: they stand in for each other.
+beyond the sum of the shares, no single one does: they are confounded.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import PARTNER, SLIGHT, WHOLE
-from plumbline.optim.dh_fit.statement import FRAME, Readings, Statement, Unknown
+from plumbline.optim.dh_fit.statement import FRAME, DHStatement, Readings, Unknown
 from plumbline.optim.dh_fit.sums import Pass
 
 
@@ -170,7 +170,7 @@ def _term(part: Unknown, coefficient: float, about: Unknown) -> str:
 
 
 def shares(
-    statement: Statement,
+    statement: DHStatement,
     readings: Readings,
     x: Array,
     nominal: Array,

@@ -24,14 +24,14 @@ from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import LEAST_SOFT, MOST_SOFT, MOST_SOFT_ROWS
 from plumbline.optim.dh_fit.gross_rows import root
-from plumbline.optim.dh_fit.statement import Readings, Statement
+from plumbline.optim.dh_fit.statement import DHStatement, Readings
 from plumbline.optim.dh_fit.sums import Pass
 
 SIZES = np.geomspace(LEAST_SOFT, MOST_SOFT, 41)  # [rad]
 
 
 def softness(
-    statement: Statement,
+    statement: DHStatement,
     readings: Readings,
     x: Array,
     free: NDArray[np.intp],

@@ -41,7 +41,7 @@ from plumbline.optim.dh_fit.constants import (
     ROUGH,
 )
 from plumbline.optim.dh_fit.losses import Loss, Norms, Squares
-from plumbline.optim.dh_fit.statement import LinkProblem, Readings, Statement
+from plumbline.optim.dh_fit.statement import DHStatement, LinkProblem, Readings
 from plumbline.optim.dh_fit.sums import Pass, Sums
 
 
@@ -130,7 +130,7 @@ def of_links(problem: Problem, asker: str = "a fit of links") -> LinkProblem:
     return problem
 
 
-def promised_drop(statement: Statement, readings: Readings, x: Array) -> float:
+def promised_drop(statement: DHStatement, readings: Readings, x: Array) -> float:
     """What one more step from x (P,) promises to take off the objective [m or m^2]."""
     if not statement.size:
         return 0.0
@@ -208,7 +208,7 @@ class Narrowing(OfRows):
         return replace(found, iterations=spent)
 
 
-def _stages(statement: Statement, readings: Readings, x: Array) -> list[Statement]:
+def _stages(statement: DHStatement, readings: Readings, x: Array) -> list[DHStatement]:
     loss = statement.loss
     if not isinstance(loss, Norms):
         return []

@@ -65,7 +65,7 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
-class Statement:
+class DHStatement:
     """The problem of one robot and one camera; the readings come at the call."""
 
     table: LinkTable  # the nominal links
@@ -193,7 +193,7 @@ class Statement:
 class LinkProblem(Problem):
     """The problem of some readings, for any solver of residuals; it knows what it was made of."""
 
-    statement: Statement = field(kw_only=True)  # the problem of one reading
+    statement: DHStatement = field(kw_only=True)  # the problem of one reading
     readings: Readings = field(kw_only=True)  # the readings (N)
 
 
@@ -246,7 +246,7 @@ def state(
     *,
     readings: Readings,
     registration: Readings | None,
-) -> Statement:
+) -> DHStatement:
     """State the problem of nominal links and tool (3,) [m] in some unknowns.
 
     A free frame starts from ``readings``; four of ``registration`` fix it, refused if in a plane.
@@ -272,7 +272,7 @@ def state(
         frame = registered.value
     else:
         frame = packed(_free_frame(at, predict, nominal, readings))
-    return Statement(table, tool, tuple(unknowns), x, q, tip, frame, loss, registered)
+    return DHStatement(table, tool, tuple(unknowns), x, q, tip, frame, loss, registered)
 
 
 def _free_frame(

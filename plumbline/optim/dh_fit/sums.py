@@ -17,7 +17,7 @@ import numpy as np
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.losses import Loss
-from plumbline.optim.dh_fit.statement import Readings, Statement
+from plumbline.optim.dh_fit.statement import DHStatement, Readings
 
 CHUNK_NUMBERS = 2_000_000
 
@@ -35,7 +35,7 @@ class Sums:
 class Pass:
     """A statement and the readings that it is summed over."""
 
-    statement: Statement  # the problem
+    statement: DHStatement  # the problem
     readings: Readings  # N readings
     other: Loss | None = None  # A loss in place of the statement's own, for a start
 

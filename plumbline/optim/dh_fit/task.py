@@ -16,8 +16,8 @@ from plumbline.optim.dh_fit.constants import DELTA_ANGLE, DELTA_LENGTH
 from plumbline.optim.dh_fit.losses import Loss, Norms
 from plumbline.optim.dh_fit.solvers import GaussNewton
 from plumbline.optim.dh_fit.statement import (
+    DHStatement,
     Readings,
-    Statement,
     Unknown,
     frame_unknowns,
     link_unknowns,
@@ -99,7 +99,7 @@ class LinkTask:
         links = link_unknowns(self.table, own.delta_length, own.delta_angle, hayati=own.hayati)
         return (*self.always, *links)
 
-    def stated(self, unknowns: Sequence[Unknown]) -> Statement:
+    def stated(self, unknowns: Sequence[Unknown]) -> DHStatement:
         """The problem in these unknowns."""
         return state(
             self.table,

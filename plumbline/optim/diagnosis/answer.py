@@ -25,7 +25,7 @@ from plumbline.optim.measurement.storing import StoredEffect, StoredFit
 from plumbline.optim.model import Applied, apply
 from plumbline.optim.model import Model as FoundModel
 from plumbline.optim.model.fitted import Held
-from plumbline.optim.model.making import Fit, beam_model, model_of
+from plumbline.optim.model.making import FitEnd, beam_model, model_of
 from plumbline.optim.model.part import number_of, of_part
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
@@ -112,7 +112,7 @@ class Diagnosis(AlwaysFitted, WithVerdict):
         return beam_model(found) if self.recording.kind.ranges else found
 
     @cached_property
-    def _carried(self) -> Fit:
+    def _carried(self) -> FitEnd:
         rows = self.recording.training
         given = (rows, self.effects, self.solution)
         return _fit_of(self, as_spectra(*given, self.options.effects))
@@ -153,11 +153,11 @@ def _estimates(model: FoundModel) -> dict[str, Estimate]:
     return {n: Estimate(k.value, k.std, k.unit, doc=k.doc) for n, k in found}
 
 
-def _fit_of(diagnosis: Diagnosis, carried: Carried) -> Fit:
+def _fit_of(diagnosis: Diagnosis, carried: Carried) -> FitEnd:
     """Where the fit ended, the ripples as spectra where they are carried so."""
     if carried.whole is not None:
         model, x, precision = carried.whole
-        return Fit(model.nuisance, carried.effects, x, model.problem.scale, precision)
+        return FitEnd(model.nuisance, carried.effects, x, model.problem.scale, precision)
     noise, best = diagnosis.verdict.noise, diagnosis.solution
     sigma = noise.sigma * max(noise.ratio, 1.0)
     if diagnosis.recording.kind.efforts:  # residuals are weighed, joint by joint
@@ -165,7 +165,7 @@ def _fit_of(diagnosis: Diagnosis, carried: Carried) -> Fit:
     sigma = max(sigma, LEAST_NOISE)
     precision = best.gram.matrix / sigma**2
     nuisance = diagnosis.stated.nuisance
-    return Fit(nuisance, diagnosis.effects, best.x, best.problem.scale, precision)
+    return FitEnd(nuisance, diagnosis.effects, best.x, best.problem.scale, precision)
 
 
 def _held(verdict: Verdict) -> Held:

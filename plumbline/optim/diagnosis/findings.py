@@ -52,8 +52,8 @@ NOT_FORETOLD = (
     "The causes named below bring all rows together to the noise floor; rows that were left out "
     "they do not foretell."
 )
-STAND_INS = (
-    "There is a gap. Effects of the library foretell part of it, each as a stand-in for something "
+ONLY_CONFOUNDED = (
+    "There is a gap. Effects of the library foretell part of it, each confounded with something "
     "nearly like it: none is sure to be the cause."
 )
 # Where the noise is known from the fit alone, what is left can be told from noise by its form only.
@@ -372,7 +372,7 @@ class Verdict(AlwaysFitted, Answer):
         if self.verdict == Outcome.NO_GAP and self.is_missed:
             return TOO_FEW
         if self.verdict == Outcome.OUTSIDE and self.gap.shrink_ci95[0] > 0.0:
-            return STAND_INS
+            return ONLY_CONFOUNDED
         return (MEANING if self.knows_noise else MEANING_BY_FORM)[self.verdict]
 
     @property

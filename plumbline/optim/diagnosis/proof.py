@@ -41,7 +41,7 @@ from plumbline.optim.model.export.readers import (
 )
 from plumbline.optim.model.export.replay import replay
 from plumbline.optim.model.fitted import Held, chain_of
-from plumbline.optim.model.making import Fit, model_of
+from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.model.making_drives import drives_of
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.recording import Recording
@@ -128,7 +128,7 @@ def _fitted(train: Recording, effects: Sequence[Effect], values: Array) -> Model
     solution = refit(train, effects, values, free=effects)
     nuisance = nuisances_of(train)
     unit = np.eye(len(solution.x))
-    fit = Fit(nuisance, effects, solution.x, solution.problem.scale, unit)
+    fit = FitEnd(nuisance, effects, solution.x, solution.problem.scale, unit)
     return model_of(train, fit, Held(np.nan, np.nan, np.nan, "m", np.nan))
 
 

@@ -53,7 +53,7 @@ class ThreePlanes:
 
 
 @dataclass(frozen=True, eq=False)
-class Statement:
+class PlaneSymbols:
     """The symbols of the problem for K planes, before any data."""
 
     planes: int  # number of planes K
@@ -96,7 +96,7 @@ class Statement:
 
 
 @lru_cache(maxsize=16)
-def statement(planes: int, on_spheres: bool = True, mains: int | None = None) -> Statement:
+def statement(planes: int, on_spheres: bool = True, mains: int | None = None) -> PlaneSymbols:
     """The symbols for that many planes (and principal planes), written once."""
     d, G = (2 if on_spheres else 3), planes if mains is None else mains
     r, v = cs.SX.sym("r", 3), cs.SX.sym("v", d)
@@ -115,7 +115,7 @@ def statement(planes: int, on_spheres: bool = True, mains: int | None = None) ->
     every = [v, *(w[:, k] for w in (n, m) for k in range(w.size2()))]
     spheres = cs.SX(0, 1) if on_spheres else cs.vertcat(*map(cs.sumsqr, every))
     x = cs.vertcat(r, v, cs.vec(n), cs.vec(m), c)
-    return Statement(planes, G, on_spheres, x, row, residual, spheres)
+    return PlaneSymbols(planes, G, on_spheres, x, row, residual, spheres)
 
 
 def state(
@@ -158,7 +158,7 @@ def state(
 
 
 def _constraints(
-    symbols: Statement, readings: Readings, frames: Frames
+    symbols: PlaneSymbols, readings: Readings, frames: Frames
 ) -> tuple[cs.SX, Array, Array]:
     if symbols.on_spheres:
         return cs.SX(0, 1), np.empty(0), np.empty(0)

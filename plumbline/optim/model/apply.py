@@ -32,7 +32,7 @@ from plumbline.optim.measurement.refit import always_fitted, figure, gap_unit, r
 from plumbline.optim.measurement.torque import newton_metres, stated_noise
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import columns_of
-from plumbline.optim.recording.origin import counted_rows
+from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 
 ALIKE = 0.01  # of joints' placements, within which two robots are one [m] and [rad]
@@ -182,7 +182,7 @@ def apply(model: Fitted, other: Recording) -> Applied:
         outside_columns=columns,
         changes=changes,
         judged=Judgement.of(ends),
-        gross=counted_rows(bad),
+        gross=row_numbers(bad),
     )
 
 

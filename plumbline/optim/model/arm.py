@@ -17,7 +17,7 @@ from plumbline.kinematics.frames import by_columns
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import CONTEXT, completed, postures
-from plumbline.optim.model.statement import Statement
+from plumbline.optim.model.statement import ModelFunctions
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -25,9 +25,9 @@ class Arm(Fitted):
     """What was found, evaluated. Places are in the robot's base frame, SI units."""
 
     @cached_property
-    def statement(self) -> Statement:
+    def statement(self) -> ModelFunctions:
         """The model in symbols."""
-        return Statement.of(self, self.columns(np.zeros((1, self.chain.n)), {}))
+        return ModelFunctions.of(self, self.columns(np.zeros((1, self.chain.n)), {}))
 
     def columns(
         self, q: Array, given: Mapping[str, ArrayLike], used: Collection[str] = CONTEXT

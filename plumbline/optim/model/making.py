@@ -26,7 +26,7 @@ WIDE = 1e3  # of a typical size: what is as wide as this is not told at all
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class FitEnd:
     """Where a fit ended."""
 
     nuisance: Nuisance  # what was always fitted
@@ -43,7 +43,7 @@ class Fit:
         return np.asarray(inverse * np.outer(self.scale, self.scale))
 
 
-def model_of(recording: Recording, fit: Fit, held: Held) -> Model:
+def model_of(recording: Recording, fit: FitEnd, held: Held) -> Model:
     """The model of a fit to a recording's rows."""
     n = fit.nuisance
     x = fit.x[: n.size]

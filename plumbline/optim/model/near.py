@@ -23,7 +23,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.rows import Columns, of_rows
-from plumbline.optim.model.statement import Statement
+from plumbline.optim.model.statement import ModelFunctions
 
 Context = Mapping[str, ArrayLike]  # of rows, by name
 LEVER = 0.1  # [m]: a milliradian of orientation counts as much as 0.1 mm of place
@@ -101,7 +101,7 @@ def _along(step: Array, one: Array) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _gain(nominal: Statement, placed: bool) -> cs.Function:
+def _gain(nominal: ModelFunctions, placed: bool) -> cs.Function:
     """``q -> (n, 6)``: the step for what is missing in place [m] and orientation [rad]."""
     row = nominal.row
     J = nominal.slope(row)[1]
@@ -120,7 +120,7 @@ def _damped(square: cs.SX, right: cs.SX) -> cs.SX:
 
 
 @lru_cache(maxsize=8)
-def _away(model: Statement, placed: bool) -> cs.Function:
+def _away(model: ModelFunctions, placed: bool) -> cs.Function:
     """``(row, R (9,), p (3,)) -> (6,)``: what is missing to a goal, place [m] and turn [rad].
 
     A turn by 120 degrees or more is none that is near, and none counts where the place is all.

@@ -9,7 +9,7 @@ import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
 from plumbline.kinematics.effects.confined import parts_of, plain
-from plumbline.optim.model.making import Fit
+from plumbline.optim.model.making import FitEnd
 from plumbline.optim.recording.recording import Session
 
 
@@ -29,7 +29,7 @@ def number_of(session: Session, name: str) -> int:
     return names.index(name)
 
 
-def of_part(fit: Fit, k: int) -> Fit:
+def of_part(fit: FitEnd, k: int) -> FitEnd:
     """The fit as recording k has it."""
     own = fit.nuisance.own[k]
     sizes = np.cumsum([fit.nuisance.size, *(len(e.parameters) for e in fit.effects)])
@@ -44,4 +44,4 @@ def of_part(fit: Fit, k: int) -> Fit:
     cross = P[np.ix_(mine, rest)]
     back = np.linalg.pinv(P[np.ix_(rest, rest)], hermitian=True)
     precision = P[np.ix_(mine, mine)] - cross @ back @ cross.T
-    return Fit(fit.nuisance.parts[k], effects, fit.x[mine], fit.scale[mine], precision)
+    return FitEnd(fit.nuisance.parts[k], effects, fit.x[mine], fit.scale[mine], precision)

@@ -31,14 +31,14 @@ Valued = tuple[Effect, list[cs.SX]]
 
 
 @dataclass(frozen=True, eq=False)
-class Statement:
+class ModelFunctions:
     """Functions of a model, made when first asked for."""
 
     model: Fitted  # the model
     symbols: dict[str, cs.SX]  # A row's symbols by column
 
     @classmethod
-    def of(cls, model: Fitted, columns: Columns) -> Statement:
+    def of(cls, model: Fitted, columns: Columns) -> ModelFunctions:
         """The statement with the columns that there are."""
         return cls(model, {name: cs.SX.sym(name, v.shape[1]) for name, v in columns.items()})
 

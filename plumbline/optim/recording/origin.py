@@ -16,7 +16,7 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-def counted_rows(chosen: NDArray[np.bool_]) -> tuple[int, ...]:
+def row_numbers(chosen: NDArray[np.bool_]) -> tuple[int, ...]:
     """Numbers of the rows that a mask (N,) picks, as an editor counts: the header is row 1."""
     return tuple((FIRST_ROW + np.flatnonzero(chosen)).tolist())
 

@@ -29,7 +29,7 @@ POSE = 15  # numbers of a pose in a row: A by columns, t, c
 
 
 @dataclass(frozen=True, eq=False)
-class Statement:
+class MarkerSymbols:
     """Symbols of one marker."""
 
     x: cs.SX  # unknowns (6,) or (7,)
@@ -39,7 +39,7 @@ class Statement:
 
 
 @lru_cache(maxsize=4)
-def statement(scale: bool = False, *, near: bool = False) -> Statement:
+def statement(scale: bool = False, *, near: bool = False) -> MarkerSymbols:
     """One marker's residual, with an unknown scale or not; ``near`` zero to second order."""
     x, marker, pose = cs.SX.sym("x", 7 if scale else 6), cs.SX.sym("m", 18), cs.SX.sym("T", POSE)
     A, t, c = cs.reshape(pose[:9], 3, 3), pose[9:12], pose[12:]
@@ -50,7 +50,7 @@ def statement(scale: bool = False, *, near: bool = False) -> Statement:
     spread = turn @ A
     covariance = spread @ _symmetric(marker[6:12]) @ spread.T + _symmetric(marker[12:18])
     residual = cs.solve(cs.chol(covariance).T, marker[3:6] - image)
-    return Statement(x, marker, pose, residual)
+    return MarkerSymbols(x, marker, pose, residual)
 
 
 def _symmetric(upper: cs.SX) -> cs.SX:
@@ -75,7 +75,7 @@ def _mixed(scale: bool) -> cs.Function:
     return _at_zero(s, "mixed", outputs)
 
 
-def _at_zero(s: Statement, name: str, outputs: list[cs.SX]) -> cs.Function:
+def _at_zero(s: MarkerSymbols, name: str, outputs: list[cs.SX]) -> cs.Function:
     here = cs.substitute(outputs, [s.x], [cs.DM.zeros(s.x.shape)])
     row = cs.vertcat(s.marker, s.pose)
     dense = [cs.densify(value) for value in here]

@@ -293,7 +293,7 @@ def test_the_fixed_set_is_diagnosed_blind(ran: Path) -> None:
     figures = found.overall.figures
     assert found.cases == CASES
     print({key: f"{share.count}/{share.of}" for key, share in figures.items()})
-    top = figures["top1_element_or_twin"]
+    top = figures["top1_element_or_confounded"]
     assert top.count == top.of
     assert figures["false_alarms"].count == 0
     assert figures["falsely_added_beyond_confounded"].count == 0

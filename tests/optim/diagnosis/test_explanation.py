@@ -17,7 +17,7 @@ from plumbline.optim.diagnosis.findings import (
     MEANING,
     NOTHING_FURTHER,
     ON_A_BOUND,
-    STAND_INS,
+    ONLY_CONFOUNDED,
     Cause,
     Estimate,
     Outcome,
@@ -78,7 +78,7 @@ def test_what_blocks_agree_on_takes_the_place_of_what_all_rows_have_not_told():
 
 
 def test_of_many_causes_a_long_recording_keeps_what_all_its_rows_have_told():
-    """Of a short one all that is listed, stand-ins for the lacked; beside both what is named."""
+    """Of a short one all that is listed, confounded ones for the lacked; and what is named."""
     keys = [("gear_ripple", 1), ("joint_scale", 2), ("joint_offset", 3), ("joint_tilt", 4)]
     terms = [SelectedTerm(k, 1.0) for k in range(6)]
     lacked = Unlisted(None, np.arange(1))
@@ -487,7 +487,7 @@ def test_chains_that_differ_by_more_than_a_percent_or_two_are_told_of(judged, ap
     assert any("searches from different starts differ" in note for note in notes) == said
 
 
-def test_what_is_not_more_probable_than_not_is_no_cause_but_may_stand_in_for_one(judged):
+def test_what_is_not_more_probable_than_not_is_no_cause_but_may_be_confounded_with_one(judged):
     verdict = kind(judged, told={"probabilities": {SCALE: 0.4}, "named": frozenset()})
     assert verdict.causes == ()
     assert verdict.candidates[0].probability == 0.4
@@ -498,10 +498,10 @@ def test_what_is_not_more_probable_than_not_is_no_cause_but_may_stand_in_for_one
     assert not any("each too improbable to be named" in note for note in kind(judged).notes)
 
 
-def test_stand_ins_that_foretell_rows_are_not_called_no_explanation(judged):
+def test_confounded_terms_that_foretell_rows_are_not_called_no_explanation(judged):
     outside = kind(judged, told={"named": frozenset(), "unlisted": 0.9})
     assert outside.verdict == Outcome.OUTSIDE
-    assert outside.meaning == STAND_INS
+    assert outside.meaning == ONLY_CONFOUNDED
     assert [(p.stage, p.element) for p in outside.where] == [("joint", 2)]
     nothing = replace(outside, gap=replace(outside.gap, shrink_ci95=(0.0, 0.0)))
     assert nothing.meaning == MEANING[Outcome.OUTSIDE]

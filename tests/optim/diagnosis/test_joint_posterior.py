@@ -387,7 +387,7 @@ def test_where_one_state_dominates_its_terms_asked_one_by_one_say_the_same(seed)
 def test_chains_about_a_long_state_find_what_all_sets_add_up_to(seed, strength, resembling, within):
     """Where columns resemble one another; the climb's end alone was wrong by three quarters.
 
-    Where one stands in for two, which no one place shows, chains cross seldom.
+    Where one is confounded with two, which no one place shows, chains cross seldom.
     """
     asked = problem(*drawn(seed, strength=strength, mixed=resembling, causes=3))
     found = coarsened(asked, [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)], 1.0, 0)
@@ -425,7 +425,7 @@ def test_gross_rows_of_a_long_state_stay():
     assert found.marginals[0][:2].min() > 0.95
 
 
-def test_of_two_terms_that_stand_in_for_each_other_one_stays():
+def test_of_two_confounded_terms_one_stays():
     X, t = drawn(3, count=4, causes=1, strength=20.0)
     X[:, 1] = X[:, 0] + 1e-3 * X[:, 1]
     found = one_by_one(problem(X, t), [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)])

@@ -15,7 +15,7 @@ from plumbline.kinematics.tree import tree_of
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.model import Model
 from plumbline.optim.model.fitted import Held
-from plumbline.optim.model.making import Fit, model_of
+from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.recording.building import build_recording
 from tests.random_trees import Tree
 
@@ -55,7 +55,7 @@ def found(recording, causes):
     stated = build_model(recording, tuple(causes))
     x = np.concatenate(list(causes.values()))
     precision = np.diag((1e3 / np.maximum(np.abs(x), 1e-2)) ** 2)
-    fit = Fit(stated.nuisance, tuple(causes), x, stated.problem.scale, precision)
+    fit = FitEnd(stated.nuisance, tuple(causes), x, stated.problem.scale, precision)
     return model_of(recording, fit, Held(1.0, 0.1, 0.1, "N m", 0.1))
 
 

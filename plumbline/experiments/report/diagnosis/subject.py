@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from plumbline.optim.core.quantities import scaled
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.recording.origin import counted_rows
+from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ class Subject:
             places=np.asarray(diagnosis.places)[keep],
             unit=unit,
             factor=factor,
-            rows=np.array(counted_rows(keep), dtype=np.int64),
+            rows=np.array(row_numbers(keep), dtype=np.int64),
         )
 
     @property

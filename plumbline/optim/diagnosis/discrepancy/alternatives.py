@@ -46,7 +46,7 @@ from plumbline.optim.diagnosis.prior import (
     SWALLOWED,
     USUAL,
 )
-from plumbline.optim.recording.origin import counted_rows
+from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 
 Mechanism = tuple[str, int | None, str, str | None]  # stage, element, on what it depends, effect
@@ -340,7 +340,7 @@ def _shared_shift(R_base_tip: Array, ports: Ports) -> list[Dependence]:
     turned = np.einsum("nkj,knm->jnm", R_base_tip, ports.body[:3])
     columns = USUAL * np.where(ports.gross[:, None], turned, 0.0)
     ways = gammaln(of + 1) - gammaln(count + 1) - gammaln(of - count + 1)
-    listed = ", ".join(map(str, counted_rows(ports.gross)))
+    listed = ", ".join(map(str, row_numbers(ports.gross)))
     words = f"rows {listed}: one shift of the tool explains them"
     return [Dependence(words, "moment", "tool", None, columns, -float(ways))]
 

@@ -9,7 +9,7 @@ from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
 from plumbline.optim.core.stored import register, restored
 from plumbline.optim.diagnosis.findings import Verdict
-from plumbline.optim.diagnosis.motion.fit import Fit, evaluated
+from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
@@ -44,7 +44,7 @@ class MotionDiagnosis(WithVerdict):
     options: DiagnosisOptions
 
     @property
-    def fits(self) -> dict[int, Fit]:
+    def fits(self) -> dict[int, JointFit]:
         """Effects with their values by joint, from 1."""
         return {joint.number: joint.fit for joint in self.joints}
 

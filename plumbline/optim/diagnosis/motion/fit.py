@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows, ro
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class JointFit:
     """Effects of one joint with their values."""
 
     effects: Effects  # what they are
@@ -86,14 +86,14 @@ class Fit:
         return float(-effective / 2 * np.log(square) - occam)
 
 
-def evaluated(windows: Windows, effects: Effects, theta: Array, *, slopes: bool = True) -> Fit:
+def evaluated(windows: Windows, effects: Effects, theta: Array, *, slopes: bool = True) -> JointFit:
     """The effects at given values, with derivatives or without."""
     predicted, J = roll_out(windows, effects, theta, slopes=slopes)
     residual = windows.level(predicted - windows.measured)
-    return Fit(effects, theta, residual, windows.level(J), windows.sizes(effects))
+    return JointFit(effects, theta, residual, windows.level(J), windows.sizes(effects))
 
 
-def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = False) -> Fit:
+def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = False) -> JointFit:
     """The least square from a start, inside the bounds; ``search`` for one that ends early."""
     best = evaluated(windows, effects, start)
     lower, upper, scale = best.limits
@@ -121,7 +121,7 @@ def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = F
     return best
 
 
-def to_go(windows: Windows, fit: Fit, effective: float) -> float:
+def to_go(windows: Windows, fit: JointFit, effective: float) -> float:
     """Newton's decrement: standard errors that the free parameters would still move.
 
     A step that promises more than may be left counts by what it gains when it is rolled out, whole,

@@ -9,7 +9,7 @@ import numpy as np
 
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
-from plumbline.optim.diagnosis.motion.fit import Fit, evaluated, fitted
+from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated, fitted
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
@@ -53,7 +53,7 @@ def _folds(signals: Signals) -> Iterator[tuple[Integers, Integers]]:
 
 
 def _fold(
-    signals: Signals, j: int, found: Fit, fit: Integers, judge: Integers
+    signals: Signals, j: int, found: JointFit, fit: Integers, judge: Integers
 ) -> tuple[Array, Array, Array, list[Array]]:
     training, test = signals.windows(j, fit), signals.windows(j, judge)
 

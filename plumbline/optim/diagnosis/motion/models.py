@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     STEPS,
     WORTH_A_FIT,
 )
-from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
+from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.rollout import Effects, Windows
 from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, Unlisted, exceeds
 
@@ -41,7 +41,7 @@ class Models:
 
     def __init__(self, windows: Windows, library: Effects, seen: Seen) -> None:
         self.windows, self.library, self.seen = windows, library, seen
-        self.found: dict[Key, Fit] = {frozenset(): fitted(windows, (), np.empty(0))}
+        self.found: dict[Key, JointFit] = {frozenset(): fitted(windows, (), np.empty(0))}
         forms = Counter(e.name for e in library)  # which share an effect's odds
         self.odds = {name: ODDS - float(np.log(count)) for name, count in forms.items()}
 
@@ -59,11 +59,11 @@ class Models:
         found = fit.evidence(fit.residual.size / time) + sum(self.odds[e.name] for e in key)
         return found if np.isfinite(found) else -np.inf  # a way that ran off
 
-    def floor(self, fit: Fit, sigma: float) -> float:
+    def floor(self, fit: JointFit, sigma: float) -> float:
         """What a fit leaves where nothing is missing [rad]: noise, and steps of a planned way."""
         return float(np.hypot(sigma, self._steps(fit) ** 0.5))
 
-    def _steps(self, fit: Fit) -> float:
+    def _steps(self, fit: JointFit) -> float:
         """What steps of a planned way change, a mean square [rad^2]."""
         planned = any(e.plans for e in fit.effects)
         return STEPS**2 * self.found[frozenset()].square if planned else 0.0
@@ -84,7 +84,7 @@ class Models:
             found[effect.name] = max(more, 0.0) ** 0.5
         return found
 
-    def fit(self, key: Key, near: Fit) -> None:
+    def fit(self, key: Key, near: JointFit) -> None:
         """Fit a model, from one that it differs from by an effect or two."""
         if key in self.found or len({e.name for e in key}) < len(key):
             return

@@ -22,7 +22,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     RESEMBLES,
     RIVAL_FROM,
 )
-from plumbline.optim.diagnosis.motion.fit import Fit, correlation_time, fitted
+from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.models import Key, Models, names_of
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows
 from plumbline.optim.diagnosis.motion.unlisted import VARIABLES, Rivals, Unlisted, own_past
@@ -37,7 +37,7 @@ class Joint:
 
     number: int  # the joint, from 1
     windows: Windows  # what was fitted
-    fit: Fit  # the effects that were found, with their values
+    fit: JointFit  # the effects that were found, with their values
     probability: Mapping[str, float]  # of every effect that was considered, by name
     # by name of an effect found: what may stand in its place, with its probability
     instead: Mapping[str, Mapping[str, float]]
@@ -105,7 +105,7 @@ def search(
     )  # fmt: skip
 
 
-def errors_of(models: Models, fit: Fit, prior: float, sigma: float | None) -> Array:
+def errors_of(models: Models, fit: JointFit, prior: float, sigma: float | None) -> Array:
     """Standard errors (P,) of a fit, with what nobody has listed at work beside it or not."""
     key = frozenset(fit.effects)
     models.found[key] = fit

@@ -34,7 +34,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     PASTS,
     WIDTHS,
 )
-from plumbline.optim.diagnosis.motion.fit import Fit
+from plumbline.optim.diagnosis.motion.fit import JointFit
 from plumbline.optim.diagnosis.motion.rollout import Array, Windows
 
 PAST = "past commands"
@@ -57,7 +57,9 @@ class Unlisted:
 class _Beside:
     """Features (n, F) beside a fit, in the sums that evidence takes."""
 
-    def __init__(self, fit: Fit, effective: float, least: float, stated: float, Phi: Array) -> None:
+    def __init__(
+        self, fit: JointFit, effective: float, least: float, stated: float, Phi: Array
+    ) -> None:
         r = fit.residual.ravel()
         both = np.hstack([fit.flat * fit.scales, Phi])
         self.p, self.effective = len(fit.theta), effective
@@ -113,7 +115,7 @@ class Rivals:
     def __init__(
         self,
         windows: Windows,
-        fit: Fit,
+        fit: JointFit,
         effective: float,
         least: float = 0.0,
         stated: float = 0.0,
@@ -169,7 +171,7 @@ class Rivals:
         return np.asarray(np.sqrt(square) * scales)
 
 
-def own_past(windows: Windows, fit: Fit, sigma: float, effective: float) -> Unlisted:
+def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) -> Unlisted:
     """What the residual's own past foretells of it, as far as it exceeds the stated noise.
 
     A mechanism with a memory that no function of the moment has. Noise that wanders foretells
@@ -201,7 +203,7 @@ def exceeds(ratio: float, effective: float) -> float:
     return effective / 2 * (ratio - 1.0 - float(np.log(ratio)))
 
 
-def _along(windows: Windows, fit: Fit) -> Mapping[str, Array]:
+def _along(windows: Windows, fit: JointFit) -> Mapping[str, Array]:
     """What a joint goes by at every sample (n,), by name.
 
     Positions and speeds are the predicted ones: measured ones would know what happened.
@@ -228,7 +230,7 @@ def _bumps(values: Array) -> Array:
 
 
 def _features(
-    windows: Windows, fit: Fit, along: Mapping[str, Array]
+    windows: Windows, fit: JointFit, along: Mapping[str, Array]
 ) -> Iterator[tuple[str, Array]]:
     """Bumps along every variable, and those of either direction; past commands."""
     way = np.sign(along["velocity"])[:, None]

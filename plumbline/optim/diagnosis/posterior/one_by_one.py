@@ -7,8 +7,8 @@ slot is asked what fills it, given all others,
 
 and kept, filled otherwise or emptied, until nothing changes (iterated conditional modes, Besag
 1986, J. R. Stat. Soc. B 48(3)). What the library lacks goes in first: a slot that is asked while
-something else is missing is asked for both. One term goes at a time, so that of two that stand in
-for each other one stays. A climb ends in one of many states that say nearly the same and is sure of
+something else is missing is asked for both. One term goes at a time, so that of two that are
+confounded one stays. A climb ends in one of many states that say nearly the same and is sure of
 it; a chain draws from these shares instead (Geman and Geman 1984, IEEE TPAMI 6(6)), and all that it
 asks on its way is summed over.
 """

@@ -32,7 +32,7 @@ from plumbline.optim.measurement.observation import Term
 from plumbline.optim.measurement.refit import figure, gap_unit
 from plumbline.optim.measurement.torque import own_units
 from plumbline.optim.model.apply import CHANGED
-from plumbline.optim.recording.origin import counted_rows
+from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Session
 from plumbline.optim.recording.session import apart
 
@@ -277,7 +277,7 @@ def figures(
                 without_it=without(each, k),
                 noise=noises[k][0],
                 noise_source=noises[k][1],
-                gross=counted_rows(~found.trusted[mine]),
+                gross=row_numbers(~found.trusted[mine]),
             )
         )
     return tuple(listed)

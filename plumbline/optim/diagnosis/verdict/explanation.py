@@ -274,7 +274,7 @@ def _of_many(
     agreed: Sequence[SelectedTerm],
     named: frozenset[Key],
 ) -> tuple[SelectedTerm, ...]:
-    """Listed terms of a state of many causes, and stand-ins, which are fitted without being named.
+    """Listed terms of a state of many causes, and confounded ones, which are fitted, not named.
 
     Where something that the library lacks is more probable at a place, the effect that the search
     took for it still foretells better than nothing does. Of a long recording only some rows are
@@ -286,8 +286,8 @@ def _of_many(
     mine = tuple(t for t in state if t.index < alt.library)
     held = selected.selection.keys(mine)
     lacked = {_place(alt, t.index) for t in state if isinstance(alt.term(t.index), Unlisted)}
-    stand_ins = (t for t in chosen if _place(alt, t.index) in lacked)
-    terms = chosen if long else (*mine, *(t for t in stand_ins if key[t.index] not in held))
+    confounded = (t for t in chosen if _place(alt, t.index) in lacked)
+    terms = chosen if long else (*mine, *(t for t in confounded if key[t.index] not in held))
     untold = named - selected.selection.keys(terms)
     more = [t for t in agreed if t.index < alt.library and key[t.index] in untold]
     return _joined(alt, terms, more, long=long)

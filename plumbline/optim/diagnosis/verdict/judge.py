@@ -49,7 +49,7 @@ from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import figure
-from plumbline.optim.recording.origin import counted_rows
+from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import ASKED, plausible
 
@@ -71,7 +71,7 @@ def judge(
     missing = selected.best.gram.count * max(noise.ratio**2 - 1.0, 0.0) * noise.sigma**2
     told = told.doubted(lack_of_fit(noise, selected), missing, keys)
     named = [key for key in keys if key in told.named]
-    stand_ins = [key for key in keys if key not in told.named]
+    confounded = [key for key in keys if key not in told.named]
     fitted = selected.model.recording  # which knows what a turn counts
     gap = replace(_gap(evaluation, noise), rotation=_rotation(fitted, evaluation, noise))
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
@@ -100,9 +100,9 @@ def judge(
         tree=told.tree,
         unlisted_prior=told.prior,
         unobservable=_unseen(selected, causes, noise.sigma, library),
-        staircase=staircase(stairs, [*named, *stand_ins], evaluation, always_words(recording)),
+        staircase=staircase(stairs, [*named, *confounded], evaluation, always_words(recording)),
         noise=noise,
-        distrusted_rows=counted_rows(~evaluation.trusted),
+        distrusted_rows=row_numbers(~evaluation.trusted),
         notes=_notes(recording, selected, told, noise, gap, kind, coarse=coarse),
         judged=judged,
         recording=recording.name,
@@ -125,7 +125,7 @@ def _unseen(
 
 
 def _where(selected: SelectedModel, told: Explanation, seed: int) -> tuple[Place, ...]:
-    """Shares of the gap by place: by what causes and stand-ins explain, else by what is unlisted.
+    """Shares of the gap by place: by what listed terms explain, named or not, else unlisted ones.
 
     Where several may do the same, the places of all have a share. More noise than stated, with
     nothing seen that it depends on, is nowhere.

@@ -8,14 +8,14 @@ import numpy as np
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.findings import Estimate
 from plumbline.optim.measurement.nuisance import Nuisance
-from plumbline.optim.model.making import Fit
+from plumbline.optim.model.making import FitEnd
 
 LEFT_OPEN = 1.0  # standard error of a direction [typical sizes] from which the rows do not tell it
 
 Named = list[tuple[str, str, str]]  # name, unit, meaning
 
 
-def nuisances_of_parts(observation: str, fit: Fit) -> dict[str, Estimate]:
+def nuisances_of_parts(observation: str, fit: FitEnd) -> dict[str, Estimate]:
     """Beam and planes in the base frame, or CT in the robot's frame, with standard errors.
 
     Args:
