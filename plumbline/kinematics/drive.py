@@ -11,7 +11,9 @@ known of follows it at once. Each term below is nothing at its null:
 on, straight between (without a lag it is at its edge at once); :math:`s` friction or play inside
 the servo's loop, :math:`T` a lag,
 :math:`k` the servo's compliance under the load :math:`h`, :math:`b` half a play behind it, which
-the output only leaves when it is pushed. A servo whose gains are known obeys
+the output only leaves when it is pushed. One of second order, of period :math:`2 \pi s`, has
+:math:`s^2 \ddot y + (T + 2 s)\,\dot y = \tilde e`, damped so that it does not overshoot; its
+friction acts against its motion. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
 :math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`. What has inertia may rub,
 :math:`- d \dot y - F \operatorname{sign} \dot y`: dry friction F takes no more speed than there is
@@ -21,12 +23,13 @@ friction is a constraint of MuJoCo's, :math:`s (\ddot y + r \dot y)` up to F (To
 Where the servo plans its way with a largest acceleration, what it plans stands for the command.
 Commands run straight from sample to sample (of velocities, lines of the same mean), or stand still
 where they are rates and torques that a digital controller holds (Franklin, Powell, Workman 1998,
-sec. 4.3); the lag's step is exact for
+sec. 4.3); the step of what lags is exact for
 both. What has inertia takes steps by the trapezoidal rule, which no stiffness upsets.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -41,6 +44,7 @@ PLANNED = 8  # steps of a sample of a planned way; twice as many change its para
 # the rate at which it slows a joint.
 STIFFNESS = 0.9 / (1 - 0.9)
 SLOWS = 2 / (0.95 * 0.02)  # [1/s]
+EQUAL = 1e-6  # of its period, by which the roots of a servo without a lag are apart
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
 
 
@@ -101,6 +105,7 @@ class Drive:
     bare: cs.SX  #: inertia about the joint at its zero, the others free [kg m^2]
     shift: cs.SX | None = None  #: how late commands are obeyed [s]
     lag: cs.SX | None = None  #: time constant [s]
+    period: cs.SX | None = None  #: natural one of a servo of second order [s]
     band: cs.SX | None = None  #: error that moves nothing, either way [rad, rad/s or N m]
     stick: cs.SX | None = None  #: error that is always left, either way [rad, rad/s or N m]
     damping: cs.SX | None = None  #: viscous friction of what has inertia [N m s/rad]
@@ -120,6 +125,8 @@ class Drive:
             path, pace = self._planned(before, self.steepest)
             after = replace(self, command=path, steepest=None).step(before)
             return replace(after, told=self.command, path=path, pace=pace)
+        if self.period is not None:
+            return self._swung(before, self.period / (2 * math.pi))
         asked = self._outside_band(before)
         if self.law == Law.SERVO or self.law.pushes:
             wanted = self._lagged(asked, None, before)
@@ -174,8 +181,7 @@ class Drive:
         if self.band is not None and at_once:
             error = error - clipped(error, self.band)  # at once, to the band's edge and no farther
         elif self.band is not None:
-            size = cs.fmin(cs.fmax(EDGE * (cs.fabs(error) - self.band), 0), cs.fabs(error))
-            error = cs.sign(error) * size
+            error = _beyond(error, self.band)
         if self.stick is not None:
             error = error - clipped(error, self.stick)
         return at_rest + error
@@ -195,6 +201,40 @@ class Drive:
         late = ratio * (1 - stays)
         was, sent = (before.asked, before.sent) if place is None else (place, before.asked)
         return stays * was + (1 - late) * asked + (late - stays) * sent
+
+    def _swung(self, before: Memory, s: cs.SX) -> Memory:
+        r"""A sample of a servo of second order, exact for an input that runs straight over it.
+
+        In the end it is :math:`(T + 2 s)\,r` behind one of rate r; what it is off from there fades
+        by the roots of :math:`s^2 p^2 - (T + 2 s)\,p + 1`. A dead band takes of the error what it
+        is worth halfway, dry friction no more motion than there is.
+        """
+        r = (self.command - before.asked) / self.dt
+        late = 2 * s if self.lag is None else self.lag + 2 * s
+        s = s + 1e-9  # the guard lets null be null
+        lag = EQUAL * s if self.lag is None else self.lag + EQUAL * s
+        fast = (lag + 2 * s + cs.sqrt(lag * (lag + 4 * s))) / (2 * s**2)
+        slow = 1 / (s**2 * fast)
+        stays, fades = cs.exp(-fast * self.dt), cs.exp(-slow * self.dt)
+        less = (fades - stays) / (fast - slow)
+        off, moves = before.place - before.asked + r * late, before.speed - r
+        both, lost = less * (fast * off + moves), self._lost(before)
+        answers = 1 - stays - less * fast, less / s**2  # of place and speed to a held error
+        went = self.command - r * late + stays * off + both - before.place - answers[0] * lost
+        speed = r + stays * moves - slow * both - answers[1] * lost
+        if self.stick is not None:
+            went, speed = (
+                x - clipped(x, by * self.stick)
+                for x, by in zip((went, speed), answers, strict=True)
+            )
+        place = before.place + self.dt * self._limited(went / self.dt, before.speed, self.dt / 2)
+        speed = self._limited(speed, before.speed, self.dt)
+        return Memory(self.command, place, speed, self._behind_play(place, before), self.command)
+
+    def _lost(self, before: Memory) -> cs.SX:
+        """What a dead band takes of a servo's error in the middle of a sample."""
+        error = (before.asked + self.command - before.speed * self.dt) / 2 - before.place
+        return cs.SX(0) if self.band is None else error - _beyond(error, self.band)
 
     def _risen(self, asked: cs.SX, ratio: cs.SX, before: Memory) -> cs.SX:
         """Mean over a sample of what lags by so many behind a line from what was sent before."""
@@ -269,6 +309,12 @@ class Drive:
         now = {name: getattr(self, name) for name in terms}
         both: dict[str, Any] = {k: v if now[k] is None else now[k] + v for k, v in terms.items()}
         return replace(self, **both)
+
+
+def _beyond(error: cs.SX, band: cs.SX) -> cs.SX:
+    """What is left of an error by a dead band: all of it from twice the band on."""
+    size = cs.fabs(error)
+    return cs.sign(error) * cs.fmin(cs.fmax(EDGE * (size - band), 0), size)
 
 
 def clipped(value: cs.SX, most: cs.SX) -> cs.SX:

@@ -38,6 +38,7 @@ INSIDE: dict[str, tuple[str, Strength]] = {
     "velocity_limit": ("fastest", _log(0.3, 0.7)),
     "acceleration_limit": ("steepest", _log(0.5, 3.0)),
     "servo_stiffness": ("compliance", _log(0.002, 0.02)),
+    "servo_bandwidth": ("bandwidth", _log(1.0, 4.0)),
 }
 # What nobody lists, and what it goes by.
 OUTSIDE: dict[str, tuple[str, Strength, tuple[str, ...]]] = {
@@ -51,8 +52,9 @@ OUTSIDE: dict[str, tuple[str, Strength, tuple[str, ...]]] = {
 ALIKE = {
     "actuation_play": ("actuation_deadband",),
     "actuation_deadband": ("actuation_play",),
-    "actuation_delay": ("actuation_lag",),
-    "actuation_lag": ("actuation_delay",),
+    "actuation_delay": ("actuation_lag", "servo_bandwidth"),
+    "actuation_lag": ("actuation_delay", "servo_bandwidth"),
+    "servo_bandwidth": ("actuation_delay", "actuation_lag"),
 }
 
 

@@ -63,6 +63,7 @@ class Wrong:
     fading: float = 0.0  # share of the motion that is lost in the end
     lost: float = 0.0  # share of packets
     ringing: float = 0.0  # Hz
+    bandwidth: float = 0.0  # Hz of a loop that does not ring
 
 
 def follow(t: Array, u: Array, load: Array, wrong: Wrong, rng: np.random.Generator) -> Array:
@@ -76,8 +77,8 @@ def follow(t: Array, u: Array, load: Array, wrong: Wrong, rng: np.random.Generat
     if w.fading:
         share = 1.0 - w.fading * (1.0 - np.exp(-2.0 * (fine - t[0]) / (t[-1] - t[0])))
         asked = asked[0] + share * (asked - asked[0])
-    if w.ringing:
-        asked = _rung(asked, 2.0 * np.pi * w.ringing * h)
+    for f, damping in ((w.ringing, 0.25), (w.bandwidth, 1.0)):
+        asked = _rung(asked, 2.0 * np.pi * f * h, damping) if f else asked
     if np.isfinite(w.steepest):
         asked = _planned(asked, h, w.steepest)
     motor = _motor(asked, h, w)
@@ -92,12 +93,12 @@ def _held(u: Array, lost: NDArray[np.bool_]) -> Array:
     return u[np.maximum.accumulate(arrived)]
 
 
-def _rung(asked: Array, step: float) -> Array:
-    """Through a loop of second order, damped by a quarter; ``step`` is its phase a step."""
+def _rung(asked: Array, step: float, damping: float) -> Array:
+    """Through a loop of second order, so damped; ``step`` is its phase a step."""
     out = np.empty_like(asked)
     place, speed = asked[0], 0.0
     for k, c in enumerate(asked):
-        speed += step * (step * (c - place) - 0.5 * speed) if k else 0.0
+        speed += step * (step * (c - place) - 2.0 * damping * speed) if k else 0.0
         place += speed
         out[k] = place
     return out

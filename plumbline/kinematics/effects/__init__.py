@@ -43,6 +43,7 @@ from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.effects.rotor_inertia import RotorInertia, RotorInertiaOfMotion
 from plumbline.kinematics.effects.sensor_distortion import SensorDistortion
 from plumbline.kinematics.effects.sensor_scale import SensorScale
+from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
 from plumbline.kinematics.effects.servo_stiffness import ServoStiffness
 from plumbline.kinematics.effects.slice_quantisation import SliceQuantisation
 from plumbline.kinematics.effects.stribeck_friction import StribeckFriction
@@ -112,6 +113,7 @@ MOTION_EFFECTS: tuple[type[MotionEffect], ...] = (
     AccelerationLimit,
     ActuationDeadband,
     ActuationLag,
+    ServoBandwidth,
     CoulombFrictionOfMotion,
     ViscousFrictionOfMotion,
     RotorInertiaOfMotion,

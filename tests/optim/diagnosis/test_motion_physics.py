@@ -4,6 +4,7 @@ import casadi as cs
 import mujoco
 import numpy as np
 import pytest
+from scipy.signal import lsim, lti
 
 from plumbline import build_motion, diagnose
 from plumbline.kinematics import drive
@@ -121,6 +122,12 @@ def test_a_dead_band_without_a_lag_is_a_play_under_a_load_too(less):
     np.testing.assert_allclose(band, play, atol=1e-14)
 
 
+def forget():
+    """Compile every drive anew."""
+    for cached in (rollout._rolling, rollout._piece, rollout._step):
+        cached.cache_clear()
+
+
 def step_response(law, name, value, u, dt=0.01, length=100):
     """What one effect makes of commands (N,), from rest at zero."""
     n = len(u)
@@ -135,6 +142,61 @@ def test_a_lag_answers_a_ramp_late_by_its_time_constant():
     u = np.maximum(t, 0.0)
     q = step_response(Law.POSITION, "actuation_lag", 0.1, u, length=290)
     assert q[-1] == pytest.approx(u[-1] - 0.1, abs=1e-4)
+
+
+def swung(u, dt, **values):
+    """What effects make of commands (N,), a lag and a bandwidth among them, from rest at zero."""
+    start, zeros = np.array([50]), np.zeros(len(u))
+    windows = Windows(
+        Law.POSITION, dt, 0.0, 0.0, u, zeros.astype(int), *[zeros] * 4, zeros + 1.0, start,
+        len(u) - 51, 0,
+    )  # fmt: skip
+    effects = tuple(NAMES[name](**({"inside": True} if "play" in name else {})) for name in values)
+    return roll_out(windows, effects, np.array([*values.values()]))
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.03, 0.2])
+@pytest.mark.parametrize("period", [0.0, 0.02, 0.4, 2.0])
+def test_a_servo_of_second_order_is_its_differential_equations_solution(period, lag):
+    dt, s = 0.01, period / (2.0 * np.pi)
+    t = np.arange(301) * dt
+    u = np.where(t < 2.1, 0.0, 1.0) + 0.2 * np.sin(5.0 * np.maximum(t - 0.6, 0.0))
+    values = {"servo_bandwidth": period, "actuation_lag": lag}
+    q, slopes = swung(u, dt, **values)
+    law = np.trim_zeros([s**2, lag + 2.0 * s, 1.0], "f")
+    exact = lsim(lti([1.0], law), u, t)[1] if len(law) > 1 else u
+    np.testing.assert_allclose(q[0], exact[51:], atol=1e-6)
+    for k, name in enumerate(values):
+        more = swung(u, dt, **values | {name: values[name] + 1e-6})[0][0]
+        np.testing.assert_allclose((more - q[0]) / 1e-6, slopes[0, :, k], rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["actuation_play", "actuation_deadband"])
+def test_friction_and_a_dead_band_of_a_servo_of_second_order_are_mujocos(name):
+    """A damped spring to the command, which is as slow; its command has the band."""
+    inertia, s, lag, size, dt = 0.05, 0.05, 0.02, 0.05, 0.01
+    kp = inertia / s**2
+    rubs = kp * size if name == "actuation_play" else 0.0
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="1e-4" gravity="0 0 0"/><worldbody><body><joint name="a"
+        frictionloss="{rubs}" solreffriction="0.001 1"/><inertial pos="0 0 0" mass="1"
+        diaginertia="{inertia} {inertia} {inertia}"/></body></worldbody><actuator><position
+        joint="a" kp="{kp}" kv="{kp * (lag + 2.0 * s)}"/></actuator></mujoco>"""
+    )
+    data, t = mujoco.MjData(model), dt * np.arange(601)
+    u = np.where(t < 0.5, 0.0, 0.3 * np.sin(2.0 * (t - 0.5)) + 0.1 * np.sin(7.0 * (t - 0.5)))
+    q = np.empty_like(t)
+    for k in range(len(t)):
+        q[k] = data.qpos[0]
+        for part in range(100):
+            asked = np.interp(t[k] + part * 1e-4, t, u)
+            error = asked - data.qpos[0]
+            held = min(max(2.0 * (abs(error) - size), 0.0), abs(error))
+            data.ctrl[0] = asked if rubs else data.qpos[0] + np.sign(error) * held
+            mujoco.mj_step(model, data)
+    values = {"servo_bandwidth": 2.0 * np.pi * s, "actuation_lag": lag}
+    missed = np.abs(swung(u, dt, **values | {name: size})[0][0] - q[51:]).max()
+    assert missed < 0.05 * np.abs(swung(u, dt, **values)[0][0] - q[51:]).max()
 
 
 def test_a_delay_is_exact_between_samples():
@@ -189,16 +251,14 @@ def test_soft_friction_is_mujocos_frictionloss(constant, by, monkeypatch):
         Law.TORQUE, 0.01, 0.0, 0.0, u, zeros.astype(np.int64), *[zeros] * 4, inertia,
         np.array([0]), len(t) - 1, 0, bare=0.05,
     )  # fmt: skip
-    for cached in (rollout._rolling, rollout._piece, rollout._step):
-        cached.cache_clear()
+    forget()
     missed = [
         np.abs(
             roll_out(windows, (NAMES["coulomb_friction"](soft=s),), np.array([rubs]))[0][0] - q[1:]
         )
         for s in (True, False)
     ]
-    for cached in (rollout._rolling, rollout._piece, rollout._step):
-        cached.cache_clear()
+    forget()
     assert (missed[0].max() < 0.05 * missed[1].max()) == (by == 1.0), [x.max() for x in missed]
 
 

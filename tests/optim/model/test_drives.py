@@ -16,6 +16,7 @@ from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_offset import ActuationOffset
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.kinematics.effects.coulomb_friction import CoulombFrictionOfMotion
+from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
 from plumbline.kinematics.effects.servo_stiffness import ServoStiffness
 from plumbline.kinematics.effects.torque_limit import TorqueLimit
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
@@ -92,6 +93,16 @@ def test_a_servo_that_yields_to_its_load_does_so_in_mujoco(real):
     left = rms(replay(yields.as_mjcf().text, t, u) - there)[1]
     assert left < 0.5 * rms(stiff - there)[1]
     assert left < 0.1 * rms(u - there)[1]
+
+
+@pytest.mark.parametrize("more", [(), ((ActuationPlay(inside=True), 0.02),)])
+def test_a_servo_of_second_order_is_as_slow_in_mujoco(real, more):
+    t, u, _ = real
+    effects = (ServoBandwidth(), 0.25), (ActuationLag(), 0.02), *more
+    slow = drives(one(*effects), one())
+    there = slow.rollout(t, u)[:, 0]
+    left = rms(replay(slow.as_mjcf().text, t, u)[:, 0] - there)
+    assert left < 0.05 * rms(u[:, 0] - there)
 
 
 @pytest.mark.parametrize(

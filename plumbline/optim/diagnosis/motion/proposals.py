@@ -22,6 +22,8 @@ BY_HAND = ("hold", "pushed by hand either way: play gives way, a dead band does 
 # What parts two effects: a motion's kind, and what it is in words.
 PARTED: dict[frozenset[str], tuple[str, str]] = {
     frozenset(("actuation_delay", "actuation_lag")): ("chirp", "0.1 to 5 Hz in 30 s"),
+    frozenset(("actuation_delay", "servo_bandwidth")): ("chirp", "0.1 to 5 Hz in 30 s"),
+    frozenset(("actuation_lag", "servo_bandwidth")): ("chirp", "0.1 to 5 Hz in 30 s"),
     frozenset(("actuation_offset", "servo_stiffness")): ("hold", "5 s at postures of other loads"),
     SAME: ("steps", "small and large ones, each held"),
     frozenset(("actuation_play", "actuation_lag")): ("ramp", "slowly to and fro, twice"),

@@ -10,7 +10,8 @@ A servo on position is a spring to its command, damped, with dry friction about 
 servo's compliance. A dead band stops a slow servo as short of its command, and is held so where
 there is no play. Where no compliance was found the spring is so stiff that its own frequency is
 ``STIFF``. The spring itself is late by :math:`2 \zeta / \omega`, which the lag of the filter, then
-the delay, is shorter by. What a format has no word for (a largest speed) is told.
+the delay, is shorter by. A servo of second order is as slow by a rotor. What a format has no word
+for (a largest speed) is told.
 """
 
 from collections.abc import Mapping
@@ -41,6 +42,7 @@ SPAN = 20.0  # [s] of commands that the size of what a file lacks is judged by
 SAMPLE = 0.02  # [s] of such commands: 50 a second, as hobby servos take them
 # What MuJoCo's actuators cannot be told.
 NO_WORD = ("velocity_limit", "acceleration_limit")
+TURN = 2 * np.pi  # [rad]
 SPRINGY = (Law.POSITION, Law.SERVO)
 
 
@@ -111,8 +113,11 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
     damping = (
         kd if kp else 2 * _ratio(stiffness, inertia, lag + late) * np.sqrt(stiffness * inertia)
     )
-    inside = servo.value("actuation_play", inside=True)
-    if inside and not kp:  # its lag is the loop's own
+    inside, s = servo.value("actuation_play", inside=True), servo.value("servo_bandwidth") / TURN
+    if s:  # a rotor makes the spring as slow
+        rubs["rotor"] = max(s**2 * stiffness - inertia, 0.0)
+        damping, lag = stiffness * (lag + 2 * s), 0.0
+    elif inside and not kp:  # its lag is the loop's own
         damping, lag = max(damping, stiffness * lag), 0.0
     elif not kp:
         own = damping / stiffness

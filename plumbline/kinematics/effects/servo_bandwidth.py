@@ -1,0 +1,34 @@
+r"""A servo of second order: :math:`s^2 \ddot y + (T + 2 s)\,\dot y = c - y`.
+
+It is slow to set off, as one of first order is not. Its natural period is :math:`2 \pi s`, and it
+is damped so that it does not overshoot, as loops on position are; a lag :math:`T` adds to that.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+
+from plumbline.kinematics.drive import Drive, Law
+from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ServoBandwidth(MotionEffect):
+    """A position loop that moves an inertia: its bandwidth, by the period of its own motion."""
+
+    name = "servo_bandwidth"
+    depends_on = "time"
+    words = "the servo of joint {element} is slow to set off"
+    reference = "Siciliano et al. (2009), Robotics, sec. 8.3.1 (natural frequency, damping ratio)"
+    source = "by hand: position loops of servos and elastic drives close at 1 to 20 Hz"
+    laws = (Law.POSITION,)
+    period = Parameter("s", 0.0, 2.0, scale=0.2, doc="natural period")
+
+    def apply(self, drive: Drive, value: cs.SX) -> Drive:
+        return drive.changed(period=value)
+
+    def starts(self, seen: Seen) -> Sequence[float]:
+        """One of 5 Hz: both faster and slower ones are found from there."""
+        return [0.2]
