@@ -6,7 +6,7 @@ Memory is bounded by the chunk, whatever the number of rows; cost is linear in t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import casadi as cs
@@ -338,19 +338,3 @@ class Mapped:
         slope, g = self._compiled.lagrangian(np.asarray(x), self.problem.data, multipliers)
         squares = self.gram(x).vector if self.problem.has_squares else 0.0
         return slope.full().ravel() + squares, g.full().ravel()
-
-
-@dataclass(frozen=True, eq=False)
-class Nearby(Mapped):
-    """The same with a curvature of the rows from nearby.
-
-    The gradient is one sweep back through every row, however many unknowns there are.
-    """
-
-    nearby: Gram  # of the rows
-
-    def gram(self, x: ArrayLike) -> Gram:
-        """Normal equations at x, but for the rows' curvature."""
-        white = self.white_residuals(x)
-        rows = replace(self.nearby, vector=self._back(x, white), square=float(np.sum(white**2)))
-        return rows + self.shared_gram(x)

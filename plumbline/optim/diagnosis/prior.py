@@ -125,7 +125,6 @@ LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
 MOST_BLOCKS = 4000  # rows 4,000 apart tell nothing of one another; draws of them take 32 MB
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (cost only)
-FOLD_BELIEVED = 0.05  # share by which a square may differ from what a fold's step foretells
 # Root of the share of a fold's square, a ten thousandth, by which its fit may still change: less
 # than a figure's last digit. In standard errors it is this times the root of the readings.
 FOLD_STILL = 0.01

@@ -45,6 +45,26 @@ def test_a_fit_that_was_cut_short_is_called_that_whatever_the_solver_says(model)
     assert f"standard errors, {STILL:g} allowed; allow more iterations" in found.words
 
 
+def test_a_solver_may_rest_where_the_unknowns_move_by_so_many_standard_errors_and_no_more(model):
+    ends = {
+        still: LevenbergMarquardt(tolerance=0.0, still=still).solve(model.problem, model.start)
+        for still in (0.01, 1.0, 100.0)
+    }
+    steps = [end.iterations for end in ends.values()]
+    assert steps == sorted(steps, reverse=True)
+    assert steps[0] > steps[-1]
+    for still, end in ends.items():
+        assert judged(end).stationarity <= still
+
+
+def test_what_a_solver_leaves_is_judged_by_the_normal_equations_where_it_ended(model):
+    for steps in (0, 1, 5):
+        end = LevenbergMarquardt(max_iterations=steps).solve(model.problem, model.start)
+        there = end.mapped.gram(end.x)
+        np.testing.assert_array_equal(end.gram.matrix, there.matrix)
+        np.testing.assert_array_equal(end.gram.vector, there.vector)
+
+
 @pytest.mark.parametrize("correlation", [0.0, 0.99, 0.999999])
 def test_stationarity_is_how_many_standard_errors_are_left_to_go(correlation):
     """Also where one unknown at a time promises nothing: the two move together."""

@@ -11,7 +11,8 @@ from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.tool_slip import ToolByGroup
-from plumbline.optim.core.mapped import Mapped, Nearby
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import Explained, _in_between, diagnose, task_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -199,7 +200,7 @@ def test_a_fold_s_fit_is_at_rest_where_its_square_changes_by_a_ten_thousandth(
     _, _, best, _, union = first_fold(offset_recording)
     x = union.started(best.by_name)
     gram = replace(Mapped(union.problem).grams(x)[0], count=count)
-    ended = shrink._judged(Nearby(union.problem, gram), x)
+    ended = shrink._judged(Solution(union.problem, x).judged_by(gram))
     assert ended.limit == pytest.approx(limit)
     assert ended.converged == (ended.stationarity <= limit)
 

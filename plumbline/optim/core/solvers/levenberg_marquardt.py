@@ -31,6 +31,8 @@ class LevenbergMarquardt(OfRows):
     max_iterations: int = 60  #: steps tried at most
     tolerance: float = 1e-11  #: relative drop of cost below which it stops
     damping: float = 1e-6  #: first damping relative to the curvature
+    #: standard errors by which the unknowns may still move where it stops; 0 if they may not
+    still: float = 0.0
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""
@@ -38,7 +40,7 @@ class LevenbergMarquardt(OfRows):
         return self.on(Mapped(problem), start)
 
     def on(self, mapped: Mapped, start: ArrayLike) -> Solution:
-        """The same by other functions of the problem, such as a curvature from nearby."""
+        """The same by functions of the problem that are there."""
         problem = mapped.problem
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         gram, mu, message = mapped.gram(x), self.damping, "iteration limit reached"
@@ -47,6 +49,9 @@ class LevenbergMarquardt(OfRows):
             steps += 1
             trial = _step(problem, gram, x, mu)
             promise = promised(gram, trial - x)
+            if promise * gram.count <= self.still**2 * gram.square:  # Newton's decrement
+                message = "converged"
+                break
             if bent:
                 trial = _around_the_bend(mapped, gram, x, trial, mu)
             candidate = mapped.gram(trial)
@@ -64,7 +69,7 @@ class LevenbergMarquardt(OfRows):
                 message = "converged"
                 break
             mu, growth = max(mu * _relief(drop / promise), 1e-14), GROWTH
-        return Solution(problem, x, steps, message)
+        return Solution(problem, x, steps, message).judged_by(gram)
 
 
 def _around_the_bend(mapped: Mapped, gram: Gram, x: Array, trial: Array, mu: float) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import STILL, Judged, judged_by_gram
-from plumbline.optim.core.mapped import Gram, Mapped, Nearby
+from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -32,16 +32,13 @@ from plumbline.optim.diagnosis.posterior.selection import (
 from plumbline.optim.diagnosis.posterior.slots import added_evidence, asked_again
 from plumbline.optim.diagnosis.prior import (
     BOOTSTRAP_DRAWS,
-    FOLD_BELIEVED,
     FOLD_STILL,
     MANY_SLOTS,
     MOST_BLOCKS,
     NO_EVIDENCE,
-    ROUNDS,
 )
 from plumbline.optim.measurement.observation import Model, build_model
 
-NEAR = LevenbergMarquardt(tolerance=FOLD_STILL**2)
 # It ends at a hundredth of what a fold's square may still change by.
 FOLD_SOLVER = LevenbergMarquardt(tolerance=0.01 * FOLD_STILL**2)
 BY_MARKER = "marker"  # what the error of one marker's place depends on
@@ -178,7 +175,7 @@ def held_out_residuals(
     """Residuals (N, m) of every row under the model made without its fold, and how each fit ended.
 
     All that any fold chose is linearised once more, about the fit of all rows: near enough for one
-    step to each fold's own values. The residuals themselves are the true ones, not linearised.
+    step to where each fold's own fit begins. The residuals are the true ones, not linearised.
 
     Args:
         pool: The candidates.
@@ -187,24 +184,15 @@ def held_out_residuals(
         best: The fit of all rows.
     """
     union = _union(pool, models, best)
-    whole, at = Mapped(union.problem), union.started(best.by_name)
+    at = union.started(best.by_name)
     columns = [_columns_of(pool, union, model) for model in models]
-    for _ in range(ROUNDS):
-        out, foretold, values, grams = _one_step(pool, union.problem, folds, models, columns, at)
-        if abs(np.sum(out[best.problem.weights > 0] ** 2) - foretold) <= FOLD_BELIEVED * foretold:
-            break
-        # Too far for one step: all folds moved alike, so their mean is nearer to each.
-        mean = values.mean(axis=0)
-        if not whole.cost(mean) < whole.cost(at):
-            break
-        at = mean
+    out, values, grams = _one_step(pool, union.problem, folds, models, columns, at)
     ended = []
     for f, model in enumerate(models):
         x, judged = _settled(pool, union, folds == f, model, at, values[f], grams)
         ended.append(replace(judged, fit=f"the fit without fold {f + 1}"))
-        if x is not values[f]:
-            rows = np.flatnonzero(folds == f)
-            out[rows] = Mapped(union.problem.on(union.problem.rows[rows])).residuals(x)
+        rows = np.flatnonzero(folds == f)
+        out[rows] = Mapped(union.problem.on(union.problem.rows[rows])).residuals(x)
     return out, ended
 
 
@@ -219,10 +207,9 @@ def _settled(
 ) -> tuple[Array, Judged]:
     """One fold's own values (P,) once no step moves them any more, and how that ended.
 
-    From its first values ``x``, or where these are no nearer from the ``start`` of all folds. The
-    curvature is that of all folds' last step (``grams``); where that does not do, it is each
-    point's own. What the fold alone determines follows from its own rows, of which others know
-    nothing.
+    From its first values ``x``, or where these are no nearer from the ``start`` of all folds. What
+    the fold alone determines (by all folds' ``grams``) follows from its own rows, of which others
+    know nothing.
     """
     bend = sum((g for k, g in enumerate(grams) if k != model.fold), Gram.empty(union.problem.size))
     rest = Linear.about(bend, start, union.problem.scale)
@@ -233,12 +220,8 @@ def _settled(
     first = np.clip(x, problem.lower, problem.upper)
     if not whole.cost(first) <= whole.cost(np.where(moved, start, 0.0)):
         first = np.where(moved, start, 0.0)
-    for mapped, solver in ((Nearby(problem, bend), NEAR), (whole, FOLD_SOLVER)):
-        x = solver.on(mapped, first).x
-        ended = _judged(mapped, x)
-        if ended.converged:
-            break
-        first = x
+    solution = replace(FOLD_SOLVER, still=0.5 * _still(bend.count)).on(whole, first)
+    x, ended = solution.x, _judged(solution)
     if len(own):
         gram = Mapped(union.problem.part(left_out)).grams(x)[0]
         z = x / problem.scale
@@ -266,14 +249,20 @@ def _without_fold(
     )
 
 
-def _judged(mapped: Mapped, x: Array) -> Judged:
-    """How a fold's fit stands at x (P,); what is pressed against a bound stays there."""
-    problem, gram = mapped.problem, mapped.gram(x)
+def _still(count: float) -> float:
+    """By how many standard errors a fold's fit to so many readings may still move.
+
+    All that counts of it is what it misses rows by, which many rows hardly change.
+    """
+    return max(STILL, FOLD_STILL * float(np.sqrt(count)))
+
+
+def _judged(solution: Solution) -> Judged:
+    """How a fold's fit ended; what is pressed against a bound stays there."""
+    problem, x, gram = solution.problem, solution.x, solution.gram
     low, high = x <= problem.lower, x >= problem.upper
     held = (low & high) | (low & (gram.vector > 0.0)) | (high & (gram.vector < 0.0))
-    # All that counts of a fold is what it misses rows by, which many rows hardly change.
-    limit = max(STILL, FOLD_STILL * float(np.sqrt(gram.count)))
-    return judged_by_gram(gram.part(np.flatnonzero(~held)), limit=limit)
+    return judged_by_gram(gram.part(np.flatnonzero(~held)), limit=_still(gram.count))
 
 
 def _columns_of(pool: Pool, union: Model, model: FoldModel) -> Columns:
@@ -308,11 +297,11 @@ def _one_step(
     models: Sequence[FoldModel],
     columns: Sequence[Columns],
     at: Array,
-) -> tuple[Array, float, Array, list[Gram]]:
-    """True residuals (N, m), their foretold square, every fold's values (F, P), and its Gram."""
+) -> tuple[Array, Array, list[Gram]]:
+    """True residuals (N, m), every fold's values (F, P), and its Gram."""
     grams = Mapped(problem).grams(at, folds)
     total = sum(grams, start=pool.shared_at(at[: pool.always]).padded(problem.size))
-    out, foretold = np.empty((len(folds), problem.equations)), 0.0
+    out = np.empty((len(folds), problem.equations))
     values = np.zeros((len(models), problem.size))
     for f, (model, together) in enumerate(zip(models, columns, strict=True)):
         rest = Linear.about(total - grams[f], at, problem.scale)
@@ -320,9 +309,8 @@ def _one_step(
         z = _step(pool, rest, fold, together, model)
         rows = np.flatnonzero(folds == f)
         out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
-        foretold += fold.square_at(together, z[together])
         values[f] = z * problem.scale
-    return out, foretold, values, grams
+    return out, values, grams
 
 
 def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> Model:
