@@ -22,13 +22,15 @@ from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.recording.constants import (
     EFFORT_ROWS,
     FEWEST_EFFORTS,
+    GAP_IN_TIME,
     INERTIA_ROWS,
     LARGEST,
     LEAST_EFFORT_NOISE,
+    NEAR_SCALE,
     UNSIGNED,
 )
 from plumbline.optim.recording.derivatives import derived_motion, turning, velocity_noise
-from plumbline.optim.recording.mixed_up import refuse_mixed_up
+from plumbline.optim.recording.mixed_up import MIXED_UP, refuse_mixed_up
 from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.settings import Section
 
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
 UNITS = ("N m", "A")
+ALIKE = 0.9  # cosine of what differs by its unit alone, noise of an encoder beside it
 
 
 def torque_constants(settings: Section, joints: int) -> Array:
@@ -83,6 +86,7 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
     if not r.chain.has_masses:
         mend = "give a URDF with <inertial>, or record another kind of observation"
         raise fault(origin.key("[robot]"), "a robot without masses", "masses, for torques", mend)
+    refuse_other_rates(r, origin)
     velocity, notes = r.velocity, r.notes
     acceleration, shaken = r.acceleration, np.zeros(r.chain.n)
     if acceleration is None or velocity is None:
@@ -117,8 +121,31 @@ def _moved(r: Recording) -> tuple[Array, Array]:
     return r.velocity, r.acceleration
 
 
+def refuse_other_rates(r: Recording, origin: Origin) -> None:
+    """Refuse rates that are many times, or a small part of, what the column that they rate does.
+
+    Raises:
+        PlumblineError: They are: degrees, or a clock that is not in seconds.
+    """
+    step = np.diff(r.time if r.time is not None else [])[:, None]
+    for name, rate, place in (
+        ("velocity", r.velocity, r.q), ("acceleration", r.acceleration, r.velocity),
+    ):  # fmt: skip
+        if rate is None or place is None or not (step > 0).any():
+            continue
+        usual = (step > 0) & (step < GAP_IN_TIME * np.median(step[step > 0]))
+        moved = np.where(usual, np.diff(place, axis=0), 0.0)
+        told = np.where(usual, step * (rate[1:] + rate[:-1]) / 2, 0.0)
+        sizes = np.linalg.norm(told), np.linalg.norm(moved)
+        alike = np.sum(told * moved) > ALIKE * sizes[0] * sizes[1] > 0.0
+        if alike and not 1 / NEAR_SCALE < (factor := float(sizes[0] / sizes[1])) < NEAR_SCALE:
+            found = f"{factor:.3g} times what {'q' if place is r.q else 'velocity'} does"
+            mend = "divide by 57.3 if in degrees, or time by 1000 if in ms"
+            raise fault(origin.at(f"{name}1"), found, "its change in a second", mend)
+
+
 def refuse_strange(r: Recording, origin: Origin) -> None:
-    """Refuse efforts of another joint, against their joint, or without signs.
+    """Refuse efforts of another joint, against their joint, without signs, or of another set-up.
 
     Raises:
         PlumblineError: They are, or never change sign where the model's do.
@@ -126,7 +153,6 @@ def refuse_strange(r: Recording, origin: Origin) -> None:
     if len(r) < FEWEST_EFFORTS:
         return
     model = nominal_efforts(r)
-    refuse_mixed_up(model, r.measured, ("the model's effort", "effort"), origin)
     large = np.abs(model) >= np.median(np.abs(model), axis=0)
     changes = [0.2 < (model[large[:, j], j] > 0).mean() < 0.8 for j in range(r.chain.n)]
     positive = (r.measured >= 0).mean(axis=0) >= UNSIGNED
@@ -136,6 +162,62 @@ def refuse_strange(r: Recording, origin: Origin) -> None:
         found = f"efforts from {shown(float(r.measured[:, j].min()))} up, where the model's change"
         mend = "record them with their sign: a size alone does not say which way a drive works"
         raise fault(origin.at(f"effort{j + 1}"), f"{found} sign", "efforts with signs", mend)
+    refuse_other_set_up(r, origin)
+    refuse_mixed_up(model, r.measured, ("the model's effort", "effort"), origin)
+
+
+def refuse_other_set_up(r: Recording, origin: Origin) -> None:
+    """Refuse efforts that another mounting or another unit explains far better, beside friction.
+
+    A rotor makes a multiple of what moves the bodies, never of what holds their weight.
+
+    Raises:
+        PlumblineError: It names the gravity, or the factor, that mends them.
+    """
+    r = r.select(np.linspace(0, len(r) - 1, min(len(r), EFFORT_ROWS)).astype(int))
+    read, model = _rubbed(r, r.measured), _rubbed(r, nominal_efforts(r))
+    tried = {g: _rubbed(r, _under(r, g)) for g in _mountings(r)}
+    own = float(np.mean((read - model) ** 2))
+    left, gravity = min(((float(np.mean((read - m) ** 2)), g) for g, m in tried.items()),
+                        default=(own, ()))  # fmt: skip
+    factor = float(np.sum(read * model) / max(np.sum(model**2), 1e-300))
+    scaled = float(np.mean((read - factor * model) ** 2))
+    moved = tried.get((0.0, 0.0, 0.0), model)
+    heavy = np.sum((model - moved) ** 2) > np.sum(moved**2)
+    far = factor > 0.0 and not 1 / NEAR_SCALE < factor < NEAR_SCALE
+    if heavy and far and MIXED_UP * scaled < min(own, MIXED_UP * left):
+        mend = 'divide by 1000 if in N mm, or write effort_unit = "A" with torque_constant'
+        raise fault(origin.at("effort1"), f"efforts {factor:.3g} times the model's", "N m", mend)
+    if MIXED_UP * left < own:
+        found = f"efforts {own**0.5:.2g} N m off the model, {left**0.5:.2g} with another gravity"
+        off = "" if any(gravity) else ": the controller takes the arm's weight off"
+        where, mend = origin.key("[robot] gravity"), f"write gravity = {list(gravity)}{off}"
+        raise fault(where, found, "the gravity of this mounting", mend)
+
+
+def _rubbed(r: Recording, torques: Array) -> Array:
+    """Torques (N, n) without what friction of each joint may be: its sense of turning and speed."""
+    assert r.turning is not None
+    left = torques.copy()
+    for j, v in enumerate(_moved(r)[0].T):
+        basis = np.linalg.qr(np.column_stack([r.turning[:, j], v]))[0]
+        left[:, j] -= basis @ (basis.T @ left[:, j])
+    return left
+
+
+def _mountings(r: Recording) -> list[tuple[float, ...]]:
+    """Gravities (3,) of a robot that hangs, or is on a wall, and of one whose weight is borne."""
+    g = np.asarray(r.chain.gravity, dtype=float)
+    size = float(np.linalg.norm(g))
+    ways = [size * sign * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]
+    others = [np.zeros(3), *(way for way in ways if way @ g < size**2 / 2)] if size else []
+    return [tuple((way.round(3) + 0.0).tolist()) for way in others]
+
+
+def _under(r: Recording, gravity: tuple[float, ...]) -> Array:
+    """Efforts (N, n) that the model asks for under another gravity (3,)."""
+    dynamics = replace(dynamics_of_chain(r.chain), gravity=np.array(gravity))
+    return dynamics.torques(r.q, *_moved(r))
 
 
 def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:

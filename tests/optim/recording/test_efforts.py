@@ -154,12 +154,12 @@ def test_amperes_become_newton_metres_by_their_constants(tmp_path, robot, whose)
 
 def test_efforts_may_state_their_noise_row_by_row(tmp_path, robot):
     each = np.where(np.arange(ROWS) % 2, 0.5, 2.0)
-    where = folder(tmp_path, robot, 'effort_unit = "A"\ntorque_constant = 3.0\n')
+    where = folder(tmp_path, robot, 'effort_unit = "A"\ntorque_constant = 2.0\n')
     table = (where / "samples.csv").read_text().splitlines()
     rows = [f"{row},{noise}" for row, noise in zip(table[1:], each, strict=True)]
     (where / "samples.csv").write_text("\n".join([f"{table[0]},noise_std", *rows]) + "\n")
     rec = load_recording(where)
-    np.testing.assert_allclose(rec.noise_by_joint, 3.0 * np.sqrt(np.mean(each**2)), rtol=1e-2)
+    np.testing.assert_allclose(rec.noise_by_joint, 2.0 * np.sqrt(np.mean(each**2)), rtol=1e-2)
     models = [build_model(replace(rec, noise_shape=shape)) for shape in (None, rec.noise_shape)]
     plain, weighed = (Mapped(m.problem).residuals(m.start) for m in models)
     np.testing.assert_allclose(weighed * rec.noise_shape, plain, rtol=1e-9)
@@ -196,6 +196,61 @@ def test_efforts_without_signs_turned_ones_and_exchanged_ones_are_refused(robot)
         recorded(robot, measured=tau * [1, -1, 1, 1])
     with pytest.raises(PlumblineError, match=r"effort2 with .*effort3.*exchange these"):
         recorded(robot, measured=tau[:, [0, 2, 1, 3]])
+
+
+@pytest.mark.parametrize(
+    ("gravity", "words"),
+    [
+        ([0.0, 0.0, 9.81], r"write gravity = \[0.0, 0.0, 9.81\]"),
+        ([0.0, -9.81, 0.0], r"write gravity = \[0.0, -9.81, 0.0\]"),
+        ([0.0, 0.0, 0.0], r"write gravity = \[0.0, 0.0, 0.0\]: the controller takes"),
+    ],
+)
+def test_a_mounting_that_is_not_stated_is_named(robot, gravity, words):
+    _, q, v, a = swing(4)
+    tau = replace(tree_of(robot).dynamics, gravity=np.array(gravity)).torques(q, v, a)
+    with pytest.raises(PlumblineError, match=words):
+        recorded(robot, measured=tau + np.sign(v))  # beside friction on every joint
+
+
+def test_a_base_that_is_off_level_is_no_other_mounting(robot):
+    _, q, v, a = swing(4)
+    tilted = np.array([9.81 * np.sin(0.5), 0.0, -9.81 * np.cos(0.5)])
+    recorded(robot, measured=replace(tree_of(robot).dynamics, gravity=tilted).torques(q, v, a))
+
+
+@pytest.mark.parametrize(
+    ("times", "refused"), [(0.32, True), (0.35, False), (2.8, False), (3.2, True)]
+)
+def test_efforts_of_another_size_than_any_scale_are_of_another_unit(robot, times, refused):
+    tau = recorded(robot).measured * times
+    if not refused:
+        recorded(robot, measured=tau)
+        return
+    with pytest.raises(PlumblineError, match=rf"{times} times the model's.*torque_constant"):
+        recorded(robot, measured=tau)
+
+
+def test_a_rotor_is_no_other_unit_where_nothing_is_lifted():
+    turntable = Robot.from_dh([{"a": 0.3, "mass": 1.0, "com": [-0.15, 0.0, 0.0]}])
+    t, q, v, a = swing(1)
+    tau = tree_of(turntable).dynamics.torques(q, v, a) + 2.0 * a
+    build_recording(
+        observation="joint_torque", robot=turntable, q=q, velocity=v, time=t, measured=tau
+    )
+
+
+@pytest.mark.parametrize("name", ["velocity", "acceleration"])
+@pytest.mark.parametrize(("times", "refused"), [(57.3, True), (1e-3, True), (2.8, False)])
+def test_rates_in_another_unit_than_their_column_are_refused(robot, name, times, refused):
+    _, _, v, a = swing(4)
+    given = {"velocity": v, "acceleration": a}
+    given[name] = given[name] * times
+    if not refused:
+        recorded(robot, **given)
+        return
+    with pytest.raises(PlumblineError, match=rf"column '{name}1'.*divide by 57.3"):
+        recorded(robot, **given)
 
 
 def test_a_robot_without_masses_is_refused():
