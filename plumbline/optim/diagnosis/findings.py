@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
-from plumbline.optim.diagnosis.of_recordings import JointGap, OfRecording, Transfer
+from plumbline.optim.diagnosis.of_recordings import JointGap, OfRecording, Transfer, TurnGap
 from plumbline.optim.diagnosis.prior import FAR, UNLISTED
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
@@ -191,7 +191,7 @@ class Gap:
         held_out_by: What was left out together.
         removable: Share of what can be removed, (before - after) / (before - noise_floor), by
             chance more than one; NaN where the noise is known from the fit alone.
-        rotation: Of poses ``before``, ``after`` and ``noise_floor`` of their turns, RMS [rad].
+        rotation: The same of the turns of poses; None of other readings.
     """
 
     unit: str
@@ -203,7 +203,7 @@ class Gap:
     held_out: bool = True
     held_out_by: str = "rows"
     removable: float = math.nan
-    rotation: dict[str, float] = field(default_factory=dict)
+    rotation: TurnGap | None = None
 
     @property
     def is_far(self) -> bool:

@@ -31,7 +31,7 @@ class OfRecording:
     without_it: float
     noise: float  # one standard deviation of one axis [unit]
     noise_source: str  # ``"given"``, or ``"repeats"`` or ``"fit"`` where its own rows have told it
-    gross: tuple[int, ...] = ()  # its rows (from 1) that were taken for gross errors
+    gross: tuple[int, ...] = ()  # its rows taken for gross errors, the header being row 1
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,21 @@ class JointGap:
     before: float  # of the nominal robot
     after: float  # with the causes
     unit: str  # what was measured of this joint, ``"rad"``, ``"m"``, ``"N m"`` or ``"N"``
+
+
+@dataclass(frozen=True)
+class TurnGap:
+    """How far poses are turned, on rows that the fit has not seen, which their places do not show.
+
+    Attributes:
+        before: RMS of the turns with nuisances alone [rad].
+        after: RMS with the causes [rad].
+        noise_floor: RMS that noise alone would give [rad]; None where only the fit tells the noise.
+    """
+
+    before: float
+    after: float
+    noise_floor: float | None = None
 
 
 @dataclass(frozen=True)

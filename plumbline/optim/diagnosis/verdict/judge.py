@@ -19,6 +19,7 @@ from plumbline.optim.diagnosis.findings import (
     Place,
     Verdict,
 )
+from plumbline.optim.diagnosis.of_recordings import TurnGap
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
@@ -199,15 +200,15 @@ def _gap(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
     )
 
 
-def _rotation(recording: Recording, evaluation: Evaluation, noise: NoiseLevel) -> dict[str, float]:
+def _rotation(recording: Recording, evaluation: Evaluation, noise: NoiseLevel) -> TurnGap | None:
     """RMS of the turns [rad] that a pose's positions do not show; none of other readings."""
     if recording.several or not recording.kind.oriented:
-        return {}
+        return None
     lever = rotation_lever(recording)
-    ends = {"before": evaluation.before, "after": evaluation.after}
-    found = {k: figure(r[evaluation.rows, 3:], True) / lever for k, r in ends.items()}
+    ends = (evaluation.before, evaluation.after)
+    before, after = (figure(r[evaluation.rows, 3:], True) / lever for r in ends)
     floor = noise.sigma * evaluation.per_point / lever
-    return found if noise.source == "fit" else found | {"noise_floor": floor}
+    return TurnGap(before, after, None if noise.source == "fit" else floor)
 
 
 def _notes(

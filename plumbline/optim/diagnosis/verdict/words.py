@@ -344,7 +344,7 @@ def _turned_words(gap: Gap) -> str:
     """What becomes of the turns of poses, which the gap of their places does not show."""
     if not gap.rotation:
         return ""
-    before, after = (quantity(gap.rotation[k], "rad") for k in ("before", "after"))
+    before, after = (quantity(v, "rad") for v in (gap.rotation.before, gap.rotation.after))
     return f"; the tool is turned by {before} before and {after} after"
 
 
