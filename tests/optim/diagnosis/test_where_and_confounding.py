@@ -141,7 +141,7 @@ def test_a_rival_is_what_could_have_made_the_signal():
     own = [SelectedTerm(0, 1.0)]
     [rival] = rivals(asked, own, own)
     assert (rival.effect, rival.element) == ("joint_offset", 2)
-    assert "log likelihood" in rival.why
+    assert rival.why.endswith("times as probable")
 
 
 def test_the_stronger_the_signal_the_fewer_rivals():

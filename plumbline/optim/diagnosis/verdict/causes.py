@@ -57,7 +57,7 @@ def cause_of(
         parameters=_parameters(selected, key, noise, least),
         before=stairs.figure([k for k in stairs.keys if k != key]),
         after=stairs.figure(stairs.keys),
-        confounded_with=tuple(rivals(selected.selection, selected.chosen, mine)),
+        confounded_with=tuple(rivals(selected.pool.selection, selected.chosen, mine)),
         words="; ".join(dict.fromkeys(e.sentence for e in effects)),
         variant=variants_words(variants),
         curve=curve_of(selected, key, noise),

@@ -1,10 +1,10 @@
 r"""What a recording cannot tell apart, and what it cannot see at all.
 
-A rival is confounded with a cause if it could have made the cause's fitted signal: what it leaves
-unexplained of it, :math:`\Delta^2`, changes the log likelihood by :math:`\Delta^2 / 2\sigma^2`, and
-below three that is no evidence (Jeffreys 1961, app. B). An effect is unobservable if the
-nuisances swallow it, or if at its usual size it moves the readings by less than the noise: alone,
-or beside what is named, whose values then hold what both do.
+A rival is confounded with a cause if in the cause's place, all others kept, its posterior odds are
+less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app. B): so each is
+confounded with the other, and neither is sure. An effect is unobservable if the nuisances swallow
+it, or if at its usual size it moves the readings by less than the noise: alone, or beside what is
+named, whose values then hold what both do.
 """
 
 from __future__ import annotations
@@ -18,42 +18,30 @@ from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES, TIP_OBSERVATIONS
 from plumbline.optim.diagnosis.findings import Blame, Key
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
+from plumbline.optim.diagnosis.posterior.slots import added_evidence
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE, SWALLOWED
 
 
 def rivals(
     selection: SelectionProblem, chosen: Sequence[SelectedTerm], mine: Sequence[SelectedTerm]
 ) -> list[Blame]:
-    """Effects that could have made the signal of the terms ``mine``, given all others."""
+    """Effects that may be there in place of the terms ``mine``, given all others; likely first."""
     others = [c for c in chosen if c not in mine]
-    given_others = selection.reduce(others)
-    # Of the noise, not of what the cause's absence leaves: that would grow with the very signal.
-    variance = selection.variance(chosen)
-    columns, precision = stack(selection.candidates, mine, variance)
-    G = given_others.block(columns, columns)
-    b = given_others.b[columns]
-    z = np.linalg.solve(G + np.diag(precision), b)
-    signal = float(z @ G @ z)
-    own = {selection.candidates[c.index].key for c in mine}
-    found: dict[Key, tuple[float, Effect]] = {}
-    for i, candidate in enumerate(selection.candidates):
-        if candidate.key in own or not selection.allowed[i]:
-            continue
-        block = given_others.block(candidate.columns, candidate.columns)
-        cross = given_others.block(candidate.columns, columns) @ z
-        ridge = 1e-9 * max(float(np.trace(block)), 1e-300) * np.eye(len(block))
-        explained = float(cross @ np.linalg.solve(block + ridge, cross))
-        lost = max(signal - explained, 0.0) / (2 * variance)
-        best = found.get(candidate.key)
-        if lost < NO_EVIDENCE and (best is None or lost < best[0]):
-            found[candidate.key] = (lost, candidate.effect)
-    ranked = sorted(found.values(), key=lambda item: item[0])
-    return [
-        Blame(e.name, str(e.stage), e.element, f"would change the log likelihood by {lost:.1f}")
-        for lost, e in ranked
-    ]
+    log_odds, _ = selection.odds(selection.reduce(others))
+    total = np.full(int(selection.causes.max()) + 1, -np.inf)
+    np.logaddexp.at(total, selection.causes, log_odds)  # of all variants of a cause
+    own = np.unique(selection.causes[[c.index for c in mine]])
+    least = max(added_evidence(selection, others, mine), total[own].max()) - NO_EVIDENCE
+    total[own] = -np.inf
+    effects = {k: c.effect for k, c in zip(selection.causes, selection.candidates, strict=True)}
+    found = []
+    for k in np.argsort(-total, kind="stable")[: int((total > least).sum())].tolist():
+        share = f"{np.exp(total[k] - least - NO_EVIDENCE):.2g}"
+        e, why = effects[k], f"in its place {share} times as probable"
+        found.append(Blame(e.name, str(e.stage), e.element, why))
+    return found
 
 
 def unobservable(
