@@ -155,6 +155,7 @@ def test_importing_reality_loads_none_of_the_library():
 ROOMS = (
     "prior",
     "of_recordings",
+    "meaning",
     "findings",
     "with_verdict",
     "linearise",

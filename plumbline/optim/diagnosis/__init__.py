@@ -5,6 +5,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ================  ==================================================================================
 ``prior``         Every width, odds, range and threshold, with unit and source.
 ``of_recordings`` What is said of each of several recordings, and of what carries over.
+``meaning``       What a verdict comes to, in a sentence each.
 ``findings``      What a verdict is: data, without a computation.
 ``with_verdict``  An answer that has a verdict: what it passes on of it.
 ``linearise``     The model as linear least squares about a fit, and the ports of the chain.

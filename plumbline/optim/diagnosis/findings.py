@@ -13,8 +13,19 @@ from typing import TYPE_CHECKING, Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
+from plumbline.optim.diagnosis.meaning import (
+    MEANING,
+    MEANING_BY_FORM,
+    NOISIER,
+    NOT_FORETOLD,
+    NOT_SHOWN,
+    NOTHING_FURTHER,
+    ON_A_BOUND,
+    ONLY_CONFOUNDED,
+    TOO_FEW,
+)
 from plumbline.optim.diagnosis.of_recordings import JointGap, OfRecording, Transfer, TurnGap
-from plumbline.optim.diagnosis.prior import FAR, UNLISTED
+from plumbline.optim.diagnosis.prior import EARNED, FAR, UNLISTED
 
 Key = tuple[str, int | None]  # an effect's name and the element that it is blamed on
 
@@ -28,40 +39,12 @@ class Outcome(StrEnum):
     OUTSIDE = "outside-library"
 
 
-MEANING = {
-    Outcome.NO_GAP: "There is nothing beyond noise.",
-    Outcome.EXPLAINED: "The causes named below bring the held-out residual to the noise floor.",
-    Outcome.PARTLY: (
-        "The causes named below do part of it; something beyond them and noise remains."
-    ),
-    Outcome.OUTSIDE: "There is a gap, and no effect of the library explains it.",
-}
 # What an element of a stage is: planes are read by a sensor, markers registered.
 NOUNS = {
     "joint": "joint", "link": "link", "actuation": "drive", "registration": "marker",
     "sensor": "plane",
 }  # fmt: skip
 LISTED = 3  # causes that a line names
-NOTHING_FURTHER = (
-    "Beyond the causes named below nothing further was found; no noise is stated, so how small "
-    "what is left would have to be is not known."
-)
-ON_A_BOUND = "Nothing further was found, but a parameter rests on its bound: it may lie beyond."
-TOO_FEW = "No gap shows, but rows left out are missed by far: too few are left to foretell them by."
-NOT_FORETOLD = (
-    "The causes named below bring all rows together to the noise floor; rows that were left out "
-    "they do not foretell."
-)
-ONLY_CONFOUNDED = (
-    "There is a gap. Effects of the library foretell part of it, each confounded with something "
-    "nearly like it: none is sure to be the cause."
-)
-# Where the noise is known from the fit alone, what is left can be told from noise by its form only.
-MEANING_BY_FORM = MEANING | {
-    Outcome.NO_GAP: "There is nothing that does not look like noise.",
-    Outcome.EXPLAINED: "What the causes named below leave looks like noise.",
-    Outcome.PARTLY: "The causes named below do part of it; what is left does not look like noise.",
-}
 
 
 @dataclass(frozen=True)
@@ -350,6 +333,12 @@ class Verdict(AlwaysFitted, Answer):
         return self.knows_noise and self.gap.is_far
 
     @property
+    def is_noisier(self) -> bool:
+        """Whether what is left exceeds a stated noise, and is noise."""
+        given = self.noise.source == "given" and self.outside_probability < UNLISTED
+        return given and self.noise.ratio > EARNED
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What takes from the weight of every figure: another robot, fits that have not ended."""
         doubts = (*filter(None, [self.unmet]), *self.judged.failures)
@@ -362,6 +351,10 @@ class Verdict(AlwaysFitted, Answer):
 
     @property
     def _meaning(self) -> str:
+        if self.verdict == Outcome.PARTLY and self.gap.shrink_ci95[0] <= 0.0:
+            return NOT_SHOWN
+        if self.verdict in (Outcome.PARTLY, Outcome.NO_GAP) and self.is_noisier:
+            return NOISIER
         if self.verdict == Outcome.PARTLY and self.outside_probability < UNLISTED:
             if self.is_missed:
                 return NOT_FORETOLD

@@ -23,8 +23,9 @@ ALARM = 0.01  # probability that what is right is accused: of a gross row, of ro
 SCALES = 10.0 ** np.linspace(-1.5, 1.5, 7)
 LOG_SCALE_WEIGHTS = -0.5 * (np.log10(SCALES) / 0.75) ** 2
 LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
-# Equations that a stated noise is worth: a sigma of n of them is known to 1 / sqrt(2 n), 7 %.
-KNOWN_NOISE_FREEDOM = 100.0
+# Equations that a stated noise is worth: what is worked out from n of them is known to
+# 1 / sqrt(2 n), 16 % (JCGM 100:2008, table E.1).
+KNOWN_NOISE_FREEDOM = 20.0
 # Rounds of noise and priors that weigh each other: a gap may be 1e4 times the noise. Half as many
 # move a probability by 5e-5.
 VARIANCE_ROUNDS = 8
@@ -137,8 +138,8 @@ HELD_OUT_CHANCE = 20.0  # what chance may add to a held-out square [noise's]
 MANY_CAUSES = 6
 
 # The verdict.
-LACKING = 2.5  # deviations at which more than chance is as probable as not
-LACKING_SLOPE = 2.0  # log odds a deviation
+# Share of unlisted mechanisms that follow nothing recorded: of 115 flagged sealed ones 12.
+FORMLESS = 0.1
 FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
 REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
 SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less

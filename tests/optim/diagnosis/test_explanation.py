@@ -14,16 +14,20 @@ from plumbline.optim.diagnosis.diagnose import Explained, _lacking, diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, GrossRow, Unlisted
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.findings import (
-    MEANING,
-    NOTHING_FURTHER,
-    ON_A_BOUND,
-    ONLY_CONFOUNDED,
     Cause,
     Estimate,
     Outcome,
     Verdict,
 )
 from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.meaning import (
+    MEANING,
+    NOISIER,
+    NOT_SHOWN,
+    NOTHING_FURTHER,
+    ON_A_BOUND,
+    ONLY_CONFOUNDED,
+)
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import Sampled
@@ -351,14 +355,14 @@ def test_the_library_lacks_what_its_best_terms_leave_named_or_not(scaled):
     task, right = _task(recording)
     bare = with_terms(selected, (), task, right)
     noise = noise_of(recording, bare.best)
-    assert lack_of_fit(noise, bare) > 0.9
+    assert lack_of_fit(noise, bare) > 0.5
     best = made(states=((0.0, selected.chosen),))
     found = Explained(DiagnosisOptions(), task, bare, right, best)
     assert _lacking(found, noise) < 0.1
-    assert _lacking(replace(found, explanation=made(states=((0.0, ()),))), noise) > 0.9
+    assert _lacking(replace(found, explanation=made(states=((0.0, ()),))), noise) > 0.5
     # Where rows left out are foretold worse with what is named, it explains nothing.
     misled = replace(best, named=frozenset({SCALE}))
-    assert _lacking(replace(found, explanation=misled), noise) > 0.9
+    assert _lacking(replace(found, explanation=misled), noise) > 0.5
 
 
 # Explained is earned
@@ -453,6 +457,25 @@ def test_beside_what_is_named_is_told_apart_from_instead_of_it():
     logs = {both: np.log(0.1), one: np.log(0.5), other: np.log(0.4)}
     told = _told(alt, replace(found, seen=logs))
     assert told.beside == pytest.approx(0.1 / 0.6)
+
+
+def test_a_noise_larger_than_stated_is_told_as_that_and_is_not_known(judged):
+    verdict = kind(judged, noise={"ratio": 1.5})
+    assert (verdict.verdict, verdict.meaning) == (Outcome.PARTLY, NOISIER)
+    assert verdict.outside_probability < 0.1
+    assert any(note.startswith("noise larger than stated") for note in verdict.notes)
+    assert kind(judged, told={"unlisted": 0.4, "beside": 0.4}).meaning != NOISIER
+
+
+@pytest.mark.parametrize(("low", "shown"), [(-0.01, False), (0.01, True)])
+def test_a_cause_of_which_rows_left_out_show_nothing_is_said_to_be_of_the_others(
+    judged, low, shown
+):
+    recording, selected, seen, told, noise = judged
+    parts = recording, selected, replace(seen, interval=(low, 0.5)), told, noise
+    verdict = kind(parts, told={"unlisted": 0.6, "beside": 0.6})
+    assert verdict.verdict == Outcome.PARTLY
+    assert (verdict.meaning != NOT_SHOWN) == shown
 
 
 def test_without_a_known_noise_nothing_further_was_found(judged):

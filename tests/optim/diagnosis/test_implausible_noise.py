@@ -111,6 +111,7 @@ def test_what_is_large_and_taken_for_noise_is_said_to_be(share, said):
 @pytest.mark.parametrize(
     ("ratio", "formless", "source", "words"),
     [
+        (1.5, None, "given", "noise larger than stated: 0.0600 mm an axis, 1.5 times noise_std"),
         (2.1, True, "given", "what is left is 2.1 times the noise that is stated and follows no"),
         (1.0, False, "given", "rows left out are missed by 2.5 times their noise: too few rows"),
         (2.1, False, "given", None),  # what it follows is in the tree
@@ -121,5 +122,9 @@ def test_noise_that_is_stated_too_small_is_told_from_rows_that_are_too_few(
     ratio, formless, source, words
 ):
     gap = SimpleNamespace(after=2.5e-4, noise_floor=1e-4, unit="m", is_far=True)
-    said = list(_missed(gap, NoiseLevel(4e-5, source, ratio), formless=formless))
+    said = list(
+        _missed(
+            gap, NoiseLevel(4e-5, source, ratio), formless=bool(formless), noisier=formless is None
+        )
+    )
     assert [s.startswith(words) for s in said] == [True] if words else not said

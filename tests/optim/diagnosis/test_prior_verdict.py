@@ -11,7 +11,7 @@ from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.verdict.confounding import rivals, unobservable
 from plumbline.optim.diagnosis.verdict.judge import _gap
-from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
+from plumbline.optim.diagnosis.verdict.lack_of_fit import is_noisier, lack_of_fit
 from plumbline.optim.diagnosis.verdict.where import _orders
 from tests.benches import bench
 from tests.designs import selection
@@ -43,19 +43,33 @@ def test_a_negligible_effect_is_spared(count, rise, kept, monkeypatch):
 # Lack of fit
 
 
-def lacking(ratio):
+def left(ratio, source="given", **known):
+    """A noise of 10 um, and what a fit to very many rows leaves of it."""
     recording = bench("ur5", "tip_position")
     model = SimpleNamespace(recording=recording)
     best = SimpleNamespace(gram=SimpleNamespace(count=1e8), problem=SimpleNamespace(size=0))
-    return lack_of_fit(NoiseLevel(1e-5, "given", ratio), SimpleNamespace(best=best, model=model))
+    return NoiseLevel(1e-5, source, ratio, **known), SimpleNamespace(best=best, model=model)
 
 
-def test_a_residual_a_sixth_above_a_stated_noise_is_as_likely_lack_of_fit_as_not():
-    assert lacking(1.15) < 0.5 < lacking(1.2)
+def test_up_to_twice_the_stated_noise_is_noise_and_more_is_something_that_follows_nothing():
+    assert lack_of_fit(*left(1.5)) < 0.02
+    assert lack_of_fit(*left(2.13)) == pytest.approx(0.5, abs=0.08)
+    assert lack_of_fit(*left(3.0)) > 0.95
 
 
-def test_a_residual_a_quarter_above_a_stated_noise_is_lack_of_fit_nine_times_of_ten():
-    assert 0.8 < lacking(1.245) < 0.93
+@pytest.mark.parametrize(("repeats", "lacking"), [(12, False), (200, True)])
+def test_the_more_repeats_tell_the_noise_the_less_of_what_is_left_is_noise(repeats, lacking):
+    assert (lack_of_fit(*left(1.4, "repeats", repeats=repeats)) > 0.5) == lacking
+
+
+@pytest.mark.parametrize(
+    ("ratio", "noisier"), [(0.9, False), (1.0, False), (1.5, True), (3.0, False)]
+)
+def test_a_noise_is_larger_than_stated_if_chance_is_not_and_nothing_else_is_as_probable(
+    ratio, noisier
+):
+    assert is_noisier(*left(ratio)) == noisier
+    assert not is_noisier(*left(ratio, "repeats", repeats=20))
 
 
 @pytest.mark.parametrize(("after", "far"), [(1.5, False), (3.0, True)])

@@ -45,7 +45,7 @@ class NoisePrior:
 
     @classmethod
     def of(cls, noise_std: float | None) -> NoisePrior:
-        """A stated noise is believed to within about seven per cent."""
+        """A stated noise is believed as one of so many readings is."""
         return cls(noise_std, KNOWN_NOISE_FREEDOM) if noise_std else cls()
 
     @property

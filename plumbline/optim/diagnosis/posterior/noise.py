@@ -10,11 +10,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
 
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.findings import NoiseLevel
-from plumbline.optim.diagnosis.prior import FEWEST_REPEATS, FINEST, LACKING, ROUNDING
+from plumbline.optim.diagnosis.prior import ALARM, FEWEST_REPEATS, FINEST, ROUNDING
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.torque import stated_noise
 from plumbline.optim.recording.recording import Recording
@@ -64,5 +65,5 @@ def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
 
 
 def _chance(noise: NoiseLevel) -> float:
-    """By how much repeats may say more than the fit leaves: three of their standard errors."""
-    return LACKING * float(np.sqrt(0.5 / (3 * noise.repeats)))
+    """By how much repeats may say more than the fit leaves: as far as chance may go."""
+    return float(norm.isf(ALARM)) * float(np.sqrt(0.5 / (3 * noise.repeats)))

@@ -42,6 +42,7 @@ from plumbline.optim.diagnosis.verdict.friction import friction_curves
 from plumbline.optim.diagnosis.verdict.lack_of_fit import (
     implausible_noise,
     is_far,
+    is_noisier,
     lack_of_fit,
     noisiest_joint,
 )
@@ -86,7 +87,9 @@ def judge(
     causes = tuple(cause_of(selected, key, told, stairs, noise, errors) for key in named)
     judged = judgement_of(selected, evaluation)
     least = by_chance(recording, selected, evaluation) * max(noise.ratio, 1.0)
-    earned = max(told.beside, left) < UNLISTED and noise.source != "fit"
+    noisier = told.unlisted <= 0.5 and is_noisier(noise, selected)
+    known = noise.source != "fit" and not noisier
+    earned = max(told.beside, left) < UNLISTED and known
     earned = earned and _is_earned(gap, causes, judged, least)
     kind = _kind(bool(causes), max(beyond, left) > 0.5, earned)
     words = told.words or noisiest_joint(recording, selected)
@@ -104,7 +107,7 @@ def judge(
         staircase=staircase(stairs, [*named, *confounded], evaluation, always_words(recording)),
         noise=noise,
         distrusted_rows=row_numbers(~evaluation.trusted),
-        notes=_notes(recording, selected, told, noise, gap, kind, coarse=coarse),
+        notes=_notes(recording, selected, told, noise, gap, kind, coarse=coarse, noisier=noisier),
         judged=judged,
         recording=recording.name,
         rows=len(recording),
@@ -220,6 +223,7 @@ def _notes(
     kind: Outcome,
     *,
     coarse: float,
+    noisier: bool,
 ) -> tuple[str, ...]:
     notes = list(recording.notes)
     if coarse:
@@ -245,7 +249,8 @@ def _notes(
             f"two searches from different starts differ by {told.apart:.2f} in a probability: "
             "what is told apart here is told by little"
         )
-    notes += _missed(gap, noise, formless=lack_of_fit(noise, selected) > 0.5 and not told.words)
+    formless = lack_of_fit(noise, selected) > 0.5 and not told.words
+    notes += _missed(gap, noise, formless=formless, noisier=noisier)
     if not recording.chain.has_masses and not recording.stand_in:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     notes += _unnamed(selected, told)
@@ -270,15 +275,22 @@ def _unnamed(selected: SelectedModel, told: Explanation) -> Iterator[str]:
             yield f"{words}: {'; '.join(merged(blamed, why=False))}"
 
 
-def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool) -> Iterator[str]:
+def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool, noisier: bool) -> Iterator[str]:
     """What is said of residuals far above the noise: those of the fit, or of rows left out alone.
 
     Args:
         gap: The gap.
         noise: The noise, and how many times as much the fit leaves.
-        formless: Whether the fit leaves more than the noise, and nothing tells what that follows.
+        formless: Whether the fit leaves more than noise, and nothing tells what that follows.
+        noisier: Whether it leaves more than the stated noise, and that is noise.
     """
-    if formless and noise.source == "given":
+    if noisier:
+        left = quantity(noise.ratio * noise.sigma, gap.unit)
+        yield (
+            f"noise larger than stated: {left} an axis, {noise.ratio:.2g} times noise_std; what is "
+            "left follows nothing that was recorded"
+        )
+    elif formless and noise.source == "given":
         left = quantity(noise.ratio * noise.sigma, gap.unit)
         yield (
             f"what is left is {noise.ratio:.1f} times the noise that is stated and follows nothing "

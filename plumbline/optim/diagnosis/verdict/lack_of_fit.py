@@ -1,32 +1,66 @@
-"""Whether what the causes leave exceeds any noise that may be: lack of fit."""
+r"""Whether what the causes leave is more than noise: lack of fit.
+
+What is left of n readings has a square of :math:`r^2` times that of the noise, which is known as
+from :math:`\nu` readings. If it is noise, :math:`r^2 \sim F_{n, \nu}`; if something unlisted as
+large as :math:`\tau` comes in that follows nothing recorded, :math:`r^2 \sim (1 + \tau^2 /
+\sigma^2) F_{n, \nu}`, with :math:`\tau` summed over the sizes of all effects.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import chdtrc, expit, logit, logsumexp
+from scipy.stats import f
 
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import Evaluation
-from plumbline.optim.diagnosis.prior import ANISOTROPY, KNOWN_NOISE_FREEDOM, LACKING, LACKING_SLOPE
+from plumbline.optim.diagnosis.prior import (
+    ALARM,
+    ANISOTROPY,
+    FORMLESS,
+    KNOWN_NOISE_FREEDOM,
+    LOG_SCALE_WEIGHTS,
+    ROUNDING,
+    SCALES,
+    UNLISTED,
+    USUAL,
+)
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible
 
+SIZES = np.geomspace(SCALES[0], SCALES[-1], 201)  # usual ones, as finely as a noise may be known
+LOG_SIZE_WEIGHTS = np.interp(np.log(SIZES), np.log(SCALES), LOG_SCALE_WEIGHTS)
+LOG_SIZE_WEIGHTS = LOG_SIZE_WEIGHTS - logsumexp(LOG_SIZE_WEIGHTS)
+
 
 def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
-    """Probability-like measure that the residual exceeds any noise that may be.
+    """Probability that what is left is of something unlisted that follows nothing recorded.
 
-    A noise that is implausible is none. A stated sigma is believed to seven per cent, one from
-    repeats as far as their number allows; half is reached at two and a half deviations.
+    A noise that is implausible is none. Else the noise may be larger than it is stated, or than
+    repeats tell.
     """
     if noise.sigma > plausible(selected.model.recording):
         return 1.0
     if noise.source == "fit":
         return 0.0
-    n = max(selected.best.gram.count - selected.best.problem.size, 1.0)
-    known = 0.5 / (3 * noise.repeats) if noise.repeats else 0.5 / KNOWN_NOISE_FREEDOM
-    spread = float(np.sqrt(known + 0.5 / n))
-    return float(expit(LACKING_SLOPE * ((noise.ratio - 1.0) / spread - LACKING)))
+    left = max(noise.ratio, ROUNDING) ** 2
+    freedom = (_freedom(selected), 3 * noise.repeats or KNOWN_NOISE_FREEDOM)
+    more = 1.0 + (USUAL * SIZES / noise.sigma) ** 2
+    unlisted = logsumexp(f.logpdf(left / more, *freedom) - np.log(more) + LOG_SIZE_WEIGHTS)
+    return float(expit(logit(UNLISTED * FORMLESS) + unlisted - f.logpdf(left, *freedom)))
+
+
+def is_noisier(noise: NoiseLevel, selected: SelectedModel) -> bool:
+    """Whether what is left exceeds a stated noise by more than chance, as noise alone may."""
+    n = _freedom(selected)
+    above = noise.source == "given" and chdtrc(n, n * noise.ratio**2) < ALARM
+    return bool(above) and lack_of_fit(noise, selected) <= 0.5
+
+
+def _freedom(selected: SelectedModel) -> float:
+    """Readings that the fit leaves."""
+    return float(max(selected.best.gram.count - selected.best.problem.size, 1.0))
 
 
 def implausible_noise(
