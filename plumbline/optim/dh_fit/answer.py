@@ -17,11 +17,10 @@ from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import FEASIBLE, STILL, Judged, Judgement
 from plumbline.optim.core.stored import plain
-from plumbline.optim.dh_fit.constants import ROUNDING
+from plumbline.optim.dh_fit.constants import DOUBTFUL, ROUNDING
 from plumbline.optim.dh_fit.fitted import Fitted
 from plumbline.optim.dh_fit.identify import Held
 from plumbline.optim.dh_fit.quantities import DHParameter, Misfit, Quantity, Status
-from plumbline.optim.dh_fit.setups import DOUBTFUL, reach
 from plumbline.optim.dh_fit.solvers import promised_drop
 from plumbline.optim.dh_fit.statement import Unknown
 from plumbline.optim.dh_fit.task import readings_of
@@ -159,7 +158,7 @@ class DHFit(Fitted, Answer):
                 f"links leave {left} on an axis where {1e3 * stated:.3f} mm are stated: "
                 "noise_std is too large, or rows are copies of others"
             )
-        far = reach(self.recording.chain, self.tool, self.readings.q)
+        far = self.recording.chain.reach + float(np.linalg.norm(self.recording.tool_offset))
         if not stated and self.noise > DOUBTFUL * far:
             yield (
                 f"links leave {left} on an axis, more than {1e3 * DOUBTFUL * far:.3g} mm, which is "

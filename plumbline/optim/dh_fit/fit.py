@@ -2,7 +2,7 @@ r"""Fit the link parameters of a robot to tip readings, and say what the reading
 
 State, solve, report: :mod:`plumbline.optim.dh_fit.statement` states eqs. 8-9 of Chen et al., a
 solver of :mod:`plumbline.optim.dh_fit.solvers` solves it, and :mod:`plumbline.optim.dh_fit.answer`
-judges the solution. Set-ups that no links explain (:mod:`plumbline.optim.dh_fit.setups`) are
+judges the solution. Set-ups that no links explain (:mod:`plumbline.optim.recording.set_up`) are
 refused.
 """
 
@@ -12,19 +12,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, one_line
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.dh_fit.answer import DHFit
-from plumbline.optim.dh_fit.constants import COARSE, RESTING, UNBOUNDED
+from plumbline.optim.dh_fit.constants import COARSE, IMPLAUSIBLE, RESTING, UNBOUNDED
 from plumbline.optim.dh_fit.identify import Identifiability, identify
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import spread_rows
-from plumbline.optim.dh_fit.setups import IMPLAUSIBLE, Task, reach, slip
 from plumbline.optim.dh_fit.solvers import GaussNewton, of_links
 from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.dh_fit.sums import Pass
 from plumbline.optim.dh_fit.task import DHOptions, LinkTask, readings_of
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.set_up import wrong_set_up
 
 
 def fit_dh(
@@ -54,7 +54,8 @@ def fit_dh(
     elif registration is None:
         registration = readings.select(list(spread_rows(readings.tips)))
     task = LinkTask.of(recording, options, registration)
-    _refuse_slips(recording, readings)
+    if wrong := wrong_set_up(recording.training):
+        raise PlumblineError(one_line(f"{recording.name}: {wrong.words}; mend it"))
     nominal = task.solved(task.always, GaussNewton())
     known, found = _identified(task, recording.name)
     statement = of_links(found.problem).statement
@@ -76,18 +77,11 @@ def fit_dh(
     return fit
 
 
-def _refuse_slips(recording: Recording, readings: Readings) -> None:
-    fit_tool = "tool" in recording.always
-    task = Task.of(recording.chain, recording.tool_offset, readings, fit_tool=fit_tool)
-    if words := slip(task):
-        raise PlumblineError(f"{recording.name}: {words}")
-
-
 def _refuse_nonsense(fit: DHFit) -> None:
     """A misfit that no robot that is this one has is of another robot, or of another recording."""
     recording, sizes = fit.recording, np.linalg.norm(fit.misfits(), axis=1)
     missed = float(np.median(sizes))
-    far = reach(recording.chain, recording.tool_offset, fit.readings.q)
+    far = recording.chain.reach + float(np.linalg.norm(recording.tool_offset))
     limit = max(IMPLAUSIBLE * far, COARSE * (recording.noise_std or 0.0))
     if not missed <= limit:
         raise PlumblineError(

@@ -36,6 +36,7 @@ from plumbline.optim.recording.slips import (
     signs,
     swapped,
     swaps,
+    turned_round,
     turned_signs,
     whole_turns,
     zeros,
@@ -186,7 +187,13 @@ def _a_row_off(recording: Recording, some: Integers) -> Iterator[tuple[str, Reco
 def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
     """Other simple set-ups with what is other in them, the likeliest first."""
     turns = [kind == "revolute" for kind in r.chain.kinds]
-    slips = (signs(r.q), zeros(r.q, turns), swaps(r.q), counted_from_others(r.q, turns))
+    slips = (
+        signs(r.q),
+        zeros(r.q, turns),
+        swaps(r.q),
+        turned_round(r.q),
+        counted_from_others(r.q, turns),
+    )
     for slip in itertools.chain(*slips):
         yield slip.change, replace(r, q=slip.q)
     if r.measured.shape[1]:

@@ -25,27 +25,31 @@ class Slip(NamedTuple):
     """One slip undone."""
 
     change: str  # what is other, in words
-    mend: str  # how to mend it
     q: Array  # joint readings (N, n) without it
 
 
 def signs(q: Array) -> Iterator[Slip]:
     """One sign turned."""
     for j in range(q.shape[1]):
-        yield Slip(f"the sign of {named([j])} turned", "mend this column", turned_signs(q, [j]))
+        yield Slip(f"the sign of {named([j])} turned", turned_signs(q, [j]))
 
 
 def zeros(q: Array, turns: Sequence[bool]) -> Iterator[Slip]:
     """One zero moved by quarters of a turn, of joints that turn."""
     for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
         change = f"{TURNED[quarter]} added to q{j + 1}"
-        yield Slip(change, "mend its zero", moved_zero(q, j, quarter))
+        yield Slip(change, moved_zero(q, j, quarter))
 
 
 def swaps(q: Array) -> Iterator[Slip]:
     """Two columns swapped."""
     for i, j in combinations(range(q.shape[1]), 2):
-        yield Slip(f"q{i + 1} and q{j + 1} swapped", "mend these columns", swapped(q, i, j))
+        yield Slip(f"q{i + 1} and q{j + 1} swapped", swapped(q, i, j))
+
+
+def turned_round(q: Array) -> Iterator[Slip]:
+    """All columns in reverse order."""
+    yield Slip("the joints in reverse order", q[:, ::-1])
 
 
 def counted_from_others(q: Array, turns: Sequence[bool]) -> Iterator[Slip]:
@@ -59,7 +63,7 @@ def counted_from_others(q: Array, turns: Sequence[bool]) -> Iterator[Slip]:
             pairs = ", ".join(f"[{j + 1}, {j}, {by}]" for j in rest)
             other = q.copy()
             other[:, first + 1 : last + 1] += by * q[:, first:last]
-            yield Slip(f"couplings = [{pairs}] in [robot]", "write these couplings", other)
+            yield Slip(f"couplings = [{pairs}] in [robot]", other)
 
 
 def turned_signs(q: Array, joints: Sequence[int]) -> Array:

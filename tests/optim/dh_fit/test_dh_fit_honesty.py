@@ -143,8 +143,8 @@ def turned(q, j):
 
 SLIPS = {
     "left-handed": lambda q, tips: (q, tips * [1.0, -1.0, 1.0]),
-    "give them in m": lambda q, tips: (q, 1e3 * tips),
-    "give rad": lambda q, tips: (np.rad2deg(q), tips),
+    "the joints in reverse order": lambda q, tips: (q[:, ::-1], tips),
+    "units, robot or tip frame": lambda q, tips: (q, 1e3 * tips),
     "q2 and q3 swapped": lambda q, tips: (q[:, [0, 2, 1, 3, 4, 5]], tips),
     "the sign of q3": lambda q, tips: (turned(q, 2), tips),
     "the sign of q6": lambda q, tips: (turned(q, 5), tips),

@@ -9,7 +9,7 @@ from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.judged import STILL
-from plumbline.optim.dh_fit import constants, fit_dh, setups
+from plumbline.optim.dh_fit import constants, fit_dh
 from plumbline.optim.dh_fit import fitted as numbers
 from plumbline.optim.dh_fit.softness import SIZES, turns
 
@@ -79,6 +79,5 @@ def test_a_robot_without_weight_has_no_such_error():
 def test_thresholds_stand_where_they_were_set():
     assert (constants.CHANCE, constants.STATED_WITHIN, STILL) == (1e-3, 1.1, 0.1)
     assert (constants.FALSE_ALARM, constants.SLACK, constants.MOST_SHARE) == (0.01, 1.7, 0.4)
-    assert (setups.SUSPECT, setups.IMPLAUSIBLE, setups.DOUBTFUL) == (0.01, 0.01, 0.001)
-    assert (setups.MENDED, setups.PLAUSIBLE, setups.ALIKE) == (0.2, 0.03, 1.5)
+    assert (constants.IMPLAUSIBLE, constants.DOUBTFUL) == (0.01, 0.001)
     assert (constants.SLIGHT, constants.WHOLE) == (0.1, 0.01)

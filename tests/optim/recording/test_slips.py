@@ -5,8 +5,6 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.dh_fit import setups
-from plumbline.optim.recording import set_up
 from plumbline.optim.recording.slips import (
     matched,
     moved_zero,
@@ -51,9 +49,3 @@ def test_what_is_left_is_least_squares(fit_tool):
     free = 9 if fit_tool else 6
     best = least_squares(lambda x: gaps(np.concatenate([x, d[free - 6 :]])), start[:free])
     assert np.sum(matched(R, p, y, fit_tool)[1] ** 2) == pytest.approx(2.0 * best.cost, rel=1e-6)
-
-
-def test_the_diagnosis_and_the_link_fit_try_the_same_slips():
-    for module in (set_up, setups):
-        for name in ("signs", "zeros", "swaps", "matched"):
-            assert getattr(module, name).__module__ == "plumbline.optim.recording.slips"

@@ -49,7 +49,7 @@ class LevenbergMarquardt(OfRows):
             steps += 1
             trial = _step(problem, gram, x, mu)
             promise = promised(gram, trial - x)
-            if promise * gram.count <= self.still**2 * gram.square:  # Newton's decrement
+            if 0.0 < promise * gram.count <= self.still**2 * gram.square:  # Newton's decrement
                 message = "converged"
                 break
             if bent:
