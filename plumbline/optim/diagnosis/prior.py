@@ -87,6 +87,10 @@ CENTRES = 40  # places about which local bumps are tried (cost only)
 SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
 COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
+# [m or rad] usual size of a row's own displacement, from 0.1 mm to 0.1 m with its widths: from a
+# knock to the next marker, read in this one's place. With narrower ones a row 0.2 m off makes
+# smooth mechanisms of its neighbours.
+DISPLACED = 3e-3
 MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
 MOST_MOTIONS = 20  # whose ranges may each err by their own
 GROSS_ODDS = 0.01  # of a row to be grossly wrong

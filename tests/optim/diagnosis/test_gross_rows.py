@@ -72,6 +72,18 @@ def test_gross_errors_that_owe_nothing_to_each_other_are_not_a_slip(tmp_path):
     assert verdict.outside_depends_on == ""
 
 
+def test_rows_off_by_a_hundred_times_the_noise_leave_the_noise_of_the_others_as_it_is(tmp_path):
+    """A motion capture of 2 mm that took one marker for the next, 0.19 m away, in two rows."""
+    recording, _ = recorded(faultless(rows=36, seed=1), tmp_path)
+    measured = recording.measured + np.random.default_rng(1).normal(0.0, 2e-3, (36, 3))
+    plain = diagnose(replace(recording, noise_std=None, measured=measured)).verdict
+    measured[4] += 0.19 * np.array([0.6, -0.5, 0.62])
+    measured[20] += 0.19 * np.array([-0.3, 0.9, 0.3])
+    spoilt = diagnose(replace(recording, noise_std=None, measured=measured)).verdict
+    assert spoilt.distrusted_rows == (6, 22)
+    assert spoilt.noise.sigma == pytest.approx(plain.noise.sigma, rel=0.1)
+
+
 def test_many_rows_are_judged_by_the_median_of_all():
     rng = np.random.default_rng(8)
     residuals = rng.normal(0.0, 1e-4, (5000, 3))

@@ -15,7 +15,7 @@ from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.prior import USUAL
+from plumbline.optim.diagnosis.prior import DISPLACED
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.measurement.refit import rows_of_gap
 from plumbline.optim.recording.session import apart
@@ -94,11 +94,11 @@ class Ports:
         return np.tile(np.eye(m)[:, None, :], (1, N, 1))
 
     def own_shifts(self) -> Array:
-        """Columns (R, m, N, m) that shift each of the distrusted rows by the usual size."""
+        """Columns (R, m, N, m) that shift each of the distrusted rows by what such a row is off."""
         rows = np.flatnonzero(self.gross)
         N, m = self.target.shape
         own = np.zeros((len(rows), m, N, m))
-        own[np.arange(len(rows))[:, None], np.arange(m), rows[:, None], np.arange(m)] = USUAL
+        own[np.arange(len(rows))[:, None], np.arange(m), rows[:, None], np.arange(m)] = DISPLACED
         return own
 
     def given(self, more: Array) -> Ports:
