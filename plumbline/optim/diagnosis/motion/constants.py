@@ -63,6 +63,7 @@ RIVAL_FROM = 1.5  # of the effective samples, in log evidence: a square that fal
 SEARCHED = 0.4  # of these windows the search looks at; what it finds is fitted to all of them
 SEARCH_SAMPLES = 250  # of such a window where commands are positions: 50 a second
 SEARCH_ITERATIONS = 10  # of a fit of the search
+RACE = 3  # steps after which the best of several starts goes on alone
 CONTENDS = 30.0  # nats on the windows of the search: what is farther behind is not fitted to all
 WORTH_A_FIT = 2.0  # nats of likelihood: noise makes one effect in twenty bring more
 MOST_JUDGED = 400  # windows that a joint is judged by, over all folds

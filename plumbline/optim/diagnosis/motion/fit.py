@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.judged import STILL
-from plumbline.optim.diagnosis.motion.constants import ENDED, ENOUGH, ITERATIONS, SEARCH_ITERATIONS
+from plumbline.optim.diagnosis.motion.constants import ENDED, ENOUGH, ITERATIONS
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows, roll_out
 
 
@@ -93,15 +93,15 @@ def evaluated(windows: Windows, effects: Effects, theta: Array, *, slopes: bool 
     return JointFit(effects, theta, residual, windows.level(J), windows.sizes(effects))
 
 
-def fitted(windows: Windows, effects: Effects, start: Array, *, search: bool = False) -> JointFit:
-    """The least square from a start, inside the bounds; ``search`` for one that ends early."""
+def fitted(windows: Windows, effects: Effects, start: Array, most: int = 0) -> JointFit:
+    """The least square from a start, inside the bounds; early after at most so many steps."""
     best = evaluated(windows, effects, start)
     lower, upper, scale = best.limits
     if np.any((start < lower) | (start > upper)):
         best = evaluated(windows, effects, np.clip(start, lower, upper))
-    damping, enough = 1e-3, ENOUGH if search else ENDED
+    damping, enough = 1e-3, ENOUGH if most else ENDED
     planned = any(e.plans for e in effects)  # whose derivatives cost two roll-outs each
-    for _ in range((SEARCH_ITERATIONS if search else ITERATIONS) if effects else 0):
+    for _ in range((most or ITERATIONS) if effects else 0):
         free = best.free
         J = best.flat[:, free] * scale[free]
         A, g = J.T @ J, J.T @ best.residual.ravel()

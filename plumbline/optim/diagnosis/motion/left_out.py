@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.kinematics.effects.motion_effect import MotionEffect
-from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
+from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated, fitted
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects
 from plumbline.optim.diagnosis.motion.search import Joint
@@ -58,7 +58,7 @@ def _fold(
     training, test = signals.windows(j, fit), signals.windows(j, judge)
 
     def missed(effects: Effects, start: Array) -> Array:
-        theta = fitted(training, effects, start, search=True).theta
+        theta = fitted(training, effects, start, SEARCH_ITERATIONS).theta
         return evaluated(test, effects, theta, slopes=False).residual
 
     n = range(len(found.effects))

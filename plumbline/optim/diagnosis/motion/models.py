@@ -20,6 +20,8 @@ from plumbline.optim.diagnosis.motion.constants import (
     LEAST_GAIN,
     MOVES,
     PRESENT,
+    RACE,
+    SEARCH_ITERATIONS,
     STEPS,
     WORTH_A_FIT,
 )
@@ -96,8 +98,12 @@ class Models:
             values = np.multiply(e.starts(self.seen), self.windows.sizes((e,)))
             at = effects.index(e)
             starts = [[*s[:at], v, *s[at + 1 :]] for s in starts for v in values]
-        fits = [fitted(self.windows, effects, np.array(s), search=True) for s in starts]
-        self.found[key] = min(fits, key=lambda fit: fit.square)
+        steps = RACE if len(starts) > 1 else SEARCH_ITERATIONS
+        fits = [fitted(self.windows, effects, np.array(s), steps) for s in starts]
+        first = min(fits, key=lambda fit: fit.square)
+        if len(starts) > 1:
+            first = fitted(self.windows, effects, first.theta, SEARCH_ITERATIONS)
+        self.found[key] = first
 
     def climb(self) -> Key:
         """Add effects one by one while that pays."""
@@ -187,7 +193,9 @@ class Models:
             for k in few.contenders(key):
                 if k not in self.found:
                     start = few.found[k]
-                    self.found[k] = fitted(self.windows, start.effects, start.theta, search=True)
+                    self.found[k] = fitted(
+                        self.windows, start.effects, start.theta, SEARCH_ITERATIONS
+                    )
             key, moved = self._better(key, self.found)
             if not moved:
                 break

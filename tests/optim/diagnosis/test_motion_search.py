@@ -1,0 +1,39 @@
+"""What the search for a drive's causes takes, and that it misses nothing by it."""
+
+import numpy as np
+import pytest
+
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.optim.diagnosis.motion import fit, models
+from plumbline.optim.diagnosis.motion.constants import RACE, SEARCH_ITERATIONS
+from plumbline.optim.diagnosis.motion.signals import signals_of
+from tests.motions import recorded
+
+
+@pytest.mark.parametrize(
+    ("most", "near", "cheap"), [(None, True, True), (1, False, True), (SEARCH_ITERATIONS, True, 0)]
+)
+def test_of_several_starts_the_best_after_a_few_steps_goes_on_alone(most, near, cheap, monkeypatch):
+    """Every pair of a drive's effects: as near as whole fits from all starts, for less work."""
+    library = tuple(e for c in MOTION_EFFECTS for e in c.candidates(Law.POSITION, masses=True))
+    signals = signals_of(recorded([{"delay": 0.06, "lag": 0.1, "play": 0.02}, {}]))
+    windows, seen, rolled = signals.windows(0, signals.starts), signals.seen(0), []
+    own = fit.roll_out
+    monkeypatch.setattr(fit, "roll_out", lambda *a, **k: rolled.append(1) or own(*a, **k))
+
+    def left(race):
+        monkeypatch.setattr(models, "RACE", race)
+        rolled.clear()
+        fitted = models.Models(windows, library, seen)
+        first = frozenset({next(e for e in library if e.name == "servo_bandwidth")})
+        for key in (first, *(first | {e} for e in library if e not in first)):
+            fitted.fit(
+                key, fitted.found[key & first] if key != first else fitted.found[frozenset()]
+            )
+        return np.array([f.square**0.5 for f in fitted.found.values()]), len(rolled)
+
+    whole, all_of_it = left(SEARCH_ITERATIONS)
+    best, some = left(RACE if most is None else most)
+    assert (best < 1.05 * whole).all() == near, (best / whole).max()
+    assert (some < 0.8 * all_of_it) == cheap, some / all_of_it
