@@ -153,7 +153,7 @@ SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding l
 # cause is at work at which the most probable is named with whatever share it has.
 SETTLED = 0.95
 HOPELESS = 0.5  # share of the doubt that any number of rows may leave
-MEMORY = 4000  # rows that a joint's play looks back upon: minutes of a usual log (cost only)
+MEMORY_ROWS = 4000  # rows that a joint's play looks back upon: minutes of a usual log (cost only)
 COOLED = 0.05  # share of its warmth that a rest as long as the recording leaves: 3 time constants
 NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
 WIDER = 0.1  # of the box of tips, on each side [its size]

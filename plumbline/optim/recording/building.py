@@ -17,6 +17,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.recording import checks, units
+from plumbline.optim.recording.columns import JOINTWISE
 from plumbline.optim.recording.constants import LARGEST
 from plumbline.optim.recording.disagreement import counted_from_one_turn, far_from_base
 from plumbline.optim.recording.efforts import with_motion
@@ -27,7 +28,6 @@ from plumbline.optim.recording.quaternions import normalised
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.table import as_integers
 
-JOINTWISE = ("direction", "velocity", "acceleration", "effort")
 SCALAR = ("time", "temperature", "payload")
 WHOLE = ("socket", "group")
 SETTING = ("scale_std", "noise_std", "noise_std_rotation", "socket_distance")

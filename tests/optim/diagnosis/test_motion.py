@@ -30,7 +30,7 @@ from plumbline.optim.diagnosis.motion.recording import (
 from plumbline.optim.diagnosis.motion.rollout import WIDE, roll_out
 from plumbline.optim.diagnosis.motion.search import _with_parts, errors_of
 from plumbline.optim.diagnosis.motion.signals import signals_of
-from plumbline.optim.diagnosis.motion.unlisted import Rivals
+from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from tests.answer_contract import keeps_the_contract
@@ -364,7 +364,8 @@ def test_what_is_within_the_stated_noise_is_no_mechanism_whatever_its_form():
     fit = evaluated(windows, (), np.empty(0))
     for stated, told in ((0.0, True), (0.5, True), (1.0, False), (2.0, False)):
         shares = {
-            u.on: u.share for u in Rivals(windows, fit, 100.0, 0.0, stated * fit.square).beside()
+            u.on: u.share
+            for u in FunctionRivals(windows, fit, 100.0, 0.0, stated * fit.square).beside()
         }
         assert shares["command"] == pytest.approx(1 - max(stated, 1e-3) if told else 0.0, abs=1e-2)
 

@@ -16,7 +16,7 @@ from plumbline.experiments.reality.more import extended, read_on
 from plumbline.kinematics.effects import JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.design.course import Course
-from plumbline.optim.diagnosis.design.explanations import Explanation, contest, explanations
+from plumbline.optim.diagnosis.design.explanations import LeadingExplanation, contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import (
     LIMITS,
     RECORDED,
@@ -247,7 +247,7 @@ def test_designed_rows_of_a_recording_tell_more_than_random_ones(weak):
     selection = weak.selected.selection
     fine = [c.effect.name for c in selection.candidates].index("gear_ripple")
     both = ((), (SelectedTerm(fine, 1.0),))
-    pair = contest(weak.selected, tuple(Explanation.of(selection, one, 0.5) for one in both))
+    pair = contest(weak.selected, tuple(LeadingExplanation.of(selection, one, 0.5) for one in both))
     p, rivals = pair.model.problem, pair.rivals
     tilt = next(k for k, name in enumerate(p.names) if name.startswith("gear_ripple"))
     means, C = np.zeros((2, p.size)), np.tile(rivals.covariances[0], (2, 1, 1))

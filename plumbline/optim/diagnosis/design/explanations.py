@@ -29,7 +29,7 @@ NOTHING = "no effect"
 
 
 @dataclass(frozen=True)
-class Explanation:
+class LeadingExplanation:
     """One model of the recording."""
 
     # its effects as the selection problem numbers them, with the scales of their priors
@@ -41,7 +41,7 @@ class Explanation:
     @classmethod
     def of(
         cls, selection: SelectionProblem, terms: tuple[SelectedTerm, ...], probability: float
-    ) -> Explanation:
+    ) -> LeadingExplanation:
         """Some of all candidates; an effect of the user's own is called by its stage."""
         keys, candidates = selection.keys(terms), selection.candidates
         chosen = [candidates[c.index] for c in terms]
@@ -49,7 +49,7 @@ class Explanation:
         return cls(terms, keys, probability, " and ".join(named) if named else NOTHING)
 
 
-def explanations(selected: SelectedModel, most: int = 6) -> tuple[Explanation, ...]:
+def explanations(selected: SelectedModel, most: int = 6) -> tuple[LeadingExplanation, ...]:
     """What may explain a recording, the most probable first.
 
     Args:
@@ -65,7 +65,7 @@ def explanations(selected: SelectedModel, most: int = 6) -> tuple[Explanation, .
         keys = selection.keys(terms)
         best.setdefault(keys, terms)  # the best state comes first
         share[keys] = share.get(keys, 0.0) + weight
-    found = [Explanation.of(selection, best[keys], p) for keys, p in share.items()]
+    found = [LeadingExplanation.of(selection, best[keys], p) for keys, p in share.items()]
     # Ties are broken by name, so that the order of the library does not matter.
     found.sort(key=lambda e: (-e.probability, e.label))
     return tuple(e for e in found[:most] if e.probability >= LEAST_TOLD)
@@ -110,7 +110,7 @@ class Contest:
         return replace(self, model=replace(self.model, recording=own))
 
 
-def contest(selected: SelectedModel, candidates: tuple[Explanation, ...]) -> Contest:
+def contest(selected: SelectedModel, candidates: tuple[LeadingExplanation, ...]) -> Contest:
     """Fit every explanation to the recording, linearised about the verdict's fit.
 
     Args:

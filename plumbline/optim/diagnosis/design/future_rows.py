@@ -23,7 +23,7 @@ from plumbline.optim.recording.recording import Recording
 
 RECORDED, LIMITS = "recorded", "limits"
 TURN = np.pi  # range of a joint that has neither moved nor limits [rad]
-ROUNDS = 40
+DRAW_ROUNDS = 40
 PLACES = 8  # at which a joint is tried when it alone is changed
 RESTS = (0.0, 0.0, 0.0, 0.0, 1 / 3, 1.0)  # waits to draw from, over the recording's length
 REACHING_STEPS, NEAR = 25, 1e-6  # of bringing a tip into a socket, and how near it must come [m]
@@ -92,7 +92,7 @@ def draw_rows(
     rng = np.random.default_rng([seed, 11])
     lower, upper = joint_range(recording, within)
     found, numbers = [np.empty((0, len(lower)))], [np.empty(0, dtype=np.int64)]
-    for _ in range(ROUNDS):
+    for _ in range(DRAW_ROUNDS):
         q = rng.uniform(lower, upper, (count, len(lower)))
         number = rng.integers(0, 1 if sockets is None else len(sockets), count)
         if sockets is not None:

@@ -23,7 +23,7 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
-from plumbline.optim.diagnosis.discrepancy.design import Design, looks
+from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, orthonormal
@@ -211,7 +211,7 @@ def _problem(
     return JointProblem(linear, tuple(terms), pool.noise, priors, gross, labels, lacked, parts)
 
 
-def _parts(design: Design, ports: Ports, names: Names) -> Parts:
+def _parts(design: FamilyDesign, ports: Ports, names: Names) -> Parts:
     """What tells parts of an unlisted mechanism from causes of their own."""
     mechanisms, places, _ = names
 
@@ -246,16 +246,18 @@ def _design(
     rows: NDArray[np.intp],
     found: Sequence[Dependence],
     log_priors: Array,
-) -> Design:
+) -> FamilyDesign:
     """The columns, in units of each component's noise."""
     shared = Linear.about(pool.shared, pool.x, pool.model.problem.scale)
     slot = float(np.log(NEXT_SLOT_ODDS if chosen else FIRST_SLOT_ODDS))
 
     def unlisted(spread: Array) -> float:
-        one = Design.of(ports, spread, shared, pool, rows)
+        one = FamilyDesign.of(ports, spread, shared, pool, rows)
         return float(np.logaddexp(0.0, slot + one.most(found, log_priors, pool, chosen)))
 
-    return Design.of(ports, spread_of_noise(pool, chosen, ports, unlisted), shared, pool, rows)
+    return FamilyDesign.of(
+        ports, spread_of_noise(pool, chosen, ports, unlisted), shared, pool, rows
+    )
 
 
 def _mechanism(term: object) -> Mechanism:

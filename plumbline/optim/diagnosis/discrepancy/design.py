@@ -36,7 +36,7 @@ from plumbline.optim.measurement.correlated import Whitening
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class FamilyDesign:
     """Columns of the library about the fit, nuisances projected out of whatever is added.
 
     Attributes:
@@ -66,7 +66,7 @@ class Design:
     @classmethod
     def of(
         cls, ports: Ports, spread: Array, shared: Linear, pool: Pool, rows: NDArray[np.intp]
-    ) -> Design:
+    ) -> FamilyDesign:
         """About a fit, on some of a recording's rows."""
         divided = ports.divided(spread)
         white = Whitening.of(pool.model.recording.select(rows), ports.gross)
@@ -83,7 +83,7 @@ class Design:
             white,
         )
 
-    def beyond(self, moved: Array) -> Design:
+    def beyond(self, moved: Array) -> FamilyDesign:
         """What no displacement along given directions (k, N, m), a row's own of any size, moves."""
         unit, sizes, _ = np.linalg.svd(np.moveaxis(moved / self.spread, 0, 2), full_matrices=False)
         there = sizes > 1e-10 * sizes.max(initial=np.finfo(float).tiny)  # as of rounding

@@ -15,7 +15,7 @@ from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
-from plumbline.optim.diagnosis.motion.unlisted import Unlisted
+from plumbline.optim.diagnosis.motion.unlisted import UnlistedFunction
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model.drives import Drives
@@ -88,7 +88,7 @@ class _StoredJoint:
     number: int
     probability: dict[str, float]
     instead: dict[str, dict[str, float]]
-    unlisted: tuple[Unlisted, ...]
+    unlisted: tuple[UnlistedFunction, ...]
     outside: float
     mechanisms: dict[str, float]
     anything: float

@@ -27,7 +27,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.rollout import Effects, Windows
-from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, Unlisted, exceeds
+from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, UnlistedFunction, exceeds
 
 Key = frozenset[MotionEffect]
 ODDS = float(np.log(PRESENT / (1 - PRESENT)))
@@ -70,12 +70,12 @@ class Models:
         planned = any(e.plans for e in fit.effects)
         return STEPS**2 * self.found[frozenset()].square if planned else 0.0
 
-    def lacking(self, key: Key, time: float, sigma: float | None) -> Unlisted:
+    def lacking(self, key: Key, time: float, sigma: float | None) -> UnlistedFunction:
         """What a fit leaves beyond an explained gap, of no form; none without a stated noise."""
         fit = self.found[key]
         least = 0.0 if sigma is None else (EXPLAINED * self.floor(fit, sigma)) ** 2
         x = max(fit.square / least, 1.0) if least else 1.0
-        return Unlisted(NO_FORM, exceeds(x, fit.residual.size / time), 1.0 - 1.0 / x)
+        return UnlistedFunction(NO_FORM, exceeds(x, fit.residual.size / time), 1.0 - 1.0 / x)
 
     def sizes(self, key: Key) -> dict[str, float]:
         """What a model leaves more without each of its effects, root of squares [rad]."""

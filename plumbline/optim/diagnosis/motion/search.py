@@ -25,7 +25,12 @@ from plumbline.optim.diagnosis.motion.constants import (
 from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.models import Key, Models, names_of
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows
-from plumbline.optim.diagnosis.motion.unlisted import VARIABLES, Rivals, Unlisted, own_past
+from plumbline.optim.diagnosis.motion.unlisted import (
+    VARIABLES,
+    FunctionRivals,
+    UnlistedFunction,
+    own_past,
+)
 from plumbline.optim.diagnosis.prior import DEVIATIONS, NO_EVIDENCE, PART_OF_UNLISTED
 
 IS_PART = DEVIATIONS[0]  # of an effect's size: what is unlisted and as large may be all of both
@@ -42,7 +47,7 @@ class Joint:
     # by name of an effect found: what may stand in its place, with its probability
     instead: Mapping[str, Mapping[str, float]]
     # what a function beside all that was found would explain, by variable
-    unlisted: tuple[Unlisted, ...]
+    unlisted: tuple[UnlistedFunction, ...]
     outside: float  # probability that something beside it is at work
     # probability of every effect and of every function that nobody has listed, the latter as ``?``
     # and its variable
@@ -88,7 +93,7 @@ def search(
     found = {e.name for e in fit.effects}
     instead = {name: _instead(name, found, share) for name in found}
     std = errors_of(models, fit, prior, sigma)
-    beside = Rivals(windows, fit, effective).beside()
+    beside = FunctionRivals(windows, fit, effective).beside()
     if sigma is not None:
         beside = (*beside, own_past(windows, fit, models.floor(fit, sigma), effective))
     outside = sum(p for names, p in share if any(name[0] == "?" for name in names))
@@ -110,7 +115,9 @@ def errors_of(models: Models, fit: JointFit, prior: float, sigma: float | None) 
     key = frozenset(fit.effects)
     models.found[key] = fit
     effective = fit.residual.size / correlation_time(fit.residual)
-    rivals = Rivals(models.windows, fit, effective, stated=0.0 if sigma is None else sigma**2)
+    rivals = FunctionRivals(
+        models.windows, fit, effective, stated=0.0 if sigma is None else sigma**2
+    )
     return rivals.errors(models.sizes(key), odds_of_each(prior))
 
 
@@ -158,9 +165,9 @@ def _weights(
         effective = fit.residual.size / time
         if best - score > RIVAL_FROM * effective:
             continue  # far too much for any function to make up for
-        rivals = Rivals(models.windows, fit, effective, own.square, stated)
+        rivals = FunctionRivals(models.windows, fit, effective, own.square, stated)
         beside = rivals.beside()
-        past: tuple[Unlisted, ...] = ()
+        past: tuple[UnlistedFunction, ...] = ()
         if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in beside):
             floor = models.floor(fit, sigma)
             past = (own_past(models.windows, fit, floor, effective),)  # that no function tells

@@ -46,7 +46,7 @@ VARIABLES = (*ALONG, PAST, OWN_PAST, NO_FORM)
 
 
 @dataclass(frozen=True)
-class Unlisted:
+class UnlistedFunction:
     """How much a function of one variable would explain."""
 
     on: str  # the variable
@@ -109,7 +109,7 @@ class _Beside:
             yield gain, C[:p, :p] + np.outer(shift, shift)
 
 
-class Rivals:
+class FunctionRivals:
     """What may be at work beside a fit, or in the place of one of its causes."""
 
     def __init__(
@@ -129,16 +129,16 @@ class Rivals:
             for on, Phi in _features(windows, fit, self.along)
         }
 
-    def beside(self) -> tuple[Unlisted, ...]:
+    def beside(self) -> tuple[UnlistedFunction, ...]:
         """Every variable's function, as large as what is left."""
         widths = [width * self.fit.square**0.5 for width in WIDTHS]
-        return tuple(Unlisted(on, *f.gain(widths)) for on, f in self.functions.items())
+        return tuple(UnlistedFunction(on, *f.gain(widths)) for on, f in self.functions.items())
 
-    def resembling(self, k: int, size: float) -> tuple[Unlisted, ...]:
+    def resembling(self, k: int, size: float) -> tuple[UnlistedFunction, ...]:
         """What resembles the cause k, whose effect has such a root mean square [rad]."""
         widths = [share * size for share in DEVIATIONS]
         found = [*self.functions.items(), *self._modulated(k)]
-        return tuple(Unlisted(on, *f.gain(widths)) for on, f in found)
+        return tuple(UnlistedFunction(on, *f.gain(widths)) for on, f in found)
 
     def _modulated(self, k: int) -> Iterator[tuple[str, _Beside]]:
         """Functions that the cause k is multiplied by."""
@@ -171,7 +171,7 @@ class Rivals:
         return np.asarray(np.sqrt(square) * scales)
 
 
-def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) -> Unlisted:
+def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) -> UnlistedFunction:
     """What the residual's own past foretells of it, as far as it exceeds the stated noise.
 
     A mechanism with a memory that no function of the moment has. Noise that wanders foretells
@@ -182,7 +182,7 @@ def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) ->
     sums = np.cumsum(np.pad(r, ((0, 0), (1, 0))), axis=1)
     at = np.arange(back[-1] + APART, r.shape[1])
     if not len(at):
-        return Unlisted(OWN_PAST, -np.inf, 0.0)
+        return UnlistedFunction(OWN_PAST, -np.inf, 0.0)
     till = at - APART
     means = np.stack([(sums[:, till] - sums[:, till - n]) / n for n in back], axis=-1)
     Phi, now = means.reshape(-1, len(back)), r[:, at].ravel()
@@ -192,7 +192,7 @@ def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) ->
     cost = len(back) / 2 * float(np.log(len(now)))
     gain = -len(now) / 2 * float(np.log1p(-max(share, 0.0))) - cost
     more = exceeds(max(fit.square / sigma**2, 1.0), effective)
-    return Unlisted(OWN_PAST, min(gain, more), share)
+    return UnlistedFunction(OWN_PAST, min(gain, more), share)
 
 
 def exceeds(ratio: float, effective: float) -> float:

@@ -21,7 +21,7 @@ from plumbline.optim.measurement.candidates import scope_for
 from plumbline.optim.measurement.observation import Model
 from plumbline.optim.recording.recording import Recording
 
-STEPS = (Stage.BASE, Stage.TOOL)  # where what is scanned is the moment of a step
+STEP_STAGES = (Stage.BASE, Stage.TOOL)  # where what is scanned is the moment of a step
 
 
 def nearby(chosen: Sequence[Effect], recording: Recording) -> dict[Effect, list[Effect]]:
@@ -71,7 +71,7 @@ def shortlists(
             if len(own) and f < count:
                 # Inside a stretch left out all moments of a bump are alike: the chosen one, which
                 # is finer than the others, would be told.
-                barred = [e for e in chosen if e.port in STEPS and e not in dense]
+                barred = [e for e in chosen if e.port in STEP_STAGES and e not in dense]
                 best += _best(family, family.evidence(given, kept, noise, own), barred)
                 best += [e for e in chosen if _is_plain(fitted, family, e, given, kept, noise)]
             for effect in best:
@@ -88,7 +88,7 @@ def _with_finer(
     found = dict(listed)
     for effect, finer in near.items():
         where = listed[effect].copy()
-        if effect.port in STEPS:
+        if effect.port in STEP_STAGES:
             where[:-1] = False
         for variant in finer:
             found[variant] = found.get(variant, np.zeros_like(where)) | where
@@ -115,7 +115,7 @@ def _is_plain(
     noise: NoisePrior,
 ) -> bool:
     """Whether these folds plainly show a chosen variant given all else; never asked of a bump."""
-    if effect.port in STEPS or effect not in family.effects:
+    if effect.port in STEP_STAGES or effect not in family.effects:
         return False
     alone = family.only(effect)
     own = _own_columns(fitted, alone, [effect])

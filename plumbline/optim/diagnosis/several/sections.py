@@ -31,9 +31,9 @@ from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.session import ALIKE, build_session
 
 Section = Diagnosis | MotionDiagnosis
-ORDER = (PLACES, (EFFORTS,), ("motion",), ("tracking",), ("plane_range",), ("fiducials",))
+SECTION_ORDER = (PLACES, (EFFORTS,), ("motion",), ("tracking",), ("plane_range",), ("fiducials",))
 # The least settled verdict of the sections is that of all.
-SETTLED = (Outcome.OUTSIDE, Outcome.PARTLY, Outcome.EXPLAINED, Outcome.NO_GAP)
+CONCLUSIVE = (Outcome.OUTSIDE, Outcome.PARTLY, Outcome.EXPLAINED, Outcome.NO_GAP)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,7 +198,7 @@ def refuse_unlike(
 def _family(one: Recording | MotionRecording) -> int:
     session = one.session if isinstance(one, Recording) else None
     kind = one.observation if session is None else session.parts[0].observation
-    return next(k for k, family in enumerate(ORDER) if kind in family)
+    return next(k for k, family in enumerate(SECTION_ORDER) if kind in family)
 
 
 def _refuse_other_arms(recordings: Sequence[Recording | MotionRecording]) -> None:
@@ -231,7 +231,7 @@ def _placed(one: Recording | MotionRecording) -> Array:
 def _merged(found: Sequence[Section], name: str) -> Verdict:
     verdicts = [one.verdict for one in found]
     first = verdicts[0]
-    kind = min((v.verdict for v in verdicts), key=SETTLED.index)
+    kind = min((v.verdict for v in verdicts), key=CONCLUSIVE.index)
     worst = max(verdicts, key=lambda v: v.outside_probability)
     return replace(
         first,

@@ -36,7 +36,7 @@ from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Session
 from plumbline.optim.recording.session import apart
 
-LEAST_TOLD = 1e-9  # of a precision's largest: directions below it are not told
+FLATTEST_TOLD = 1e-9  # of a precision's largest: directions below it are not told
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,11 +195,11 @@ def _apart(one: tuple[Array, Array], other: tuple[Array, Array]) -> float:
     """
     (P, b), (Q, c) = one, other
     total = P + Q
-    floor = max(LEAST_TOLD * float(np.diag(total).max(initial=0.0)), 1e-300)
+    floor = max(FLATTEST_TOLD * float(np.diag(total).max(initial=0.0)), 1e-300)
     inverse = np.linalg.inv(total + floor * np.eye(len(total)))
     # With the estimates of both together a = (P + Q)^-1 (b + c), each misses it by its own slope.
     slope = b - P @ inverse @ (b + c)
-    back = np.linalg.pinv(P @ inverse @ Q, rcond=LEAST_TOLD, hermitian=False)
+    back = np.linalg.pinv(P @ inverse @ Q, rcond=FLATTEST_TOLD, hermitian=False)
     return float(np.sqrt(max(float(slope @ back @ slope), 0.0)))
 
 
@@ -220,7 +220,7 @@ def _std(P: Array) -> Array:
         return np.where(diagonal > 0, 1.0, np.inf) * np.inf
     root = np.sqrt(diagonal)
     values, vectors = np.linalg.eigh(P / np.outer(root, root))
-    told = values > LEAST_TOLD
+    told = values > FLATTEST_TOLD
     if not told.all():
         lost = (vectors[:, ~told] ** 2).sum(axis=1) > 1e-6
         inverse = (vectors[:, told] ** 2) @ (1 / values[told])
@@ -237,7 +237,7 @@ def _compared(
     scale = each.selected.best.problem.scale[_columns(terms)]
     sides = []
     for P, right in (here, there):
-        value = np.linalg.pinv(P, rcond=LEAST_TOLD, hermitian=True) @ right
+        value = np.linalg.pinv(P, rcond=FLATTEST_TOLD, hermitian=True) @ right
         sides.append((scale * value, scale * _std(P)))
     chain = each.selected.model.recording.chain
     pairs = [(t.effect, p) for t in terms for p in t.effect.parameters]
