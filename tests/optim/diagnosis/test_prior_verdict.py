@@ -101,6 +101,14 @@ def test_an_effect_is_confounded_if_in_its_place_the_log_likelihood_hardly_chang
     assert bool(rivals(asked, own, own)) == confounded
 
 
+def test_what_the_rows_say_nothing_of_is_confounded_with_no_cause():
+    """Forty columns of which none does anything; the first is in the model nevertheless."""
+    X = SIGMA * np.linalg.qr(np.random.default_rng(0).normal(size=(N, 40)))[0]
+    asked = selection(X, np.random.default_rng(1).normal(0.0, SIGMA, N), SIGMA)
+    own = [SelectedTerm(0, 1.0)]
+    assert not rivals(asked, own, own)
+
+
 @pytest.mark.parametrize(("square", "seen"), [(0.6, False), (1.6, True)])
 def test_an_effect_whose_whole_signal_is_below_the_noise_cannot_be_seen(square, seen):
     X = np.sqrt(square) * SIGMA * np.ones((N, 1)) / np.sqrt(N)

@@ -49,15 +49,18 @@ def cause_of(
     effects = [selected.selection.candidates[c.index].effect for c in mine]
     variants = [e.variant for e in effects]
     effect = effects[0]
+    alike = rivals(selected.pool.selection, _of(selected, sorted(told.named, key=str)), mine)
+    # What is fitted unnamed in case it is there instead would hide what this one does.
+    instead = {(b.effect, b.element) for b in alike} - told.named
     return Cause(
         effect=key[0],
         stage=str(effect.stage),
         element=key[1],
         probability=told.probabilities.get(key, 0.0),
         parameters=_parameters(selected, key, noise, least),
-        before=stairs.figure([k for k in stairs.keys if k != key]),
+        before=stairs.figure([k for k in stairs.keys if k != key and k not in instead]),
         after=stairs.figure(stairs.keys),
-        confounded_with=tuple(rivals(selected.pool.selection, selected.chosen, mine)),
+        confounded_with=tuple(alike),
         words="; ".join(dict.fromkeys(e.sentence for e in effects)),
         variant=variants_words(variants),
         curve=curve_of(selected, key, noise),

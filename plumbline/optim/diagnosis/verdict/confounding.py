@@ -1,10 +1,10 @@
 r"""What a recording cannot tell apart, and what it cannot see at all.
 
-A rival is confounded with a cause if in the cause's place, all others kept, its posterior odds are
-less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app. B): so each is
-confounded with the other, and neither is sure. An effect is unobservable if the nuisances swallow
-it, or if at its usual size it moves the readings by less than the noise: alone, or beside what is
-named, whose values then hold what both do.
+A rival is confounded with a cause if in the cause's place, all others that are named kept, its
+posterior odds are less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app.
+B), than the cause's and than nothing's: so each is confounded with the other, and neither is sure.
+An effect is unobservable if the nuisances swallow it, or if at its usual size it moves the readings
+by less than the noise: alone, or beside what is named, whose values then hold what both do.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def rivals(
     total = np.full(int(selection.causes.max()) + 1, -np.inf)
     np.logaddexp.at(total, selection.causes, log_odds)  # of all variants of a cause
     own = np.unique(selection.causes[[c.index for c in mine]])
-    least = max(added_evidence(selection, others, mine), total[own].max()) - NO_EVIDENCE
+    least = max(added_evidence(selection, others, mine), total[own].max(), 0.0) - NO_EVIDENCE
     total[own] = -np.inf
     effects = {k: c.effect for k, c in zip(selection.causes, selection.candidates, strict=True)}
     found = []
