@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects import Effect
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
 from plumbline.optim.diagnosis.findings import Key, NoiseLevel, Verdict
@@ -72,7 +72,7 @@ def diagnose(
             is held out needs a column that is not there.
     """
     options = options or DiagnosisOptions()
-    tell = progress or _silent
+    tell = progress or silent
     recording = usable(recording, options.force)
     task, selected, bad = _searched(task_of(recording, options), tell)
     tell("weighing what may be at work", 0.6)
@@ -102,10 +102,6 @@ class Explained:
         return with_terms(self.selected, terms, self.task, self.bad)
 
 
-def _silent(words: str, share: float) -> None:
-    """Tell nobody how far it is."""
-
-
 def _searched(task: Task, tell: Progress) -> tuple[Task, SelectedModel, NDArray[np.bool_]]:
     """What the search finds and distrusts, and the task with what a rotation's noise counts for.
 
@@ -132,7 +128,7 @@ def _told_apart(found: Explained) -> Explained:
         rows = replace(rows, wander=wander, alike=alike)
         folds = fold_of_rows(rows, options.held_out, options.seed)
         task = replace(found.task, recording=rows, folds=folds)
-        found = _explained(options, task, *find_causes(task, _silent, found.bad))
+        found = _explained(options, task, *find_causes(task, silent, found.bad))
     return found
 
 

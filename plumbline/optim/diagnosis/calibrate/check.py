@@ -17,7 +17,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import percent
 from plumbline.optim.core.shares import Share
 from plumbline.optim.diagnosis.answer import Diagnosis
@@ -186,7 +186,7 @@ def check_calibration(
     """
     if cases < 1:
         raise ValueError(f"cases {cases}: at least 1 is needed to learn anything")
-    tell = progress or (lambda words, share: None)
+    tell = progress or silent
     tell("simulating cases", 0.0)
     options = replace(diagnosis.options, force=True)
     drawn = _simulated(diagnosis, cases)

@@ -23,11 +23,11 @@ from plumbline.optim.diagnosis.predict.shrink import (
     BY_MARKER,
     FoldModel,
     blocks_of_rows,
+    fitted_without,
     fold_models,
     held_out_residuals,
     nominal_residuals,
     shrink_interval,
-    whole_model,
 )
 from plumbline.optim.diagnosis.prior import ALARM
 from plumbline.optim.measurement.observation import build_model
@@ -158,7 +158,7 @@ def square_with(
     parts = pool.folds if rows is None else rows
     kept_back = len(parts) == 1
     models = (
-        [whole_model(pool, terms, variance)]
+        [fitted_without(pool, terms, None, variance)]
         if kept_back
         else fold_models(pool, terms, variance=variance)
     )

@@ -90,7 +90,7 @@ def fold_models(
         if chosen is None:
             chosen = _chosen_anew(restricted(selection, selection.allowed & ~banned), kept)
             chosen = [*chosen, *_shown_by_fold_alone(pool, kept, f)]
-        found.append(_solved(pool, chosen, f, variance or selection.variance(chosen)))
+        found.append(fitted_without(pool, chosen, f, variance or selection.variance(chosen)))
     return found
 
 
@@ -119,20 +119,14 @@ def _shown_by_fold_alone(
             yield term
 
 
-def whole_model(pool: Pool, chosen: Sequence[SelectedTerm], variance: float) -> FoldModel:
-    """The terms fitted to all rows of the pool, under their priors."""
-    return _fitted(pool, chosen, variance, pool.whole, None)
-
-
-def _solved(pool: Pool, chosen: Sequence[SelectedTerm], f: int, variance: float) -> FoldModel:
-    """The terms fitted without fold f, under their priors."""
-    return _fitted(pool, chosen, variance, pool.others[f], f)
-
-
-def _fitted(
-    pool: Pool, chosen: Sequence[SelectedTerm], variance: float, linear: Linear, f: int | None
+def fitted_without(
+    pool: Pool, chosen: Sequence[SelectedTerm], f: int | None, variance: float
 ) -> FoldModel:
-    """Values of the nuisances and the terms; what fold f alone determines is refitted to it."""
+    """The terms fitted without fold f, or to all rows, under their priors.
+
+    What the fold alone determines is refitted to it.
+    """
+    linear = pool.whole if f is None else pool.others[f]
     columns, precision = stack(pool.candidates, chosen, variance)
     together = pool.columns(chosen)
     z = linear.solve(together, np.concatenate([flat_prior(linear, pool.always), precision]))

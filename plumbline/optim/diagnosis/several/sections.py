@@ -14,7 +14,7 @@ import numpy as np
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.stored import register, restored
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -129,7 +129,7 @@ def diagnose_all(
     Raises:
         PlumblineError: One cannot be used, or they are not of one robot.
     """
-    tell = progress or (lambda words, share: None)
+    tell = progress or silent
     groups = _groups(recordings)
     found: list[Section] = []
     for k, group in enumerate(groups):

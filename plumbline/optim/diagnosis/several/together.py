@@ -12,7 +12,7 @@ import numpy as np
 
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.confined import confined
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.answer import LEAST_NOISE, Diagnosis
 from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
@@ -62,7 +62,7 @@ def diagnose_session(
             :func:`plumbline.optim.diagnosis.diagnose.diagnose`.
     """
     options = options or DiagnosisOptions()
-    tell = progress or (lambda words, share: None)
+    tell = progress or silent
     if len(session) == 1:
         return diagnose(session.parts[0], options, progress=progress)
     alone = []
@@ -84,7 +84,7 @@ def _alone(part: Recording, options: DiagnosisOptions) -> _Alone:
     """A recording on its own: its noise, and what its own search would name."""
     part = usable(part, options.force)
     task = task_of(part, options)
-    selected, _ = find_causes(task, lambda words, share: None)
+    selected, _ = find_causes(task, silent)
     if part.kind.oriented and not (part.noise_std and part.noise_std_rotation):
         part = replace(part, lever=noise_lever(selected.best, task.recording))
     noise = noise_of(task.recording, selected.best)
