@@ -88,7 +88,7 @@ def understand(raws: list[Raw], request: Request) -> Understood:
     _joints_are_told(raws, matches, request, kind)
     joined, left = _joined(base, matches, request)
     table, sources = _converted(base, matches, joined, request)
-    table, more = _whole(table, left)
+    table, more = _whole(table, left, base.first)
     table = _turned(table, request.rotation) if "rx" in table else table
     more += _went_back(table)
     table = _derived(_in_order(table), request)
@@ -240,8 +240,10 @@ def _order(target: str) -> tuple[int, int]:
     return (first.index(prefix) if prefix in first else len(first), number)
 
 
-def _whole(table: pd.DataFrame, left: Mapping[str, int]) -> tuple[pd.DataFrame, list[str]]:
-    """The rows that lack nothing, and notes on the others."""
+def _whole(
+    table: pd.DataFrame, left: Mapping[str, int], first: int
+) -> tuple[pd.DataFrame, list[str]]:
+    """The rows that lack nothing, and notes on the others, of a table from a row of a file on."""
     empty = [c for c in table if table[c].isna().all() and not str(c).startswith("m")]
     if empty:
         raise PlumblineError(f"column {empty[0]}: no reading in any row; map another, or none")
@@ -253,10 +255,8 @@ def _whole(table: pd.DataFrame, left: Mapping[str, int]) -> tuple[pd.DataFrame, 
              for name, count in left.items() if count]  # fmt: skip
     lacking = int((~whole).sum())
     if lacking > max(left.values(), default=0):
-        first = int(np.argmax(~whole.to_numpy()))
-        notes.append(
-            f"{lacking:,} of {len(table):,} rows lack a reading, row {first + 1} the first"
-        )
+        row = first + int(np.argmax(~whole.to_numpy()))
+        notes.append(f"{lacking:,} of {len(table):,} rows lack a reading, row {row} the first")
     notes += [f"{lacking:,} rows left out"] if lacking else []
     return table[whole].reset_index(drop=True), notes
 

@@ -293,6 +293,16 @@ def test_two_files_meet_at_the_nearest_moment_and_others_are_counted(tmp_path, b
     assert "clock runs 0 to 89 s and this one 508.001 to 594.001 s" in away
 
 
+def test_a_row_that_lacks_a_reading_is_told_by_its_line_in_the_file(tmp_path, bench, capsys):
+    log = tmp_path / "log.csv"
+    lab_rows(bench).to_csv(log, index=False)
+    head, *lines = log.read_text().splitlines()
+    lines[5] = "," + lines[5].split(",", 1)[1]
+    log.write_text("\n".join(["# a remark", head, *lines]) + "\n")
+    imported(tmp_path, log, *MAP, quiet=False)
+    assert "1 of 90 rows lack a reading, row 8 the first" in capsys.readouterr().out
+
+
 def test_directions_and_velocities_come_from_the_path(tmp_path, bench):
     rows = lab_rows(bench).assign(time=np.arange(90) * 2.0)
     rows.to_csv(tmp_path / "log.csv", index=False)
