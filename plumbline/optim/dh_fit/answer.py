@@ -17,7 +17,7 @@ from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import FEASIBLE, STILL, Judged, Judgement
 from plumbline.optim.core.stored import plain
-from plumbline.optim.dh_fit.constants import DOUBTFUL, ROUNDING
+from plumbline.optim.dh_fit.constants import ROUNDING
 from plumbline.optim.dh_fit.fitted import Fitted
 from plumbline.optim.dh_fit.identify import Held
 from plumbline.optim.dh_fit.quantities import DHParameter, Misfit, Quantity, Status
@@ -26,6 +26,7 @@ from plumbline.optim.dh_fit.statement import Unknown
 from plumbline.optim.dh_fit.task import readings_of
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.origin import FIRST_ROW
+from plumbline.optim.recording.set_up import ASKED, plausible
 
 SHOWN = 12  # quantities that a card shows
 UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
@@ -158,11 +159,11 @@ class DHFit(Fitted, Answer):
                 f"links leave {left} on an axis where {1e3 * stated:.3f} mm are stated: "
                 "noise_std is too large, or rows are copies of others"
             )
-        far = self.recording.chain.reach + float(np.linalg.norm(self.recording.tool_offset))
-        if not stated and self.noise > DOUBTFUL * far:
+        doubtful = ASKED * plausible(self.recording)  # more than measuring devices err
+        if not stated and self.noise > doubtful:
             yield (
-                f"links leave {left} on an axis, more than {1e3 * DOUBTFUL * far:.3g} mm, which is "
-                f"{100 * DOUBTFUL:g} % of the reach: state noise_std if the device is that coarse; "
+                f"links leave {left} on an axis, more than {1e3 * doubtful:.3g} mm, a thousandth "
+                "of the reach: state noise_std if the device is that coarse; "
                 f"else {self._why}"
             )
         for words in self.judged.failures:

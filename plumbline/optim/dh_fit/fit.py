@@ -15,7 +15,7 @@ import numpy as np
 from plumbline.errors import PlumblineError, one_line
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.dh_fit.answer import DHFit
-from plumbline.optim.dh_fit.constants import COARSE, IMPLAUSIBLE, RESTING, UNBOUNDED
+from plumbline.optim.dh_fit.constants import COARSE, RESTING, UNBOUNDED
 from plumbline.optim.dh_fit.identify import Identifiability, identify
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import spread_rows
@@ -24,7 +24,7 @@ from plumbline.optim.dh_fit.statement import Readings
 from plumbline.optim.dh_fit.sums import Pass
 from plumbline.optim.dh_fit.task import DHOptions, LinkTask, readings_of
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.set_up import wrong_set_up
+from plumbline.optim.recording.set_up import plausible, wrong_set_up
 
 
 def fit_dh(
@@ -81,13 +81,13 @@ def _refuse_nonsense(fit: DHFit) -> None:
     """A misfit that no robot that is this one has is of another robot, or of another recording."""
     recording, sizes = fit.recording, np.linalg.norm(fit.misfits(), axis=1)
     missed = float(np.median(sizes))
-    far = recording.chain.reach + float(np.linalg.norm(recording.tool_offset))
-    limit = max(IMPLAUSIBLE * far, COARSE * (recording.noise_std or 0.0))
+    limit = max(plausible(recording), COARSE * (recording.noise_std or 0.0))
     if not missed <= limit:
         raise PlumblineError(
             f"{recording.name}: fitted links still miss the tips by {1e3 * missed:.3g} mm (median),"
-            f" at most {1e3 * limit:.3g} mm is plausible for a reach of {far:.2g} m; joint order, "
-            "signs or zeros, units, robot or tip frame wrong? Mend them, or state noise_std"
+            f" at most {1e3 * limit:.3g} mm is plausible for a reach of "
+            f"{recording.chain.reach:.2g} m; joint order, signs or zeros, units, robot or tip "
+            "frame wrong? Mend them, or state noise_std"
         )
 
 

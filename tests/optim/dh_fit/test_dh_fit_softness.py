@@ -79,5 +79,4 @@ def test_a_robot_without_weight_has_no_such_error():
 def test_thresholds_stand_where_they_were_set():
     assert (constants.CHANCE, constants.STATED_WITHIN, STILL) == (1e-3, 1.1, 0.1)
     assert (constants.FALSE_ALARM, constants.SLACK, constants.MOST_SHARE) == (0.01, 1.7, 0.4)
-    assert (constants.IMPLAUSIBLE, constants.DOUBTFUL) == (0.01, 0.001)
     assert (constants.SLIGHT, constants.WHOLE) == (0.1, 0.01)
