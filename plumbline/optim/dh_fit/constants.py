@@ -1,7 +1,7 @@
 """Numbers of the link fit, each with its unit and where it comes from.
 
-Those of wrong set-ups stand beside what they judge (:mod:`plumbline.optim.dh_fit.setups`). What is
-named "rounding" lies so far from what data can do that an order of magnitude changes no figure.
+What is named "rounding" lies so far from what data can do that an order of magnitude changes no
+figure.
 """
 
 from __future__ import annotations
