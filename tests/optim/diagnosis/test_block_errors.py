@@ -9,6 +9,8 @@ import pytest
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.posterior.agreement import agreement
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.spread import spread
 from plumbline.optim.diagnosis.predict.folds import blocks_of
 from plumbline.optim.diagnosis.predict.shrink import FoldModel
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
@@ -16,6 +18,7 @@ from plumbline.optim.diagnosis.verdict.block_errors import _values, block_errors
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
 from tests.benches import bench
+from tests.designs import selection
 
 SEEDS = range(8)
 BLOCKS = np.repeat(np.arange(6), 20)
@@ -114,3 +117,13 @@ def test_errors_tell_how_far_an_estimate_moves_with_what_is_chosen_beside_it():
 
 def test_a_fold_that_chose_nothing_has_no_values():
     assert _values(FoldModel((), np.empty(0), np.zeros(9), (), 0)) == {}
+
+
+def test_a_value_spreads_as_far_as_it_moves_between_the_states_that_hold_its_term():
+    """Beside a second term it is 1, alone it takes up that one's part, too."""
+    X = np.column_stack([np.eye(60)[0], 0.6 * np.eye(60)[0] + 0.8 * np.eye(60)[1]])
+    asked = selection(1e3 * X, 1e3 * X @ [1.0, 2.0], 1.0)
+    one, other = SelectedTerm(0, 30.0), SelectedTerm(1, 30.0)
+    moved = spread(asked, [(0.2, [one]), (0.8, [one, other]), (7.0, [other])])
+    assert moved[0] == pytest.approx([0.4 * 1.2], rel=1e-3)
+    assert spread(asked, [(0.2, [one]), (1e-9, [one, other])])[0] == pytest.approx([0.0], abs=1e-3)

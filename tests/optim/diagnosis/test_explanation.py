@@ -396,6 +396,15 @@ def test_a_verdict_is_not_sure_of_a_cause_beside_which_as_much_is_missing(judged
     assert cause.probability == pytest.approx(0.99 * (1.0 - part), abs=0.01)
 
 
+def test_a_value_that_moves_from_state_to_state_is_known_less(judged):
+    selected = judged[1]
+    [term], [scale] = selected.chosen, [p.scale for p in selected.effects[-1].parameters]
+    (still,) = kind(judged).causes[0].parameters.values()
+    moved = {"spread": {term.index: np.array([3.0 * still.std / scale])}}
+    (told,) = kind(judged, told=moved).causes[0].parameters.values()
+    assert told.std == pytest.approx(np.sqrt(10.0) * still.std)
+
+
 def test_a_gap_down_to_a_known_noise_is_explained(judged):
     assert kind(judged).verdict == Outcome.EXPLAINED
 

@@ -57,7 +57,7 @@ def cause_of(
         stage=str(effect.stage),
         element=key[1],
         probability=told.probabilities.get(key, 0.0),
-        parameters=_parameters(selected, key, noise, least),
+        parameters=_parameters(selected, key, noise, told, least),
         before=stairs.figure([k for k in stairs.keys if k != key and k not in instead]),
         after=stairs.figure(stairs.keys),
         confounded_with=tuple(alike),
@@ -82,12 +82,12 @@ def _of(selected: SelectedModel, keys: Sequence[Key]) -> list[SelectedTerm]:
 
 
 def _parameters(
-    selected: SelectedModel, key: Key, noise: NoiseLevel, least: Array | float
+    selected: SelectedModel, key: Key, noise: NoiseLevel, told: Explanation, least: Array | float
 ) -> dict[str, Estimate]:
     """Estimates by name; variants of one cause are told apart by what sets them apart."""
     sigma = noise.sigma * max(noise.ratio, 1.0)
     std, free = selected.best.std(sigma), _std_by_rows(selected, sigma)
-    std = np.maximum(std, least)
+    std = np.maximum(np.hypot(std, _between(selected, told)), least)
     stuck = set(selected.best.at_bound())
     terms = [t for t in selected.model.terms if (t.effect.name, t.effect.element) == key]
     width = {selected.selection.candidates[c.index].effect: c.scale for c in selected.chosen}
@@ -104,13 +104,24 @@ def _parameters(
             range(term.columns.start, term.columns.stop), term.effect.parameters, strict=True
         ):
             name = selected.best.problem.names[column]
-            told = free[column] < width.get(term.effect, np.inf) * p.scale
+            seen = free[column] < width.get(term.effect, np.inf) * p.scale
             value, error = float(selected.best.x[column]), float(std[column])
             unit = term.effect.unit_of(p, selected.model.recording.chain)
             out[parameter_name(p.name, variant)] = Estimate(
-                value, error, unit, name in stuck, p.doc, bool(told)
+                value, error, unit, name in stuck, p.doc, bool(seen)
             )
     return out
+
+
+def _between(selected: SelectedModel, told: Explanation) -> Array:
+    """How far the fit's unknowns move from state to state (P,) [their units]."""
+    chosen = {selected.selection.candidates[c.index].effect: c.index for c in selected.chosen}
+    moved = np.zeros(selected.best.problem.size)
+    for term in selected.model.terms:
+        own = told.spread.get(chosen.get(term.effect, -1))
+        if own is not None:
+            moved[term.columns] = own * [p.scale for p in term.effect.parameters]
+    return moved
 
 
 def _driver(effect: Effect) -> str:

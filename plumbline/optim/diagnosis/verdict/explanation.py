@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     Alternatives,
     Mechanism,
@@ -20,13 +21,14 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 )
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
-from plumbline.optim.diagnosis.posterior.joint import Sampled, sample
+from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, sample
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
 from plumbline.optim.diagnosis.posterior.parts import moved_by
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, fit, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import restricted
 from plumbline.optim.diagnosis.posterior.slots import added_evidence
+from plumbline.optim.diagnosis.posterior.spread import spread
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
     DEVIATIONS,
@@ -70,6 +72,8 @@ class Explanation:
     gross: Mapping[int, float] = field(default_factory=dict)
     # of the noise of successive rows, and of the readings of one posture
     correlation: tuple[float, float] = (0.0, 0.0)
+    # of terms by their numbers, how far their values move from state to state [scale]
+    spread: Mapping[int, Array] = field(default_factory=dict)
     one_by_one: bool = False  # whether causes are so many that they were asked one by one
     compared: int = 0  # how many rows all of this is from, of a recording too long for all of them
 
@@ -133,12 +137,15 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         found = _by_blocks(selected, alt, state, seed)
         told = _told(alt, found)
         terms = _of_many(selected, alt, state, found.states[0][1], told.named)
+        drawn = [(1.0, terms) for _, terms in found.states]
     else:
         path = frozenset(c.index for c in chosen)
         starts = [path | gross, gross, *([frozenset[int]()] if gross else [])]
         found = sample(alt.problem, starts, seed)
         state, told = found.states[0][1], _told(alt, found)
         terms = _terms(selected, alt, found, told.named)
+        logs = ((log - found.states[0][0], terms) for log, terms in found.states)
+        drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
     states = () if many else tuple(_of_library(alt, found))
     correlation = _correlation(selected, alt, state, _unlisted(alt, found.states[0][1]))
     return replace(
@@ -147,6 +154,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         states=states,
         prior=unlisted,
         correlation=correlation,
+        spread=spread(alt.problem, drawn),
         one_by_one=many,
         compared=len(alt.rows) if len(selected.pool.model.recording) > MOST_COMPARED_ROWS else 0,
     )
