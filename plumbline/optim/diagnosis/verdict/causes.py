@@ -87,7 +87,7 @@ def _parameters(
     """Estimates by name; variants of one cause are told apart by what sets them apart."""
     sigma = noise.sigma * max(noise.ratio, 1.0)
     std, free = selected.best.std(sigma), _std_by_rows(selected, sigma)
-    std = np.maximum(np.hypot(std, _between(selected, told)), least)
+    std = np.hypot(np.maximum(std, least), _between(selected, told))
     stuck = set(selected.best.at_bound())
     terms = [t for t in selected.model.terms if (t.effect.name, t.effect.element) == key]
     width = {selected.selection.candidates[c.index].effect: c.scale for c in selected.chosen}
@@ -104,11 +104,11 @@ def _parameters(
             range(term.columns.start, term.columns.stop), term.effect.parameters, strict=True
         ):
             name = selected.best.problem.names[column]
-            seen = free[column] < width.get(term.effect, np.inf) * p.scale
+            determined = free[column] < width.get(term.effect, np.inf) * p.scale
             value, error = float(selected.best.x[column]), float(std[column])
             unit = term.effect.unit_of(p, selected.model.recording.chain)
             out[parameter_name(p.name, variant)] = Estimate(
-                value, error, unit, name in stuck, p.doc, bool(seen)
+                value, error, unit, name in stuck, p.doc, bool(determined)
             )
     return out
 
