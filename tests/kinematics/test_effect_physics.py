@@ -391,6 +391,18 @@ def test_a_payload_is_looked_for_in_drives_that_are_made_for_their_arm(name):
     assert np.abs(gravity_torques(chain, q, np.zeros(50)) * turning).max() < 2.0 * most
 
 
+@pytest.mark.parametrize("name", ["joint_compliance", "joint_tilt", "link_flex", "base_compliance"])
+def test_what_yields_is_made_for_its_load(name):
+    """A wrist's link may bend a hundred times as far under a newton as an upper arm."""
+    usual = []
+    for robot in ("ur10", "kr300", "ur3"):
+        chain = Robot.bundled(robot).chain()
+        found = REGISTRY[name].candidates(Scope(chain, "tip_position", frozenset(), {}, 10))
+        usual += [e.parameters[0].scale * chain.typical_load(e.element or 1) for e in found]
+    assert len(usual) >= 6
+    np.testing.assert_allclose(usual, usual[0])
+
+
 def moments(chain, Q, payload):
     """Pinocchio's moments (N, n, 3) of gravity on every joint's bearing, in the joint's frame."""
     model, zero, found = chain.model, np.zeros(chain.model.nv), []

@@ -5,11 +5,11 @@ r"""The base tilts under the overturning moment of the arm's weight.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as cs
 
-from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
 
@@ -19,6 +19,7 @@ class BaseCompliance(Effect):
     """A mounting that yields about the base's x and y, alike or each in its own way."""
 
     alike: bool = True
+    load: float = field(default=1000.0, metadata=UNSAID)
 
     name = "base_compliance"
     depends_on = "load"
@@ -35,13 +36,14 @@ class BaseCompliance(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One number where both directions yield alike."""
-        return self.declared[:1] if self.alike else self.declared
+        """One number where both directions yield alike, as wide as the arm is light."""
+        found = self.declared[:1] if self.alike else self.declared
+        return tuple(p.of_width(1000.0 / self.load) for p in found)
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Both kinds."""
-        return [cls(alike) for alike in (True, False)]
+        return [cls(alike, scope.chain.typical_load(1)) for alike in (True, False)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         _, moment = weight_beyond(state.nominal, 1, cs.SX(3, 1))

@@ -8,12 +8,12 @@ w its own weight and :math:`\kappa = 1/(E I)` (Timoshenko 1955, Strength of Mate
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.loads import weight_beyond
@@ -27,6 +27,7 @@ class LinkFlex(Effect):
     """Lateral bending of one link under gravity."""
 
     link: int = 1
+    load: float = field(default=100.0, metadata=UNSAID)
 
     name = "link_flex"
     stage = Stage.LINK
@@ -40,10 +41,16 @@ class LinkFlex(Effect):
     )
     compliance = Parameter("1/(N m^2)", 0.0, 1e-2, scale=5e-5, doc="inverse bending stiffness")
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """In units of what links of this load have: they are made for their load."""
+        return (self.compliance.of_width(100.0 / self.load),)
+
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every link longer than 5 cm that carries something or weighs something."""
-        return [cls(i) for i in scope.joints if np.linalg.norm(_beam(scope, i)) > SHORTEST]
+        long = [i for i in scope.joints if np.linalg.norm(_beam(scope, i)) > SHORTEST]
+        return [cls(i, scope.chain.typical_load(i)) for i in long]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         beam = state.chain.placements[self.link].t
