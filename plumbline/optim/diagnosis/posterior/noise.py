@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.solution import Solution
@@ -66,4 +66,4 @@ def repeat_noise(recording: Recording, best: Solution) -> NoiseLevel | None:
 
 def _chance(noise: NoiseLevel) -> float:
     """By how much repeats may say more than the fit leaves: as far as chance may go."""
-    return float(norm.isf(ALARM)) * float(np.sqrt(0.5 / (3 * noise.repeats)))
+    return float(-ndtri(ALARM)) * float(np.sqrt(0.5 / (3 * noise.repeats)))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.special import chdtrc, expit, logit, logsumexp
-from scipy.stats import f
 
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
@@ -44,11 +43,11 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
         return 1.0
     if noise.source == "fit":
         return 0.0
-    left = max(noise.ratio, ROUNDING) ** 2
-    freedom = (_freedom(selected), 3 * noise.repeats or KNOWN_NOISE_FREEDOM)
-    more = 1.0 + (USUAL * SIZES / noise.sigma) ** 2
-    unlisted = logsumexp(f.logpdf(left / more, *freedom) - np.log(more) + LOG_SIZE_WEIGHTS)
-    return float(expit(logit(UNLISTED * FORMLESS) + unlisted - f.logpdf(left, *freedom)))
+    more = 1.0 + np.append(0.0, (USUAL * SIZES / noise.sigma) ** 2)
+    left = max(noise.ratio, ROUNDING) ** 2 / more
+    n, known = _freedom(selected), 3 * noise.repeats or KNOWN_NOISE_FREEDOM
+    alone, *beside = 0.5 * (n * np.log(left) - (n + known) * np.log(known + n * left))
+    return float(expit(logit(UNLISTED * FORMLESS) + logsumexp(beside + LOG_SIZE_WEIGHTS) - alone))
 
 
 def is_noisier(noise: NoiseLevel, selected: SelectedModel) -> bool:
