@@ -40,6 +40,7 @@ from plumbline.optim.recording.loading import (
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.origin import FIRST_ROW, Array, Flags, Integers, Origin
 from plumbline.optim.recording.recording import hash_of
+from plumbline.optim.recording.repeated import refuse_repeated
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
 
@@ -295,6 +296,7 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
         mend = "delete it: then it is estimated"
         raise fault(origin.key("noise_std"), f"{r.noise_std:.4g}", "a noise above 0", mend)
     _refuse_frozen(r, origin)
+    refuse_repeated(r.command, r.q, r.joints[0][0] if r.unit == "m" else "q", origin)
     _refuse_sizes(r, origin)
     _refuse_degrees(r, origin)
     _refuse_mixed_up(r, origin)
