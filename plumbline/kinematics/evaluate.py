@@ -150,15 +150,16 @@ def _program(function: cs.Function) -> _Program | None:
     if not f.is_a("SXFunction") or f.sz_w() > MOST_WORK:
         return None
     every = range(f.n_instructions())
-    constants = [k for k in every if f.instruction_id(k) == cs.OP_CONST]
-    inputs = [k for k in every if f.instruction_id(k) == cs.OP_INPUT]
+    each = [f.instruction_id(k) for k in every]
+    constants = [k for k in every if each[k] == cs.OP_CONST]
+    inputs = [k for k in every if each[k] == cs.OP_INPUT]
     place = {k: f.sz_w() + i for i, k in enumerate([*constants, *inputs])}
     read = [(int(i), int(n)) for i, n in map(f.instruction_input, inputs)]
     # Where each place of the work space is now, and whether that differs from row to row.
     at, varies = list(range(f.sz_w())), [False] * f.sz_w()
     steps: list[Step] = []
     for k in every:
-        which, (r, *to), on = f.instruction_id(k), f.instruction_output(k), f.instruction_input(k)
+        which, (r, *to), on = each[k], f.instruction_output(k), f.instruction_input(k)
         if k in place:
             at[r], varies[r] = place[k], which == cs.OP_INPUT and on[0] == f.n_in() - 1
         elif which == cs.OP_OUTPUT:

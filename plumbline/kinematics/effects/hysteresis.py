@@ -86,8 +86,10 @@ def lag_of_play(q: Array, width: float, start: float = 0.0) -> Array:
         width: Of the play [rad or m].
         start: The lag at its beginning, between -1/2 and 1/2.
     """
-    lag, place, half = np.empty_like(q), float(q[0]) + start * width, width / 2
-    for k, reading in enumerate(q.tolist()):
-        place = max(reading - half, min(reading + half, place))
-        lag[k] = (place - reading) / width
-    return lag
+    # Each reading clips the place, and so do any number of them: runs of twice as many at a time.
+    low, high, step = q - width / 2, q + width / 2, 1
+    while step < len(q):
+        earlier, last = (low[:-step], high[:-step]), (low[step:], high[step:])
+        low[step:], high[step:] = [np.clip(side, *last) for side in earlier]
+        step *= 2
+    return np.asarray((np.clip(q[0] + start * width, low, high) - q) / width)

@@ -14,7 +14,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import make_pool
-from plumbline.optim.diagnosis.posterior.scan import Given, families
+from plumbline.optim.diagnosis.posterior.scan import Family, Given, families
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
@@ -65,6 +65,19 @@ def test_base_columns_left_out_are_as_if_they_had_never_been_there():
     assert not found.inverse[[1, 4]].any()
     assert not found.values[[1, 4]].any()
     assert (found.tt, found.n) == pytest.approx((told.tt, told.n))
+
+
+@pytest.mark.parametrize("columns", [[1], [1, 4]])
+def test_base_columns_show_what_a_variant_with_them_would_without(columns):
+    """Whether it is asked by its own products with the others, or by what all of them have told."""
+    rng = np.random.default_rng(4)
+    X, t = rng.normal(size=(40, 6)), rng.normal(size=40)
+    whole, noise = statistics(X, t + X[:, 1]), NoisePrior()
+    cross, target = whole.G[columns][None, None], whole.b[columns][None, None]
+    blocks = cross[..., columns]
+    family, given = Family((), blocks, cross, target), Given.of(whole)
+    [asked] = family.evidence(given, [0], noise, np.array(columns))
+    assert given.shows(np.array(columns), noise) == pytest.approx(asked, abs=1e-9)
 
 
 def test_a_bump_is_looked_for_between_all_rows_but_the_first_and_last_few():

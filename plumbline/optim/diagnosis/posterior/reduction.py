@@ -81,7 +81,8 @@ class Reduced:
 
     def without(self, term: SelectedTerm) -> Reduced:
         """Given all terms but one, by an update of low rank."""
-        part, own = self._part(term), self.inverse[:, self._part(term)]
+        part = self._parts[term.index]
+        own = self.inverse[:, part]
         schur = np.linalg.inv(own[part])
         lower = cholesky((schur + schur.T) / 2, np.diag(schur))
         gone, rest = own @ lower, np.delete(np.arange(len(own)), part)
@@ -101,7 +102,7 @@ class Reduced:
 
     def of(self, term: SelectedTerm) -> tuple[Array, Array, float, float]:
         """What all terms but one leave of this one's own columns: its block (k, k), b, tt and n."""
-        part = self._part(term)
+        part = self._parts[term.index]
         schur, z = np.linalg.inv(self.inverse[part, part]), self._values[part]
         share = np.sum((self.inverse[:, part] @ schur) * self.inverse[:, part], axis=1)
         change, own = schur @ z, self.precision[part]
@@ -124,11 +125,12 @@ class Reduced:
         """:math:`A^{-1} b_B` (K,)."""
         return np.asarray(self.inverse @ self.linear.b[self._columns])
 
-    def _part(self, term: SelectedTerm) -> slice:
-        """Where a term's columns are among those of all terms."""
-        sizes = {c.index: len(self.candidates[c.index].columns) for c in self.chosen}
-        first = sum(sizes[i] for i in itertools.takewhile(lambda i: i != term.index, sizes))
-        return slice(first, first + sizes[term.index])
+    @cached_property
+    def _parts(self) -> dict[int, slice]:
+        """Where each term's columns are among those of all terms."""
+        ends = np.cumsum([0, *(len(self.candidates[c.index].columns) for c in self.chosen)])
+        spans = (slice(a, z) for a, z in itertools.pairwise(ends.tolist()))
+        return dict(zip((c.index for c in self.chosen), spans, strict=True))
 
     def _moved(self, root: Array, sign: float) -> tuple[Array, ...]:
         """The blocks with what a root (P, K) spans added, or taken away."""

@@ -16,7 +16,6 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, Stage, State
@@ -51,11 +50,6 @@ class Family:
     cross: Array
     target: Array
 
-    def only(self, effect: Effect) -> Family:
-        """The family without all variants but one."""
-        v = [self.effects.index(effect)]
-        return Family((effect,), self.blocks[:, v], self.cross[:, v], self.target[:, v])
-
     def evidence(
         self,
         base: Given,
@@ -77,8 +71,7 @@ class Family:
         base = base if without is None else base.without(without)
         blocks = blocks - (cross @ base.inverse) @ cross.transpose(0, 2, 1)
         by_scale = block_evidence(blocks, target - cross @ base.values, base.tt, base.n, noise)
-        found: Array = logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1)
-        return found
+        return np.asarray(np.logaddexp.reduce(by_scale + LOG_SCALE_WEIGHTS, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +99,14 @@ class Given:
         hidden = root.T @ base.b
         tt = max(base.tt - float(hidden @ hidden), 0.0)
         return cls(root @ root.T, root @ hidden, tt, base.n - float(good.sum()))
+
+    def shows(self, columns: Columns, noise: NoisePrior) -> float:
+        """Log Bayes factor of some columns (k,) given all others (as :meth:`Reduced.of`)."""
+        block = np.asarray(np.linalg.pinv(self.inverse[np.ix_(columns, columns)], hermitian=True))
+        z = self.values[columns]
+        b, n = block @ z, self.n + len(columns)
+        by_scale = block_evidence(block[None], b[None], self.tt + float(z @ b), n, noise)
+        return float(np.logaddexp.reduce(by_scale[0] + LOG_SCALE_WEIGHTS))
 
     def without(self, columns: Columns) -> Given:
         """All but some columns (k,), by what these alone take (as :meth:`Reduced.without`)."""

@@ -61,19 +61,20 @@ def shortlists(
         return {}
     found, base = families(fitted, x, folds, list(dict.fromkeys([*dense, *chosen])))
     count = len(base)
+    held = [_own_columns(fitted, family, chosen) for family in found]
+    # Inside a stretch left out all moments of a bump are alike: the chosen one, which is finer than
+    # the others, would be told.
+    barred = [e for e in chosen if e.port in STEP_STAGES and e not in dense]
     listed: dict[Effect, NDArray[np.bool_]] = {}
     for f in range(count + 1):
         kept = [k for k in range(count) if k != f]
         given = Given.of(_sum([base[k] for k in kept]))
-        for family in found:
-            own = _own_columns(fitted, family, chosen)
+        for family, own in zip(found, held, strict=True):
             best = _best(family, family.evidence(given, kept, noise), chosen)
-            if len(own) and f < count:
-                # Inside a stretch left out all moments of a bump are alike: the chosen one, which
-                # is finer than the others, would be told.
-                barred = [e for e in chosen if e.port in STEP_STAGES and e not in dense]
-                best += _best(family, family.evidence(given, kept, noise, own), barred)
-                best += [e for e in chosen if _is_plain(fitted, family, e, given, kept, noise)]
+            if own and f < count:
+                columns = np.concatenate(list(own.values()))
+                best += _best(family, family.evidence(given, kept, noise, columns), barred)
+                best += _plain(own, given, noise)
             for effect in best:
                 listed.setdefault(effect, np.zeros(count + 1, dtype=bool))[f] = True
     for effect in chosen:
@@ -106,31 +107,20 @@ def _best(family: Family, score: Array, barred: Sequence[Effect]) -> list[Effect
     ]
 
 
-def _is_plain(
-    fitted: Model,
-    family: Family,
-    effect: Effect,
-    given: Given,
-    folds: Sequence[int],
-    noise: NoisePrior,
-) -> bool:
-    """Whether these folds plainly show a chosen variant given all else; never asked of a bump."""
-    if effect.port in STEP_STAGES or effect not in family.effects:
-        return False
-    alone = family.only(effect)
-    own = _own_columns(fitted, alone, [effect])
-    return bool(alone.evidence(given, folds, noise, own)[0] > NO_EVIDENCE)
+def _plain(own: Mapping[Effect, Columns], given: Given, noise: NoisePrior) -> list[Effect]:
+    """Chosen variants that some folds plainly show given all else; never asked of a bump."""
+    asked = (effect for effect in own if effect.port not in STEP_STAGES)
+    return [effect for effect in asked if given.shows(own[effect], noise) > NO_EVIDENCE]
 
 
-def _own_columns(fitted: Model, family: Family, chosen: Sequence[Effect]) -> Columns:
+def _own_columns(
+    fitted: Model, family: Family, chosen: Sequence[Effect]
+) -> dict[Effect, NDArray[np.intp]]:
     """Columns of what has been chosen of a family's effect and element."""
     first = family.effects[0]
-    parts = [
-        np.arange(t.columns.start, t.columns.stop)
-        for t in fitted.terms
-        if t.effect in chosen and (t.effect.name, t.effect.element) == (first.name, first.element)
-    ]
-    return np.concatenate([np.empty(0, dtype=int), *parts])
+    mine = {e for e in chosen if (e.name, e.element) == (first.name, first.element)}
+    terms = (t for t in fitted.terms if t.effect in mine)
+    return {t.effect: np.arange(t.columns.start, t.columns.stop) for t in terms}
 
 
 def _sum(parts: Sequence[Linear]) -> Linear:

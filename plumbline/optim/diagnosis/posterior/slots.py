@@ -18,7 +18,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Linear
@@ -95,7 +94,9 @@ class TermProblem(ABC):
         block, b, tt, n = reduced.of(term)
         sides = np.array([self.candidates[term.index].sides])
         by_scale = block_evidence(block[None], b[None], tt, n, self.noise, sides)
-        return float(logsumexp(by_scale + LOG_SCALE_WEIGHTS) + self.log_priors[term.index])
+        return float(
+            np.logaddexp.reduce(by_scale[0] + LOG_SCALE_WEIGHTS) + self.log_priors[term.index]
+        )
 
 
 def climbed(
@@ -116,7 +117,7 @@ def extended(problem: TermProblem, chosen: Sequence[SelectedTerm]) -> list[Selec
     reduced = problem.reduce(chosen)
     while reduced.n > 1.0:  # as long as there are more equations than terms
         log_odds, scores = problem.odds(reduced)
-        if not len(log_odds) or logsumexp(log_odds) <= 0.0:
+        if not len(log_odds) or np.logaddexp.reduce(log_odds) <= 0.0:
             break
         best = problem.best(log_odds)
         reduced = problem.reduce([*reduced.chosen, SelectedTerm(best, float(scores.scale[best]))])
@@ -136,7 +137,7 @@ def asked_again(problem: TermProblem, chosen: Sequence[SelectedTerm]) -> list[Se
         best = problem.best(log_odds)
         if log_odds[best] <= log_odds[index] + BETTER:
             best = index
-        filled = logsumexp(log_odds) > 0.0
+        filled = np.logaddexp.reduce(log_odds) > 0.0
         found[at : at + 1] = [SelectedTerm(best, float(scores.scale[best]))] if filled else []
         if best != index or not filled:
             reduced = problem.reduce(found)
