@@ -98,17 +98,22 @@ class JointProblem(TermProblem):
             found[self.labels[0][~self.unlisted & ~self.gross]] = True
         return found
 
-    def parts(self, indices: Iterable[int]) -> Mapping[int, float]:
+    def parts(
+        self, indices: Iterable[int], widths: Mapping[int, float] | None = None
+    ) -> Mapping[int, float]:
         """Labels of these terms that may be parts of what is unlisted, with the probability."""
-        return self.shared.of(self, indices) if self.shared else {}
+        return self.shared.of(self, indices, widths or {}) if self.shared else {}
 
-    def beside(self, indices: Sequence[int], linear: Linear) -> Evidence:
+    def beside(
+        self, indices: Sequence[int], linear: Linear, widths: Mapping[int, float]
+    ) -> Evidence:
         """What tells the evidence of some of these terms beside the others, in another problem.
 
-        All keep the widths that are the most probable of them together.
+        All keep their widths, or the most probable ones of them together where none are given.
         """
         own = replace(self, linear=linear).only(indices)
-        whole = own.reduce([SelectedTerm(k, s) for k, s in enumerate(weighed(own)[1])])
+        scales = [widths[i] for i in indices] if widths else weighed(own)[1]
+        whole = own.reduce([SelectedTerm(k, s) for k, s in enumerate(scales)])
 
         def evidence(some: State) -> float:
             left, total = whole, 0.0

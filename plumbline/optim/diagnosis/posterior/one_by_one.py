@@ -15,7 +15,7 @@ asks on its way is summed over.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -115,7 +115,7 @@ def _redrawn(
 
 def _said(problem: JointProblem, state: Sequence[SelectedTerm], odds: Sequence[Array]) -> Sampled:
     """Probabilities by what one sweep asked from a state on."""
-    held, tilt = [t.index for t in problem.slots(state)], float(np.log(TILT))
+    held, tilt = {t.index: t.scale for t in problem.slots(state)}, float(np.log(TILT))
     found, *tilted = (
         _marginals(problem, [log + t for log in odds], held) for t in (0.0, -tilt, tilt)
     )
@@ -153,14 +153,14 @@ def _thinned(problem: JointProblem, state: Sequence[SelectedTerm]) -> Sequence[S
 
 
 def _marginals(
-    problem: JointProblem, asked: Sequence[Array], held: Sequence[int]
+    problem: JointProblem, asked: Sequence[Array], held: Mapping[int, float]
 ) -> tuple[Array, ...]:
     """Probability of every label, level by level, that any slot holds it.
 
     Args:
         problem: What was asked.
         asked: Log odds of every term in each slot (K, C).
-        held: Terms of the state.
+        held: Terms of the state, with their widths.
     """
     shares = np.stack([shares_of(log_odds) for log_odds in asked])
     found = [_any(_summed(shares, *of)) for of in zip(problem.labels, problem.sizes, strict=True)]
@@ -173,7 +173,7 @@ def _marginals(
     own = _elsewhere(_summed(lacked, place, problem.sizes[1]))[:, place]
     all_ = _elsewhere(lacked.sum(axis=1, keepdims=True))
     part = np.full(problem.sizes[0], problem.shared.prior)
-    parts = problem.parts(held)
+    parts = problem.parts(held, held)
     part[list(parts)] = list(parts.values())
     large = set(problem.labels[0][list(held)].tolist()) - set(parts)
     far_larger = np.isin(problem.labels[0], list(large))
