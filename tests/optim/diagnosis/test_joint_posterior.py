@@ -407,7 +407,7 @@ def test_what_fills_no_place_once_in_ten_thousand_is_not_asked_again(monkeypatch
 
     monkeypatch.setattr(one_by_one_module, "_chain", kept)
     shares = []
-    for size in (400.0, 800.0, 1600.0):
+    for size in (800.0, 1600.0, 3200.0):
         X[:, 2] *= size * SIGMA / np.linalg.norm(X[:, 2])
         one_by_one(problem(X, t), state)
         shares.append(one_by_one_module._largest(problem(X, t), state)[2])
