@@ -14,6 +14,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
+
 LARGEST = 1e12  # no length, angle or mass of a robot is larger
 LONGEST_SHOWN = 48  # characters of a value that a message repeats
 KINDS = ("revolute", "prismatic", "fixed")
@@ -39,25 +41,25 @@ class DHRow:
         """From a table of names and numbers; ``number`` counts from 1, for the error message.
 
         Raises:
-            ValueError: An unknown key, a value that is no finite number, or an unknown kind.
+            PlumblineError: An unknown key, a value that is no finite number, or an unknown kind.
         """
         unknown = sorted(set(row) - set(cls.__dataclass_fields__))
         if unknown:
             known = ", ".join(cls.__dataclass_fields__)
             named = ascii(unknown[0])[:LONGEST_SHOWN]
-            raise ValueError(f"DH row {number}: key {named} not recognised; known: {known}")
+            raise PlumblineError(f"DH row {number}: key {named} not recognised; known: {known}")
         kind = row.get("kind", "revolute")
         if kind not in KINDS:
             named = ascii(kind)[:LONGEST_SHOWN]
-            raise ValueError(f"DH row {number}: kind {named} must be one of {', '.join(KINDS)}")
+            raise PlumblineError(f"DH row {number}: kind {named} must be one of {', '.join(KINDS)}")
         keys = [key for key in row if key not in ("kind", "com")]
         numbers = {key: _number(row[key], key, number) for key in keys}
         parsed = cls(**numbers, kind=str(kind), com=_point(row.get("com", (0, 0, 0)), number))
         if parsed.lower > parsed.upper:
             limits = f"lower = {parsed.lower} exceeds upper = {parsed.upper}"
-            raise ValueError(f"DH row {number}: {limits}; swap them")
+            raise PlumblineError(f"DH row {number}: {limits}; swap them")
         if parsed.mass < 0.0:
-            raise ValueError(f"DH row {number}: mass = {parsed.mass} kg is below zero; mend it")
+            raise PlumblineError(f"DH row {number}: mass = {parsed.mass} kg is below zero; mend it")
         return parsed
 
     def before(self) -> pin.SE3:
@@ -76,7 +78,7 @@ def _number(value: object, key: str, number: int) -> float:
         unlimited = key in ("lower", "upper") and abs(value) == np.inf
         if -LARGEST <= value <= LARGEST or unlimited:
             return float(value)
-    raise ValueError(
+    raise PlumblineError(
         f"DH row {number}: {key} = {ascii(value)[:LONGEST_SHOWN]} must be a finite number"
     )
 
@@ -88,7 +90,7 @@ def _point(value: object, number: int) -> tuple[float, float, float]:
         point = np.empty(0)
     if point.shape != (3,) or not (np.abs(point) <= LARGEST).all():
         found = ascii(value)[:LONGEST_SHOWN]
-        raise ValueError(f"DH row {number}: com = {found} must be three finite numbers [m]")
+        raise PlumblineError(f"DH row {number}: com = {found} must be three finite numbers [m]")
     return (float(point[0]), float(point[1]), float(point[2]))
 
 

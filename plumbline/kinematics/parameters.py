@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -54,9 +56,11 @@ class Parameter:
     def __post_init__(self) -> None:
         """Refuse a declaration that contradicts itself."""
         if not self.lower <= self.null <= self.upper:
-            raise ValueError(
+            raise PlumblineError(
                 f"Parameter {self.name or self.doc!r}: null {self.null} is outside of its bounds "
                 f"{self.lower} <= x <= {self.upper}; widen the bounds"
             )
         if self.scale <= 0.0:
-            raise ValueError(f"Parameter {self.name or self.doc!r}: scale {self.scale} must be > 0")
+            raise PlumblineError(
+                f"Parameter {self.name or self.doc!r}: scale {self.scale} must be > 0"
+            )

@@ -124,13 +124,10 @@ class Robot:
         Raises:
             PlumblineError: A row cannot be read, no row moves, or there are too many.
         """
-        try:
-            table = tuple(
-                row if isinstance(row, DHRow) else DHRow.parse(row, number)
-                for number, row in enumerate(rows, start=1)
-            )
-        except ValueError as error:
-            raise PlumblineError(str(error)) from None
+        table = tuple(
+            row if isinstance(row, DHRow) else DHRow.parse(row, number)
+            for number, row in enumerate(rows, start=1)
+        )
         _refuse_many(len(table), name, "DH rows")
         if not any(row.kind != "fixed" for row in table):
             raise PlumblineError(f"{name}: {len(table)} DH rows, none of which moves; add a joint")

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.verdicts import Models, Outputs, refuse
 from plumbline.experiments.console.progress_bar import progress_bar
 
@@ -33,12 +32,7 @@ def diagnose_several(
     other = None if outputs.also is None else load_part(outputs.also)
     given = list(folders) if len(folders) > 1 else folders[0]
     with progress_bar(quiet=outputs.silent) as progress:
-        try:
-            found = diagnosed(given, options, progress=progress)
-        except PlumblineError:
-            raise
-        except ValueError as error:  # folds that a recording has no column for
-            raise PlumblineError(f"--held-out {options.held_out}: {error}") from None
+        found = diagnosed(given, options, progress=progress)
     content, lines = found.to_dict(), []
     if other is not None:
         tried = _tried(found, other)

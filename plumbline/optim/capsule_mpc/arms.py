@@ -19,6 +19,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
@@ -177,7 +178,7 @@ def held_tip(arm: ArmInstrument, tip: ArrayLike, start: ArrayLike, passes: int =
     """Joint coordinates (n,) near ``start`` that bring the tip to a point through the trocar.
 
     Raises:
-        ValueError: None within the joint limits were found; start elsewhere.
+        PlumblineError: None within the joint limits were found; start elsewhere.
     """
     wanted = np.asarray(tip, dtype=float)
     x, c = cs.SX.sym("x", arm.size), cs.SX(cs.DM(arm.constants))
@@ -193,4 +194,4 @@ def held_tip(arm: ArmInstrument, tip: ArrayLike, start: ArrayLike, passes: int =
         largest = float(np.abs(step).max())
         state = np.clip(state - step * min(1.0, 10.0 / largest), low + 1e-3, high - 1e-3)
     worst, where = float(np.abs(off).max()), np.round(wanted, 1).tolist()
-    raise ValueError(f"tip {where}: {worst:.3g} mm off after {passes} steps; start elsewhere")
+    raise PlumblineError(f"tip {where}: {worst:.3g} mm off after {passes} steps; start elsewhere")

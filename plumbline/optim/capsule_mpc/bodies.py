@@ -34,6 +34,7 @@ from typing import Protocol
 import casadi as cs
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
 from plumbline.optim.capsule_mpc.constants import A_MAX, CONE, J_MAX, SHALLOW, V_OUTER
 from plumbline.optim.core.problem import Array
@@ -286,10 +287,10 @@ class EndsInstrument(_Shaft):
         """Both ends (6,) [mm] of a shaft through the trocar with its tip at a point.
 
         Raises:
-            ValueError: The instrument has no trocar, so its direction is not given by its tip.
+            PlumblineError: The instrument has no trocar, so its direction is not given by its tip.
         """
         if self.trocar is None:
-            raise ValueError("state of a free capsule: a tip alone found, both ends expected")
+            raise PlumblineError("state of a free capsule: a tip alone found, both ends expected")
         inside = np.asarray(tip, dtype=float) - self.trocar
         return np.concatenate([tip, tip - self.length * inside / np.linalg.norm(inside)])
 

@@ -36,6 +36,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.constants import (
     HALVINGS,
@@ -237,13 +238,11 @@ class Controller:
     def _wanted(self, goal: ArrayLike, events: list[Event]) -> Array:
         values = np.array(goal, dtype=float)
         g, p = self.statement.goals, self.statement.settings.p
-        fits = values.shape == (g,) or (
-            values.ndim == 2 and values.shape[1] == g and len(values) >= p
-        )
-        if fits and np.isfinite(values).all():
+        path = values.ndim == 2 and values.shape[1] == g and len(values) >= p
+        if (path or values.shape == (g,)) and np.isfinite(values).all():
             self._goal = values
         elif self._goal is None:
-            raise ValueError(f"no goal yet that is usable: ({g},) finite numbers expected")
+            raise PlumblineError(f"no goal yet that is usable: ({g},) finite numbers expected")
         else:
             events.append(Event(Trouble.BAD_GOAL, "goal not usable; the last one is kept"))
         return self._underway.then(self._goal, self.statement.settings.p)
@@ -258,7 +257,7 @@ class Controller:
                 events.append(Event(Trouble.BAD_OBSTACLE, f"obstacle {k + 1}: last place kept"))
                 found.append(replace(self._places[k], velocity=(0.0, 0.0, 0.0)))
             else:
-                raise ValueError(f"obstacle {k + 1} not usable, and never seen before")
+                raise PlumblineError(f"obstacle {k + 1} not usable, and never seen before")
         swept, moved = self._sweeps.swept(found), self._underway.moved(found)
         # What swings is where it is seen: where it will be is on its way there and back.
         swings, self._places = [s is not o for o, s in zip(found, swept, strict=True)], found

@@ -18,6 +18,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
+
 Array = NDArray[np.float64]
 Symbols = Any  # SX; or MX, where a statement maps its stages. CasADi takes either, its stubs do not
 
@@ -66,11 +68,11 @@ class Problem:
         """Refuse contradictory bounds and an objective that is no number; weigh rows alike."""
         for k in np.flatnonzero(self.lower > self.upper)[:1].tolist():
             low, high = self.lower[k], self.upper[k]
-            raise ValueError(
+            raise PlumblineError(
                 f"{self.names[k]}: lower bound {low} exceeds upper bound {high}; swap them"
             )
         if self.objective.shape != (1, 1):
-            raise ValueError(f"objective: shape {self.objective.shape}, one number expected")
+            raise PlumblineError(f"objective: shape {self.objective.shape}, one number expected")
         if not self.weights.size:
             object.__setattr__(self, "weights", np.ones(len(self.rows)))
         if isinstance(self.x, cs.MX):  # what is not stated is of the symbols' kind

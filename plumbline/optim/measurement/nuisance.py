@@ -14,6 +14,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.session import Own
@@ -139,7 +140,7 @@ def _tool(
 def _beam_and_planes(recording: Recording, anchor: Anchor | None) -> Nuisance:
     """Where the beam starts and points on the flange, and where every plane stands."""
     if anchor is None:
-        raise ValueError("ranges without a start: recordings are made by ranges_to_diagnose")
+        raise PlumblineError("ranges without a start: recordings are made by ranges_to_diagnose")
     beam, planes = anchor
     count = len(planes)
     shift, turn = cs.SX.sym("beam_t", 3), cs.SX.sym("beam_w", 2)

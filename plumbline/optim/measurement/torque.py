@@ -15,6 +15,7 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import Effect, Stage, State
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.tree import Tree, dynamics_of_chain
@@ -32,7 +33,7 @@ def effort_weights(recording: Recording) -> Array:
     """Residual for one newton metre, joint by joint (n,) [1/(N m)]."""
     noise = recording.noise_by_joint
     if noise is None:
-        raise ValueError("efforts without a noise: recordings are made by build_recording")
+        raise PlumblineError("efforts without a noise: recordings are made by build_recording")
     return np.asarray(UNIT / noise)
 
 

@@ -244,10 +244,10 @@ def apart(recording: Recording) -> tuple[Session, Integers]:
     """The recordings that its rows are of, and which of them each row is of (N,).
 
     Raises:
-        ValueError: It is one recording.
+        PlumblineError: It is one recording.
     """
     if recording.session is None or recording.part is None:
-        raise ValueError(f"{recording.name}: one recording, several expected")
+        raise PlumblineError(f"{recording.name}: one recording, several expected")
     return recording.session, recording.part
 
 

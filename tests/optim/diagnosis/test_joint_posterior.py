@@ -405,15 +405,20 @@ def test_what_fills_no_place_once_in_ten_thousand_is_not_asked_again(monkeypatch
         asked.append(2 in problem.asked)
         return own_chain(problem, *rest)
 
+    def of_size(size):
+        return problem(X * [1.0, 1.0, size * SIGMA / np.linalg.norm(X[:, 2])], t)
+
+    def share(size):
+        return one_by_one_module._largest(of_size(size), state)[2]
+
     monkeypatch.setattr(one_by_one_module, "_chain", kept)
-    shares = []
-    for size in (800.0, 1600.0, 3200.0):
-        X[:, 2] *= size * SIGMA / np.linalg.norm(X[:, 2])
-        one_by_one(problem(X, t), state)
-        shares.append(one_by_one_module._largest(problem(X, t), state)[2])
-    assert asked[::2] == [share >= 1e-4 for share in shares], shares
-    assert max(s for s in shares if s < 1e-4) > 5e-5
-    assert min(s for s in shares if s >= 1e-4) < 2e-4
+    sizes = np.geomspace(100.0, 1e5, 28)
+    shares = np.array([share(size) for size in sizes])
+    below = int(np.argmax(shares < 1e-4))
+    assert 5e-5 < shares[below] < 1e-4 < shares[below - 1] < 2e-4
+    for size in sizes[[below - 1, below]]:
+        one_by_one(of_size(size), state)
+    assert asked[::2] == [True, False]
 
 
 def test_gross_rows_of_a_long_state_stay():

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from joblib import Parallel, delayed
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import percent
@@ -182,10 +183,10 @@ def check_calibration(
         progress: Called with words and the share done.
 
     Raises:
-        ValueError: Fewer than one case.
+        PlumblineError: Fewer than one case.
     """
     if cases < 1:
-        raise ValueError(f"cases {cases}: at least 1 is needed to learn anything")
+        raise PlumblineError(f"cases {cases}: at least 1 is needed to learn anything")
     tell = progress or silent
     tell("simulating cases", 0.0)
     options = replace(diagnosis.options, force=True)

@@ -15,6 +15,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array
@@ -148,13 +149,13 @@ def joint_range(recording: Recording, within: str) -> tuple[Array, Array]:
     """Lower and upper bounds (n,) of joints to come [rad or m].
 
     Raises:
-        ValueError: ``within`` is unknown.
+        PlumblineError: ``within`` is unknown.
     """
     low, high = recording.q.min(axis=0), recording.q.max(axis=0)
     if within == RECORDED:
         return low, high
     if within != LIMITS:
-        raise ValueError(f"within {within!r} not recognised: {RECORDED} or {LIMITS}")
+        raise PlumblineError(f"within {within!r} not recognised: {RECORDED} or {LIMITS}")
     lower, upper = recording.chain.lower, recording.chain.upper
     turning = np.array([kind == "revolute" for kind in recording.chain.kinds])
     # Without limits a revolute joint may turn once; a slide keeps to where it has been.

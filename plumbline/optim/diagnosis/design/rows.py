@@ -16,6 +16,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.design.course import Course
@@ -58,9 +59,9 @@ class DesignOptions:
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
         if self.count < 1:
-            raise ValueError(f"count {self.count}: give at least 1")
+            raise PlumblineError(f"count {self.count}: give at least 1")
         if self.pool < self.count:
-            raise ValueError(f"pool {self.pool}: give at least the {self.count} rows asked for")
+            raise PlumblineError(f"pool {self.pool}: give at least the {self.count} rows asked for")
 
 
 @dataclass(frozen=True, eq=False)

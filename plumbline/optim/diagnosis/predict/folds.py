@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.diagnosis.prior import FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import scope_of
@@ -29,15 +30,17 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
         seed: Of the draw of single rows.
 
     Raises:
-        ValueError: An unknown kind, or groups asked for where there are none.
+        PlumblineError: An unknown kind, or groups asked for where there are none.
     """
     if kind not in KINDS:
-        raise ValueError(f"held out by {kind!r} not recognised; choose from {', '.join(KINDS)}")
+        raise PlumblineError(f"held out by {kind!r} not recognised; choose from {', '.join(KINDS)}")
     if recording.several:
         return _of_each(recording, kind, seed)
     groups = recording.group
     if kind == "groups" and not _grouped(recording):
-        raise ValueError("held out by groups: no column 'group' with two or more values; use rows")
+        raise PlumblineError(
+            "held out by groups: no column 'group' with two or more values; use rows"
+        )
     kind = kind_of_folds(recording, kind)
     if kind == "motions":
         return folds_of_motions(recording)
@@ -68,7 +71,7 @@ def _of_each(recording: Recording, kind: str, seed: int) -> NDArray[np.intp]:
         try:
             folds[own == k] = fold_of_rows(part, kind, seed)
         except ValueError as error:
-            raise ValueError(f"{part.name}: {error}") from None
+            raise PlumblineError(f"{part.name}: {error}") from None
     return folds
 
 
