@@ -4,6 +4,7 @@ r"""Is anything told where only the noise is not white?
 
 Arms with nothing wrong, read by a device whose noise has the size that is stated and is
 
+- ``understated``: half as large again;
 - ``drift``: a slow wander along the clock, :math:`n_k = \rho n_{k-1} + \sqrt{1 - \rho^2}\, \sigma
   u_k`, :math:`\rho = 0.9`;
 - ``readings``: five readings of each posture that share nine tenths of their variance;
@@ -88,6 +89,7 @@ def clean(number: int, seed: int, kind: str = "none", rows: tuple[int, int] = (6
 
 NOISES: dict[str, Callable[[Case, np.random.Generator], Recording]] = {
     "white": lambda case, rng: recorded(case, white(case.rows, rng)),
+    "understated": lambda case, rng: recorded(case, 1.5 * white(case.rows, rng)),
     "drift": lambda case, rng: recorded(case, wander(case.rows, rng)),
     "readings": lambda case, rng: recorded(
         replace(case, scene=repeated(case.scene, REPEATS)), shared(case.rows, rng)

@@ -162,12 +162,17 @@ def test_postures_and_copies_are_repeated_and_the_rest_is_the_simulator_s() -> N
     plain = ar1.NOISES["white"](case, rng)
     assert plain.noise_std == case.noise_std
     assert 0.4 < scatter(plain) < 1.8
+    larger, same = (
+        ar1.NOISES["understated"](case, np.random.default_rng(1)),
+        np.random.default_rng(1),
+    )
+    assert scatter(larger) == pytest.approx(2.25 * scatter(ar1.NOISES["white"](case, same)))
 
 
 def test_one_that_says_nothing_is_never_wrong_and_one_that_counts_rows_is() -> None:
     quiet = ar1.found(lambda _: a_verdict("no-gap"), 3, 1)
     table, otherwise = quiet.values()
-    assert [share.count for share in table["told of a gap"]] == [0, 0, 0, 0]
+    assert [share.count for share in table["told of a gap"]] == [0] * len(ar1.NOISES)
     assert otherwise.count == 0
     loud = a_verdict("explained", a_cause("base_drift", None, 0.96))
     said = ar1.told("drift", lambda _: loud, 2, 1)
