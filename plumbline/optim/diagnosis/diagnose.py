@@ -44,6 +44,7 @@ from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
 from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
 from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.loading import load_to_diagnose
+from plumbline.optim.measurement.correlated import copied
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import always_fitted
@@ -246,7 +247,7 @@ def _lacking(found: Explained, noise: NoiseLevel) -> float:
 def usable(recording: Recording | str | Path, force: bool) -> Recording:
     """The recording, read if it is not yet, without a noise that no device has.
 
-    It is refused where another set-up explains it.
+    Readings that are copies of one another are one. It is refused where another set-up explains it.
 
     Raises:
         PlumblineError: It cannot be used.
@@ -255,6 +256,8 @@ def usable(recording: Recording | str | Path, force: bool) -> Recording:
         recording = load_to_diagnose(recording)
     if not force and not recording.several:  # of several each was asked on its own
         refuse_wrong_set_up(recording)
+    if not recording.several and copied(recording):
+        recording = replace(recording, alike=1.0)
     if (recording.noise_std or 0.0) > plausible(recording):
         return replace(recording, noise_std=None)
     return recording

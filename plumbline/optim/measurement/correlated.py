@@ -94,3 +94,11 @@ def postures(recording: Recording) -> NDArray[np.intp]:
     _, first, label = np.unique(same, axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return np.asarray(rank[label.ravel()], dtype=np.intp)
+
+
+def copied(recording: Recording) -> bool:
+    """Whether postures were read again, and each to the last digit as before: no device does so."""
+    posture = postures(recording)
+    first = np.unique(posture, return_index=True)[1]
+    measured = recording.measured
+    return len(first) < len(posture) and np.array_equal(measured, measured[first][posture])

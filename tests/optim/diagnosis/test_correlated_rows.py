@@ -10,14 +10,14 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
-from plumbline.optim.diagnosis.diagnose import _worth_the_same, diagnose
+from plumbline.optim.diagnosis.diagnose import _worth_the_same, diagnose, usable
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 from plumbline.optim.diagnosis.prior import CORRELATIONS
-from plumbline.optim.measurement.correlated import Whitening, follows_of, postures, trust
+from plumbline.optim.measurement.correlated import Whitening, copied, follows_of, postures, trust
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
 
@@ -129,6 +129,15 @@ def test_copies_count_as_one_reading(rows):
     np.testing.assert_allclose(a.matrix, b.matrix, rtol=1e-9, atol=1e-12)
     assert a.count == pytest.approx(b.count)
     assert a.square == pytest.approx(b.square)
+
+
+def test_copies_are_known_by_their_last_digit_before_anything_is_searched(rows):
+    copies = five_each(rows)
+    other = copies.measured.copy()
+    other[7] += 1e-12
+    again = replace(copies, measured=other)
+    assert [copied(r) for r in (copies, rows, again)] == [True, False, False]
+    assert [usable(r, force=True).alike for r in (copies, rows, again)] == [1.0, 0.0, 0.0]
 
 
 def test_a_gross_reading_does_not_make_the_others_count_for_less(rows):

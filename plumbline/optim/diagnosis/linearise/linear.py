@@ -72,7 +72,7 @@ class Linear:
         """L^-1 (K, K) of some columns' Cholesky factor, L^-1 b (K,), and what they leave."""
         if not len(columns):
             return np.zeros((0, 0)), np.zeros(0), self.tt, self.n
-        A = self.G[np.ix_(columns, columns)]
+        A = self.G[columns[:, None], columns]
         lower = cholesky(A + np.diag(precision + JITTER * np.diag(A)), np.diag(A))
         unit, _ = dtrtri(lower, lower=1)
         hidden = unit @ self.b[columns]
