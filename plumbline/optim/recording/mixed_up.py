@@ -45,7 +45,10 @@ def refuse_mixed_up(
     told, name = letters
     for j in range(len(c)):
         turned = 1.0 - c[j, j] >= MIXED_UP * (1.0 + c[j, j])
-        if not turned or _late(expected[:, j], read[:, j], latest) >= -(1.0 - ROUNDING) * c[j, j]:
+        if (
+            not turned
+            or latest_cosine(expected[:, j], read[:, j], latest) >= -(1.0 - ROUNDING) * c[j, j]
+        ):
             continue
         found = f"{name}{j + 1} against {told}{j + 1} (cosine {c[j, j]:.2f})"
         mend = "turn the sign of this column"
@@ -60,8 +63,14 @@ def refuse_mixed_up(
             raise fault(origin.at(f"{name}{i + 1}"), found, "each with its own joint", mend)
 
 
-def _late(expected: Array, read: Array, latest: int) -> float:
-    """The largest cosine (columns (N,)) of what is read so many rows late, or fewer."""
+def latest_cosine(expected: Array, read: Array, latest: int) -> float:
+    """The largest cosine of what was read with what was told, so many rows late or fewer.
+
+    Args:
+        expected: What was told (N,).
+        read: What was read (N,).
+        latest: Rows by which that may follow late.
+    """
     rows = len(read)
     spectrum = np.fft.rfft(read, 2 * rows) * np.fft.rfft(expected, 2 * rows).conj()
     late = np.fft.irfft(spectrum, 2 * rows)[: min(latest + 1, rows)]

@@ -48,14 +48,15 @@ def test_the_more_blocks_differ_the_less_their_rows_are_worth():
     assert found[-1] < 0.2
 
 
-def test_rows_that_say_the_same_several_times_are_worth_their_number():
-    rng = np.random.default_rng(0)
-    columns, left = rng.normal(size=(3, 60, 3)), rng.normal(size=(60, 3))
-    again = agreement(
-        np.repeat(columns, 4, axis=1), np.repeat(left, 4, axis=0), np.arange(240) // 4
-    )
-    once = agreement(columns, left, np.arange(60))
-    assert again == pytest.approx(0.25 * once, rel=0.2)
+@pytest.mark.parametrize("times", [4, 9])
+def test_rows_that_say_the_same_several_times_are_worth_their_number(times):
+    def worth(seed):
+        rng = np.random.default_rng(seed)
+        columns, left = rng.normal(size=(3, 60, 3)), rng.normal(size=(60, 3))
+        again = np.repeat(columns, times, axis=1), np.repeat(left, times, axis=0)
+        return agreement(*again, np.arange(60 * times) // times)
+
+    assert np.mean([worth(seed) for seed in SEEDS]) == pytest.approx(1.0 / times, rel=0.2)
 
 
 @pytest.mark.parametrize("rows", [2, 6, 12])
@@ -65,6 +66,20 @@ def test_a_block_is_worth_at_least_one_of_its_readings_however_many_columns(rows
     columns, left = rng.normal(size=(40, rows, 3)), 1e-14 * rng.normal(size=(rows, 3))
     found = agreement(columns, left, np.arange(rows) // 2)
     assert 1.0 / 6.0 <= found <= 1.0
+
+
+@pytest.mark.parametrize("held", [1.0, 30.0, 300.0])
+def test_what_a_prior_holds_back_is_no_disagreement(held):
+    """What a gross row's own column leaves at its prior's width differs between no blocks."""
+    rng = np.random.default_rng(3)
+    columns, left = np.zeros((4, 120, 3)), rng.normal(size=(120, 3))
+    columns[:3] = rng.normal(size=(3, 120, 3))
+    columns[3, 17, 0] = 1.0
+    flat = columns.reshape(4, -1)
+    left -= (flat.T @ np.linalg.lstsq(flat.T, left.ravel())[0]).reshape(left.shape)
+    alone = agreement(columns[:3], left, BLOCKS)
+    left[17, 0] = held
+    assert agreement(columns, left, BLOCKS) == pytest.approx(alone, abs=0.02)
 
 
 def test_where_no_direction_is_seen_by_two_blocks_none_disagrees():

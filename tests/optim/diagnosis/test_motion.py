@@ -57,7 +57,8 @@ def windows_of(law, joint=1, rows=400):
     t, u = multisine(rows * 0.02, fastest=0.5)
     gains = {"kp": 20.0, "kd": 1.5} if law == Law.SERVO else {}
     kind = "position" if law == Law.SERVO else str(law)
-    recording = build_motion(robot=arm(), time=t, command=u, q=0.9 * u, kind=kind, **gains)
+    q = np.cumsum(0.02 * u, axis=0) if law in (Law.VELOCITY, Law.RATE) else u
+    recording = build_motion(robot=arm(), time=t, command=u, q=0.9 * q, kind=kind, **gains)
     signals = signals_of(recording)
     return signals.windows(joint, signals.starts), signals.seen(joint)
 

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
+from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
+from plumbline.kinematics.effects.stribeck_friction import StribeckFriction
+from plumbline.kinematics.effects.viscous_friction import ViscousFriction
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import select
 from plumbline.optim.diagnosis.posterior.slots import added_evidence, climbed
@@ -47,6 +51,29 @@ def test_a_pair_that_only_works_together_is_found(seed):
     before = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]  # about an earlier fit
     assert indices(select(asked, thorough=False, before=before)) == [0, 1]
     assert not select(asked, thorough=False, before=[SelectedTerm(5, 1.0)])
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_forms_of_friction_give_way_to_the_two_that_are_at_work_on_every_joint(seed):
+    """The root of the speed is the best single one; others make up for it, and none leads back."""
+    rng, count = np.random.default_rng(seed), 600
+    rates = (0.01, 0.02, 0.041, 0.05, 0.084, 0.119, 0.17, 0.35, 0.5)
+    sizes = ((3.1, 0.17), (0.71, 0.135), (1.54, 0.115), (6.0, 0.07), (7.8, 0.068), (8.2, 0.1))
+    forms, blocks, read = [], [], []
+    for joint, (dry, sigma) in enumerate(sizes, start=1):
+        swings, waves = rng.uniform(0.4, 1, 5), rng.uniform(0.05, 0.8, 5)
+        swings /= (1 + 3 * waves) / (2 * np.pi * waves) * np.sum(swings / (1 + 3 * waves))
+        turns = np.outer(np.arange(count) * 0.01, 2 * np.pi * waves) + rng.uniform(0, 6.28, 5)
+        speed = np.cos(turns) @ swings
+        size = np.abs(speed)
+        shapes = [size**0.5, size, np.ones(count), *(np.exp(-((size / r) ** 2)) for r in rates)]
+        block = np.stack(shapes, axis=1) * np.sign(speed)[:, None] / sigma
+        forms += [ViscousFriction(joint, 1.0, power=0.5), ViscousFriction(joint, 1.0)]
+        forms += [CoulombFriction(joint, 1.0), *(StribeckFriction(joint, 1.0, r) for r in rates)]
+        blocks.append(block)
+        read.append(dry * (block[:, 2] + 0.8 * block[:, 1]) + rng.normal(size=count))
+    asked = selection(block_diag(*blocks), np.concatenate(read), 1.0, variants=forms)
+    assert indices(select(asked)) == [12 * j + k for j in range(6) for k in (1, 2)]
 
 
 def test_of_two_columns_alike_one_is_kept():

@@ -12,7 +12,6 @@ of the whole robot where there are as many columns, else those of the chain to t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +22,8 @@ from plumbline.errors import fault, shown
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.quantities import counted
+from plumbline.optim.diagnosis.motion.set_up import refuse_wrong_set_up
 from plumbline.optim.recording.columns import numbered
-from plumbline.optim.recording.constants import (
-    LARGEST_ARM,
-    LARGEST_EFFORT,
-    LARGEST_SPEED,
-    TURNS,
-)
 from plumbline.optim.recording.loading import (
     KEYS,
     PROVENANCE,
@@ -37,18 +31,13 @@ from plumbline.optim.recording.loading import (
     open_folder,
     read_robot,
 )
-from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.origin import FIRST_ROW, Array, Flags, Integers, Origin
 from plumbline.optim.recording.recording import hash_of
-from plumbline.optim.recording.repeated import refuse_repeated
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
 
 OBSERVATION, TRACKING = "motion", "tracking"
 LEVER = 0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
-STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
-ALIKE, SAME_UNIT = 0.9, 1.5  # correlation and ratio of motions that may differ by their unit alone
-LATEST = 1.0  # [s]: no drive obeys later
 LEAP = 10.0  # times what readings usually are off the line of their neighbours: no noise is that
 LISTED = 5  # rows that a note names
 LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
@@ -295,11 +284,7 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
     if r.noise_std is not None and not 0.0 < r.noise_std < np.inf:
         mend = "delete it: then it is estimated"
         raise fault(origin.key("noise_std"), f"{r.noise_std:.4g}", "a noise above 0", mend)
-    _refuse_frozen(r, origin)
-    refuse_repeated(r.command, r.q, r.joints[0][0] if r.unit == "m" else "q", origin)
-    _refuse_sizes(r, origin)
-    _refuse_degrees(r, origin)
-    _refuse_mixed_up(r, origin)
+    refuse_wrong_set_up(r, origin)
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
@@ -326,65 +311,3 @@ def _without_leaps(r: MotionRecording) -> MotionRecording:
         if len(at := rows[columns == j] + FIRST_ROW)
     ]
     return replace(r, q=q, notes=(*r.notes, *told))
-
-
-def _refuse_frozen(r: MotionRecording, origin: Origin) -> None:
-    """A measured column without any noise while its command moves was never measured."""
-    frozen = np.flatnonzero((np.ptp(r.q, axis=0) == 0.0) & (np.ptp(r.command, axis=0) > 0.0))
-    if len(frozen):
-        number, letter = frozen[0] + 1, r.joints[0][0] if r.unit == "m" else "q"
-        found = f"{r.q[0, frozen[0]]:.4g} in every row while u{number} moves"
-        mend = "look at the encoder, or delete both columns"
-        raise fault(origin.at(f"{letter}{number}"), found, "measured positions", mend)
-
-
-def _refuse_sizes(r: MotionRecording, origin: Origin) -> None:
-    """Refuse places beyond what a joint or a tip reaches, and commands that no drive can follow."""
-    measured = r.joints[0][0] if r.unit == "m" else "q"
-    columns = product(((measured, r.q, True), ("u", r.command, r.law.follows)), range(r.n))
-    for (letter, values, places), j in columns:
-        most, unit = _most(r, j, places)
-        far = float(np.abs(values[:, j]).max())
-        if far > most:
-            what = "positions" if places else "commands"
-            where, found = origin.at(f"{letter}{j + 1}"), f"{what} up to {far:.4g}"
-            mend = "divide by 57.3 if in degrees" if unit == "rad" else "mend the unit"
-            raise fault(where, found, f"at most {most:.4g} {unit}", mend)
-
-
-def _refuse_degrees(r: MotionRecording, origin: Origin) -> None:
-    """Refuse a joint that moves as far as its command, but in degrees, or the other way round."""
-    if not r.law.follows or r.unit != "rad":
-        return
-    for j in range(r.n):
-        u, q = np.std(r.command[:, j]), np.std(r.q[:, j])
-        times = float(q / u) if u > 0 else 1.0
-        alike = times > 0 and np.corrcoef(r.command[:, j], r.q[:, j])[0, 1] > ALIKE
-        if alike and abs(abs(np.log(times)) - np.log(np.degrees(1.0))) < np.log(SAME_UNIT):
-            column, other = ("q", "u") if times > 1 else ("u", "q")
-            found = f"{max(times, 1 / times):.3g} times the motion of {other}{j + 1}"
-            mend = "divide by 57.3 if in degrees"
-            raise fault(origin.at(f"{column}{j + 1}"), found, "radians in both", mend)
-
-
-def _refuse_mixed_up(r: MotionRecording, origin: Origin) -> None:
-    """Refuse joints that run against their commands, or with another's, where commands lead."""
-    if r.law.follows or r.law in (Law.VELOCITY, Law.RATE):
-        step = np.append(0.0, np.diff(r.time).clip(min=0.0))[:, None]  # a group starts anew
-        told = r.command if r.law.follows else np.cumsum(step * r.command, axis=0)
-        letters = ("u", r.joints[0][0] if r.unit == "m" else "q")
-        latest = round(LATEST / float(np.median(np.diff(r.time))))
-        told, read = told - told.mean(axis=0), r.q - r.q.mean(axis=0)
-        refuse_mixed_up(told, read, letters, origin, latest)
-
-
-def _most(r: MotionRecording, j: int, places: bool) -> tuple[float, str]:
-    """The largest size of a joint's or axis' place or command, and its unit."""
-    if not places:
-        held = r.law in (Law.VELOCITY, Law.RATE)
-        return (LARGEST_SPEED, f"{r.unit}/s") if held else (LARGEST_EFFORT, "N m")
-    if r.observation != OBSERVATION:
-        return LARGEST_ARM, "m"
-    model = r.robot.model  # no limit is known where coordinates and joints are not numbered alike
-    limit = float(model.upperPositionLimit[r.index[j]]) if model.nq == model.nv else 0.0
-    return max(TURNS, limit if limit < STATED else 0.0), "rad"

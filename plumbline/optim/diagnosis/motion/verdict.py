@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.core.judged import STILL, Judged, Judgement
 from plumbline.optim.core.quantities import quantity
@@ -296,11 +297,29 @@ def _joints(found: Found) -> Iterator[JointGap]:
 
 
 def _notes(found: Found) -> list[str]:
-    return [
+    told = [
         f"drive {joint.number}: play and a dead band are one and the same without a lag"
         for joint in found.joints
         if {e.name for e in joint.fit.effects} & SAME and not lags(joint)
     ]
+    return [*told, *(_held(joint) for joint in found.joints if _late_by_less_than_a_row(joint))]
+
+
+def _late_by_less_than_a_row(joint: Joint) -> bool:
+    if joint.windows.law.holds:
+        return False
+    late = zip(joint.fit.effects, joint.fit.theta, strict=True)
+    return any(e.name == "actuation_delay" and d < joint.windows.dt for e, d in late)
+
+
+def _held(joint: Joint) -> str:
+    law, step = joint.windows.law, 1e3 * joint.windows.dt
+    mend = {Law.VELOCITY: "rate", Law.SAMPLED_TORQUE: "torque"}.get(law)
+    said = f'; if yours does, write command = "{mend}"' if mend else ""
+    return (
+        f"drive {joint.number} is late by less than a row's {step:.3g} ms, between which commands "
+        f"are taken to run on: one that a controller holds is late by {step / 2:.3g} ms{said}"
+    )
 
 
 def _judgement(joints: Sequence[Joint]) -> Judgement:

@@ -36,7 +36,12 @@ def agreement(
         readings: How many residuals count; all of them if not given.
     """
     numbers = np.unique(blocks)
-    parts = [columns[:, blocks == b].reshape(len(columns), -1) for b in numbers]
+    seen = np.array([np.abs(columns[:, blocks == b]).max(axis=(1, 2)) > 0.0 for b in numbers])
+    alone = seen.sum(axis=0) < 2  # a gross row's own: what its prior holds back is no disagreement
+    own = np.linalg.qr(columns[alone].reshape(-1, left.size).T)[0]
+    both = np.concatenate([columns[~alone], left[None]]).reshape(-1, left.size)
+    *_, left = both = (both - both @ own @ own.T).reshape(-1, *left.shape)
+    parts = [both[:-1, blocks == b].reshape(len(both) - 1, left[blocks == b].size) for b in numbers]
     slopes = [p @ left[blocks == b].ravel() for p, b in zip(parts, numbers, strict=True)]
     count = left.size if readings is None else readings
     sigma2 = float(np.sum(left**2)) / max(count - len(columns), 1)

@@ -1,12 +1,14 @@
 """Which effects: a path through the models that evidence leads.
 
 Slots are filled until emptiness wins; every pair is tried, so that two effects that only work
-together are found; then each slot is asked again in the light of the others.
+together are found; then each slot is asked again in the light of the others, and those that depend
+on the same at one place as a pair.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -58,6 +60,12 @@ class SelectionProblem(TermProblem):
         numbers: dict[object, int] = {}
         return np.array([numbers.setdefault(c.key, len(numbers)) for c in self.candidates])
 
+    @cached_property
+    def kinds(self) -> list[Hashable]:
+        """What each candidate depends on, and where."""
+        effects = [c.effect for c in self.candidates]
+        return [(e.stage, e.element, e.depends_on) for e in effects]
+
     def log_slot(self, filled: int) -> float:
         """Log odds that one slot more is filled: one cause more is rare."""
         return float(np.log(NEXT_SLOT_ODDS if filled else FIRST_SLOT_ODDS))
@@ -75,30 +83,53 @@ def select(
     """
     chosen = extended(selection, [])
     if thorough and len(chosen) <= MANY_SLOTS:
-        chosen = _better_start(selection, chosen)
+        chosen = _better_pair(selection, chosen, [])
     elif before and len(chosen) <= MANY_SLOTS:
         chosen = _better_of(selection, chosen, extended(selection, before))
     if not thorough and len(chosen) > MANY_SLOTS:
         return chosen
-    return climbed(selection, chosen, 1 if len(chosen) > MANY_SLOTS else ROUNDS)
+    if len(chosen) > MANY_SLOTS:
+        return climbed(selection, chosen, 1)
+    return climbed(selection, _pairs_again(selection, climbed(selection, chosen, ROUNDS)), ROUNDS)
 
 
-def _better_start(selection: SelectionProblem, chosen: list[SelectedTerm]) -> list[SelectedTerm]:
-    """Start again from the best pair, where that leads to a better model than the path did."""
-    empty = selection.reduce([])
-    singles, scores = selection.odds(empty)
-    best, pair = added_evidence(selection, [], chosen[:2]), None
-    for i in _best_variants(selection, singles):
+def _pairs_again(selection: SelectionProblem, chosen: list[SelectedTerm]) -> list[SelectedTerm]:
+    """Of several that depend on the same at one place the best pair in their stead, if better.
+
+    Three forms of a friction may do what two others are, and no exchange of one leads there.
+    """
+    kinds = Counter(selection.kinds[t.index] for t in chosen)
+    for kind in (kind for kind, count in kinds.items() if count > 1):
+        rest = [t for t in chosen if selection.kinds[t.index] != kind]
+        chosen = _better_pair(selection, chosen, rest, kind)
+    return chosen
+
+
+def _better_pair(
+    selection: SelectionProblem,
+    chosen: list[SelectedTerm],
+    rest: list[SelectedTerm],
+    kind: Hashable = None,
+) -> list[SelectedTerm]:
+    """Start again from some terms and the best pair, where that leads to a better model.
+
+    The first of the pair is of a kind, if one is given.
+    """
+    singles, scores = selection.odds(selection.reduce(rest))
+    of_kind = [kind in (None, own) for own in selection.kinds]
+    own = [t for t in chosen if t not in rest]
+    best, pair = added_evidence(selection, rest, own[:2]), None
+    for i in _best_variants(selection, np.where(of_kind, singles, -np.inf)):
         # Alone it may seem tiny; with its partner it may have its usual size.
         first = SelectedTerm(i, max(float(scores.scale[i]), 1.0))
-        seconds, found = selection.odds(selection.reduce([first]))
+        seconds, found = selection.odds(selection.reduce([*rest, first]))
         j = int(np.argmax(seconds))
         if singles[i] + seconds[j] > best + BETTER:
             best = float(singles[i] + seconds[j])
             pair = [first, SelectedTerm(j, float(found.scale[j]))]
     if pair is None:
         return chosen
-    return _better_of(selection, chosen, extended(selection, pair))
+    return _better_of(selection, chosen, extended(selection, [*rest, *pair]))
 
 
 def _better_of(

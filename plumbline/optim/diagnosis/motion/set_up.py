@@ -1,0 +1,185 @@
+r"""Is a motion's set-up right? What was told, as places, beside what was read.
+
+Positions are places, velocities are once they are added up, :math:`\sum u\,\Delta t`, each run from
+its own start and without a slope, which an offset of a velocity makes. A drive delays, lags, scales
+and shifts; it makes no degrees of radians, no position of a velocity, and no turn of nothing.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import scipy
+
+from plumbline.errors import fault
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects.actuation_offset import ActuationOffset
+from plumbline.optim.diagnosis.motion.constants import LENGTH
+from plumbline.optim.recording.constants import (
+    LARGEST_ARM,
+    LARGEST_EFFORT,
+    LARGEST_SPEED,
+    TURNS,
+)
+from plumbline.optim.recording.mixed_up import (
+    MIXED_UP,
+    ROUNDING,
+    latest_cosine,
+    refuse_mixed_up,
+)
+from plumbline.optim.recording.origin import Array, Origin
+from plumbline.optim.recording.repeated import refuse_repeated
+
+Motion = Any  # a MotionRecording, whose own module asks this one
+STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
+ALIKE, SAME_UNIT = 0.9, 1.5  # correlation and ratio of motions that may differ by their unit alone
+LATEST = 1.0  # [s]: no drive obeys later
+
+
+def refuse_wrong_set_up(r: Motion, origin: Origin) -> None:
+    """Refuse what no drive makes of its commands.
+
+    Raises:
+        PlumblineError: It names the column and the way out.
+    """
+    _refuse_frozen(r, origin)
+    refuse_repeated(r.command, r.q, _letter(r), origin)
+    _refuse_sizes(r, origin)
+    _refuse_slow(r, origin)
+    if r.law.pushes:
+        return
+    _refuse_mixed_up(r, origin)
+    _refuse_other_commands(r, origin)
+    _refuse_units(r, origin)
+    if r.law.follows and r.unit == "rad":
+        _refuse_turns(r, origin)
+
+
+def _letter(r: Motion) -> str:
+    return r.joints[0][0] if r.unit == "m" else "q"
+
+
+def _refuse_frozen(r: Motion, origin: Origin) -> None:
+    """A measured column without any noise while its command moves was never measured."""
+    frozen = np.flatnonzero((np.ptp(r.q, axis=0) == 0.0) & (np.ptp(r.command, axis=0) > 0.0))
+    if len(frozen):
+        number = frozen[0] + 1
+        found = f"{r.q[0, frozen[0]]:.4g} in every row while u{number} moves"
+        mend = "look at the encoder, or delete both columns"
+        raise fault(origin.at(f"{_letter(r)}{number}"), found, "measured positions", mend)
+
+
+def _refuse_sizes(r: Motion, origin: Origin) -> None:
+    """Refuse places beyond what a joint or a tip reaches, and commands that no drive can follow."""
+    columns = product(((_letter(r), r.q, True), ("u", r.command, r.law.follows)), range(r.n))
+    for (letter, values, places), j in columns:
+        most, unit = _most(r, j, places)
+        far = float(np.abs(values[:, j]).max())
+        if far > most:
+            what = "positions" if places else "commands"
+            where, found = origin.at(f"{letter}{j + 1}"), f"{what} up to {far:.4g}"
+            mend = (
+                "divide by 57.3 if in degrees; of an encoder's counts, by counts a radian"
+                if unit == "rad"
+                else "mend the unit"
+            )
+            raise fault(where, found, f"at most {most:.4g} {unit}", mend)
+
+
+def _refuse_slow(r: Motion, origin: Origin) -> None:
+    """Refuse a clock of which a window, in which drives settle, holds fewer than ten rows."""
+    step, most = float(np.median(np.diff(r.time))), LENGTH[r.law] / 10
+    if step > most:
+        mend = "divide by 1000 if in ms, or log more often"
+        raise fault(origin.at("time"), f"rows {step:.3g} s apart", f"at most {most:.3g} s", mend)
+
+
+def _refuse_other_commands(r: Motion, origin: Origin) -> None:
+    """Refuse positions that are told as velocities, or the other way round, however late."""
+    told, other, read = (
+        _levelled(r, x) for x in (_places(r, r.law.follows), _places(r, not r.law.follows), r.q)
+    )
+    moved = np.flatnonzero((np.ptp(told, axis=0) > 0) & (np.ptp(read, axis=0) > 0))
+    latest = round(LATEST / float(np.median(np.diff(r.time))))
+    own, better = (
+        np.median([1.0 - latest_cosine(x[:, j], read[:, j], latest) for j in moved] or [0.0])
+        for x in (told, other)
+    )
+    if own > MIXED_UP * max(better, ROUNDING):
+        word = "velocity" if r.law.follows else "position"
+        found = (
+            f"commands that move {_letter(r)} as {word} does (cosine {min(1.0 - better, 1.0):.2f})"
+        )
+        mend = f'write command = "{word}"' if r.unit == "rad" else "record rates, in m/s"
+        raise fault(origin.key("[motion] command"), found, f"commands of {r.law}", mend)
+
+
+def _refuse_units(r: Motion, origin: Origin) -> None:
+    """Refuse a joint that moves as its command does, but in another unit, or by another clock."""
+    told, read = _levelled(r, _places(r, r.law.follows)), _levelled(r, r.q)
+    units = [(float(np.degrees(1.0)), "57.3 if in degrees")] if r.unit == "rad" else []
+    if not r.law.follows:
+        units.append((1e3, "1000 if in mm" if r.unit == "m" else "1000: time in ms?"))
+    for j, (factor, mend) in product(range(r.n), units):
+        u, q = np.linalg.norm(told[:, j]), np.linalg.norm(read[:, j])
+        if not told[:, j] @ read[:, j] > ALIKE * u * q > 0.0:
+            continue
+        times = float(q / u)
+        if abs(abs(np.log(times)) - np.log(factor)) < np.log(SAME_UNIT):
+            names = f"{_letter(r)}{j + 1}", f"u{j + 1}"
+            column, other = names if times > 1 else names[::-1]
+            found = f"{max(times, 1 / times):.3g} times the motion of {other}"
+            raise fault(origin.at(column), found, f"{r.unit} in both", f"divide by {mend}")
+
+
+def _refuse_mixed_up(r: Motion, origin: Origin) -> None:
+    """Refuse joints that run against their commands, or with another's, where commands lead."""
+    told, latest = _places(r, r.law.follows), round(LATEST / float(np.median(np.diff(r.time))))
+    told, read = told - told.mean(axis=0), r.q - r.q.mean(axis=0)
+    refuse_mixed_up(told, read, ("u", _letter(r)), origin, latest)
+
+
+def _refuse_turns(r: Motion, origin: Origin) -> None:
+    """Refuse readings that leap by a turn, and zeros that are farther off than an offset may be."""
+    leap = np.abs(np.diff(r.q - r.command, axis=0)) > np.pi
+    leap &= np.abs(np.diff(r.q, axis=0)) > np.pi
+    if leap.any():
+        row, j = np.argwhere(leap)[0]
+        found = f"{r.q[row + 1, j]:.4g} after {r.q[row, j]:.4g} rad, which u{j + 1} does not do"
+        mend = "count it on from turn to turn (numpy.unwrap)"
+        raise fault(origin.at(f"q{j + 1}", row + 1), found, "a joint's way", mend)
+    for j, off in enumerate(np.median(r.q - r.command, axis=0).tolist()):
+        alike = np.corrcoef(r.command[:, j], r.q[:, j])[0, 1] > ALIKE if np.ptp(r.q[:, j]) else 0
+        if alike and abs(off) > ActuationOffset.offset.upper:
+            found = f"{off:+.4g} rad off u{j + 1}, in the median"
+            expected = f"zeros at most {ActuationOffset.offset.upper:g} rad apart"
+            raise fault(origin.at(f"q{j + 1}"), found, expected, "take it off this column")
+
+
+def _places(r: Motion, positions: bool) -> Array:
+    """Commands (N, n) as places: as they are, or as rates that add up."""
+    if positions:
+        return r.command
+    step = np.append(0.0, np.diff(r.time).clip(min=0.0))[:, None]  # a group starts anew
+    return np.asarray(np.cumsum(step * r.command, axis=0))
+
+
+def _levelled(r: Motion, places: Array) -> Array:
+    """Places (N, n) of each run without their mean and slope."""
+    group = np.zeros(len(r)) if r.group is None else r.group
+    bounds = np.flatnonzero(np.diff(group) != 0) + 1
+    return np.asarray(scipy.signal.detrend(places, axis=0, bp=bounds))
+
+
+def _most(r: Motion, j: int, places: bool) -> tuple[float, str]:
+    """The largest size of a joint's or axis' place or command, and its unit."""
+    if not places:
+        held = r.law in (Law.VELOCITY, Law.RATE)
+        return (LARGEST_SPEED, f"{r.unit}/s") if held else (LARGEST_EFFORT, "N m")
+    if r.unit == "m":
+        return LARGEST_ARM, "m"
+    model = r.robot.model  # no limit is known where coordinates and joints are not numbered alike
+    limit = float(model.upperPositionLimit[r.index[j]]) if model.nq == model.nv else 0.0
+    return max(TURNS, limit if limit < STATED else 0.0), "rad"
