@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from plumbline.optim.model.driven import Driven
-from plumbline.optim.model.drives_file import read, save
+from plumbline.optim.model.drives_file import read, text_of
 from plumbline.optim.model.export.drives_mjcf import drives_mjcf
 from plumbline.optim.model.export.exported import Exported
+from plumbline.optim.model.stored import new_file
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,7 +30,7 @@ class Drives(Driven):
         Raises:
             PlumblineError: There is a file already, or it cannot be written.
         """
-        save(self, path, overwrite=overwrite)
+        new_file(path, text_of(self), overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path) -> Drives:

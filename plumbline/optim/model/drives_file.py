@@ -23,7 +23,7 @@ from plumbline.optim.model.reading import (
     tables_of,
     word_of,
 )
-from plumbline.optim.model.stored import new_file, pairs, robot_blocks
+from plumbline.optim.model.stored import pairs, robot_blocks
 from plumbline.optim.recording.settings import Section
 
 FORMAT = "plumbline drives"
@@ -36,15 +36,6 @@ def is_drives(path: str | Path) -> bool:
         return f'format = "{FORMAT}"'.encode() in read_file(Path(path), LARGEST_MODEL)[:10_000]
     except (OSError, ValueError):
         return False
-
-
-def save(drives: Driven, path: str | Path, *, overwrite: bool = False) -> None:
-    """Store drives.
-
-    Raises:
-        PlumblineError: There is a file already, or it cannot be written.
-    """
-    new_file(path, text_of(drives), overwrite=overwrite)
 
 
 def text_of(drives: Driven) -> str:

@@ -27,7 +27,7 @@ from plumbline.optim.model.export.table import table
 from plumbline.optim.model.export.urdf import urdf
 from plumbline.optim.model.reading import read
 from plumbline.optim.model.rows import postures
-from plumbline.optim.model.stored import save
+from plumbline.optim.model.stored import new_file, text_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,7 +140,7 @@ class Model(Arm):
         Raises:
             PlumblineError: There is a file already, or it cannot be written.
         """
-        save(self, path, overwrite=overwrite)
+        new_file(path, text_of(self), overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path) -> Model:

@@ -22,11 +22,6 @@ VERSION = 1
 MAKE_IT = "make it by Robot.from_urdf, from_mjcf or from_dh"
 
 
-def save(model: Fitted, path: str | Path, *, overwrite: bool = False) -> None:
-    """Store a model (PlumblineError: there is a file already, or it cannot be written)."""
-    new_file(path, text_of(model), overwrite=overwrite)
-
-
 def new_file(path: str | Path, text: str, *, overwrite: bool) -> None:
     """Write a file of text, whole or not at all.
 
