@@ -13,7 +13,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
 from plumbline.optim.diagnosis.posterior import joint
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
-from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot
+from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
 from plumbline.optim.diagnosis.posterior.parts import Parts
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
@@ -419,6 +419,24 @@ def test_what_fills_no_place_once_in_ten_thousand_is_not_asked_again(monkeypatch
     for size in sizes[[below - 1, below]]:
         one_by_one(of_size(size), state)
     assert asked[::2] == [True, False]
+
+
+@pytest.mark.parametrize("seed", [23, 44])
+def test_a_climb_from_a_long_state_ends_no_worse_than_it_began(seed):
+    """Ten causes of columns much alike, and nothing known of the noise."""
+    X, t = drawn(seed, count=12, causes=10, strength=30.0, mixed=0.95)
+    asked, state = problem(X, t, noise=NoisePrior()), [SelectedTerm(i, 1.0) for i in range(10)]
+    assert stated(asked, one_by_one_module.best_near(asked, state)) >= stated(asked, state)
+
+
+def test_a_row_far_off_at_its_widest_hides_none_of_a_long_state():
+    X, t = drawn(0, count=8, causes=7, strength=30.0)
+    t[5] += 1000.0 * SIGMA
+    asked = problem(X, t, rows=(5,), noise=NoisePrior())
+    for width, kept in ((1.0, False), (float(SCALES[-1]), True)):
+        state = [*(SelectedTerm(i, 1.0) for i in range(7)), SelectedTerm(8, width)]
+        held = {t.index for t in one_by_one_module._thinned(asked, state)}
+        assert held.issuperset(range(7)) == kept
 
 
 def test_gross_rows_of_a_long_state_stay():

@@ -187,7 +187,9 @@ def stated(problem: JointProblem, state: Sequence[SelectedTerm]) -> float:
     own = problem.only([t.index for t in state])
     scales = np.array([[t.scale for t in state]])
     variance = problem.variance(state)
-    return float(_evidence(own, scales, variance)[0][0]) + own.log_prior(range(len(state)))
+    widths = np.interp(np.log(scales[0]), np.log(SCALES), LOG_SCALE_WEIGHTS).sum()
+    evidence = float(_evidence(own, scales, variance)[0][0])
+    return evidence + float(widths) + own.log_prior(range(len(state)))
 
 
 def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Array, Array]:

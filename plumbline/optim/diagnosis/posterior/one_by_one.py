@@ -34,8 +34,9 @@ Asked = dict[frozenset[SelectedTerm], tuple[Array, Array]]
 
 
 def best_near(problem: JointProblem, state: Sequence[SelectedTerm]) -> tuple[SelectedTerm, ...]:
-    """The best state near a long one. Rows that this takes for gross stay so."""
-    return tuple(climbed(problem, extended(problem, _thinned(problem, state)), ROUNDS))
+    """The best state near a long one, or that itself. Rows that this takes for gross stay so."""
+    end = climbed(problem, extended(problem, _thinned(problem, state)), ROUNDS)
+    return max(tuple(state), tuple(end), key=lambda some: stated(problem, some))
 
 
 def coarsened(

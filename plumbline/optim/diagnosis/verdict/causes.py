@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.findings import (
 )
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.verdict.confounding import rivals
+from plumbline.optim.diagnosis.verdict.confounding import rivals, worth_more_than_nothing
 from plumbline.optim.diagnosis.verdict.curves import curve_of
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
 from plumbline.optim.diagnosis.verdict.staircase import Stairs
@@ -27,31 +27,44 @@ from plumbline.optim.diagnosis.verdict.where import explained_by
 from plumbline.optim.diagnosis.verdict.words import parameter_name, variants_words
 
 
-def cause_of(
+def causes_of(
     selected: SelectedModel,
-    key: Key,
+    keys: Sequence[Key],
     told: Explanation,
     stairs: Stairs,
     noise: NoiseLevel,
     least: Array | float = 0.0,
-) -> Cause:
-    """One cause of the verdict: its estimates, its held-out figures, and what could be it.
+) -> tuple[Cause, ...]:
+    """Causes of the verdict: their estimates, their held-out figures, and what could be them.
 
     Args:
         selected: The model.
-        key: Which of its causes.
+        keys: Which of its causes.
         told: What the joint posterior says.
         stairs: Held-out figures of some of the causes.
         noise: Of one axis.
         least: Standard errors (P,) below which none is told.
     """
+    kept = worth_more_than_nothing(selected.pool.selection, selected.chosen, told.named)
+    return tuple(_cause(selected, key, told, stairs, noise, least, kept) for key in keys)
+
+
+def _cause(
+    selected: SelectedModel,
+    key: Key,
+    told: Explanation,
+    stairs: Stairs,
+    noise: NoiseLevel,
+    least: Array | float,
+    kept: Sequence[SelectedTerm],
+) -> Cause:
     mine = _of(selected, [key])
     effects = [selected.selection.candidates[c.index].effect for c in mine]
     variants = [e.variant for e in effects]
     effect = effects[0]
-    alike = rivals(selected.pool.selection, _of(selected, sorted(told.named, key=str)), mine)
+    alike = rivals(selected.pool.selection, kept, mine)
     # What is fitted unnamed in case it is there instead would hide what this one does.
-    instead = {(b.effect, b.element) for b in alike} - told.named
+    instead = {(b.effect, b.element) for b in alike} - selected.selection.keys(kept)
     return Cause(
         effect=key[0],
         stage=str(effect.stage),

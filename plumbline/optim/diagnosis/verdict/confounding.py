@@ -1,8 +1,9 @@
 r"""What a recording cannot tell apart, and what it cannot see at all.
 
-A rival is confounded with a cause if in the cause's place, all others that are named kept, its
-posterior odds are less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app.
-B), than the cause's and than nothing's: so each is confounded with the other, and neither is sure.
+A rival is confounded with a cause if in the cause's place, all others kept, its posterior odds are
+less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app. B), than the
+cause's and than nothing's: so each is confounded with the other, and neither is sure. What is
+fitted without a name and is worth no more beside all that is there, it may be instead: it goes.
 An effect is unobservable if the nuisances swallow it, or if at its usual size it moves the readings
 by less than the noise: alone, or beside what is named, whose values then hold what both do.
 """
@@ -42,6 +43,18 @@ def rivals(
         e, why = effects[k], f"in its place {share} times as probable"
         found.append(Blame(e.name, str(e.stage), e.element, why))
     return found
+
+
+def worth_more_than_nothing(
+    selection: SelectionProblem, chosen: Sequence[SelectedTerm], named: frozenset[Key]
+) -> list[SelectedTerm]:
+    """The terms that are named, and of the others those that the rows ask for beside all."""
+    whole, shares = selection.reduce(chosen), selection.log_priors
+
+    def worth(term: SelectedTerm) -> bool:
+        return selection.own_evidence(whole, term) - shares[term.index] >= NO_EVIDENCE
+
+    return [t for t in chosen if selection.candidates[t.index].key in named or worth(t)]
 
 
 def unobservable(

@@ -37,6 +37,7 @@ from plumbline.optim.diagnosis.prior import (
     MANY_CAUSES,
     MOST_COMPARED_ROWS,
     PART_OF_UNLISTED,
+    SCALES,
     SETTLED,
     UNLISTED,
 )
@@ -132,7 +133,8 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     gross = frozenset(alt.gross_rows.values())
     many = len(selected.selection.keys(chosen)) > MANY_CAUSES
     if many:
-        rows = [SelectedTerm(i, 1.0) for i in sorted(gross)]
+        # At their widest: what they are off by is nobody's, and must not be taken for noise.
+        rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(gross)]
         state = best_near(alt.problem, [*chosen, *rows])
         found = _by_blocks(selected, alt, state, seed)
         told = _told(alt, found)

@@ -35,7 +35,7 @@ from plumbline.optim.diagnosis.prior import (
     UNLISTED,
 )
 from plumbline.optim.diagnosis.verdict.block_errors import block_errors
-from plumbline.optim.diagnosis.verdict.causes import by_importance, cause_of
+from plumbline.optim.diagnosis.verdict.causes import by_importance, causes_of
 from plumbline.optim.diagnosis.verdict.confounding import unobservable
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
 from plumbline.optim.diagnosis.verdict.friction import friction_curves
@@ -84,7 +84,7 @@ def judge(
     stairs = Stairs.of(recording, selected, evaluation)
     # What is missing makes rows near each other err alike: then blocks of them count, not rows.
     errors = block_errors(selected, evaluation.models) if told.is_open and named else 0.0
-    causes = tuple(cause_of(selected, key, told, stairs, noise, errors) for key in named)
+    causes = causes_of(selected, named, told, stairs, noise, errors)
     judged = judgement_of(selected, evaluation)
     least = by_chance(recording, selected, evaluation) * max(noise.ratio, 1.0)
     noisier = told.unlisted <= 0.5 and is_noisier(noise, selected)
