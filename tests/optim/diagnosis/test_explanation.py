@@ -498,11 +498,11 @@ def test_without_a_known_noise_nothing_further_was_found(judged):
 def test_a_parameter_at_its_bound_explains_nothing(judged, monkeypatch):
     stuck = Estimate(1.0, 0.1, "1", at_bound=True)
     cause = Cause("joint_scale", "joint", 2, probability=0.99, parameters={"gain": stuck})
-    monkeypatch.setattr(judge_module, "cause_of", lambda *_: cause)
+    monkeypatch.setattr(judge_module, "causes_of", lambda *_: (cause,))
     assert kind(judged).verdict == Outcome.PARTLY
     assert kind(judged).meaning == ON_A_BOUND
     free = replace(cause, parameters={"gain": replace(stuck, at_bound=False)})
-    monkeypatch.setattr(judge_module, "cause_of", lambda *_: free)
+    monkeypatch.setattr(judge_module, "causes_of", lambda *_: (free,))
     assert kind(judged).verdict == Outcome.EXPLAINED
 
 
