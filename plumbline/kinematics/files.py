@@ -13,6 +13,8 @@ import secrets
 import stat
 from pathlib import Path
 
+from plumbline.errors import PlumblineError, fault
+
 # A table of 5 million readings, which takes some 2 GB as cells; settings are a page.
 LARGEST_FILE = 64_000_000  # [byte]
 NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
@@ -95,6 +97,21 @@ def write_whole(path: str | Path, data: str | bytes) -> None:
         half.replace(target)
     finally:
         half.unlink(missing_ok=True)
+
+
+def new_file(path: str | Path, text: str, *, overwrite: bool) -> None:
+    """Write a file of text, whole or not at all.
+
+    Raises:
+        PlumblineError: There is one already, or it cannot be written.
+    """
+    target = Path(path)
+    if target.exists() and not overwrite:
+        raise fault(str(target), "a file", "a new one", "name another, or overwrite=True")
+    try:
+        write_whole(target, text)
+    except OSError as error:
+        raise PlumblineError(f"{target}: cannot be written ({reason(error)})") from None
 
 
 def check_writable(path: str | Path) -> None:

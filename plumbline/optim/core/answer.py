@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
-from plumbline.kinematics.files import read_file, reason, write_whole
+from plumbline.kinematics.files import new_file, read_file, reason
 from plumbline.optim.core.stored import plain, restored, stored
 from plumbline.pictures import CARDS, DRAWN
 
@@ -98,19 +98,14 @@ class Answer:
         Raises:
             PlumblineError: There is a file already, or it cannot be written.
         """
-        target = Path(path)
-        if target.exists() and not overwrite:
-            raise fault(str(target), "a file", "a new one", "name another, or overwrite=True")
         content = {
             "format": FORMAT,
             "kind": type(self).__name__,
             "figures": self.to_dict(),
             "fields": stored(self),
         }
-        try:
-            write_whole(target, json.dumps(content, indent=1, allow_nan=False) + "\n")
-        except OSError as error:
-            raise PlumblineError(f"{target}: cannot be written ({reason(error)})") from None
+        text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+        new_file(path, text, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

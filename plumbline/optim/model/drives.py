@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from plumbline.kinematics.files import new_file
 from plumbline.optim.model.driven import Driven
 from plumbline.optim.model.drives_file import read, text_of
 from plumbline.optim.model.export.drives_mjcf import drives_mjcf
 from plumbline.optim.model.export.exported import Exported
-from plumbline.optim.model.stored import new_file
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,6 +14,7 @@ import casadi as cs
 from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
+from plumbline.kinematics.files import new_file
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.command import Command, beyond, command, command_for
@@ -27,7 +28,7 @@ from plumbline.optim.model.export.table import table
 from plumbline.optim.model.export.urdf import urdf
 from plumbline.optim.model.reading import read
 from plumbline.optim.model.rows import postures
-from plumbline.optim.model.stored import new_file, text_of
+from plumbline.optim.model.stored import text_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)

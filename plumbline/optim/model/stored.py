@@ -7,12 +7,10 @@ triangle, to nine digits; all values to the last bit.
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 
-from plumbline.errors import PlumblineError, fault, one_line
-from plumbline.kinematics.files import reason, write_whole
+from plumbline.errors import fault, one_line
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.known import Known
@@ -20,21 +18,6 @@ from plumbline.optim.model.known import Known
 FORMAT = "plumbline model"
 VERSION = 1
 MAKE_IT = "make it by Robot.from_urdf, from_mjcf or from_dh"
-
-
-def new_file(path: str | Path, text: str, *, overwrite: bool) -> None:
-    """Write a file of text, whole or not at all.
-
-    Raises:
-        PlumblineError: There is one already, or it cannot be written.
-    """
-    target = Path(path)
-    if target.exists() and not overwrite:
-        raise fault(str(target), "a file", "a new one", "name another, or overwrite it on purpose")
-    try:
-        write_whole(target, text)
-    except OSError as error:
-        raise PlumblineError(f"{target}: cannot be written ({reason(error)})") from None
 
 
 def text_of(model: Fitted) -> str:
