@@ -36,10 +36,10 @@ class LinkFlex(Effect):
     words = "link {element} bends under the weight that it carries"
     reference = "Timoshenko (1955), Strength of Materials I, ch. 5"
     source = (
-        "by hand: E I of aluminium tubes 60 to 150 mm wide, 1e4 to 1e6 N m^2; the bound is a "
-        "plastic rod's"
+        "by hand: E I of aluminium tubes 60 to 150 mm wide, 1e4 to 1e6 N m^2, and the usual one's "
+        "between; the bound is a plastic rod's"
     )
-    compliance = Parameter("1/(N m^2)", 0.0, 1e-2, scale=5e-5, doc="inverse bending stiffness")
+    compliance = Parameter("1/(N m^2)", 0.0, 1e-2, scale=1e-5, doc="inverse bending stiffness")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

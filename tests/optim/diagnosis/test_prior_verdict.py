@@ -63,7 +63,7 @@ def test_the_more_repeats_tell_the_noise_the_less_of_what_is_left_is_noise(repea
 
 
 @pytest.mark.parametrize(
-    ("ratio", "noisier"), [(0.9, False), (1.0, False), (1.5, True), (3.0, False)]
+    ("ratio", "noisier"), [(0.9, False), (1.14, False), (1.16, True), (3.0, False)]
 )
 def test_a_noise_is_larger_than_stated_if_chance_is_not_and_nothing_else_is_as_probable(
     ratio, noisier

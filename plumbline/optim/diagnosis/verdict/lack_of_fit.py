@@ -17,6 +17,7 @@ from plumbline.optim.diagnosis.predict.held_out import Evaluation
 from plumbline.optim.diagnosis.prior import (
     ALARM,
     ANISOTROPY,
+    EARNED,
     FORMLESS,
     KNOWN_NOISE_FREEDOM,
     LOG_SCALE_WEIGHTS,
@@ -51,10 +52,10 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
 
 
 def is_noisier(noise: NoiseLevel, selected: SelectedModel) -> bool:
-    """Whether what is left exceeds a stated noise by more than chance, as noise alone may."""
+    """Whether what is left exceeds a stated noise by far and not by chance, as noise may."""
     n = _freedom(selected)
-    above = noise.source == "given" and chdtrc(n, n * noise.ratio**2) < ALARM
-    return bool(above) and lack_of_fit(noise, selected) <= 0.5
+    above = noise.ratio > EARNED and chdtrc(n, n * noise.ratio**2) < ALARM
+    return bool(above) and noise.source == "given" and lack_of_fit(noise, selected) <= 0.5
 
 
 def _freedom(selected: SelectedModel) -> float:
