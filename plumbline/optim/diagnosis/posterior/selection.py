@@ -90,7 +90,9 @@ def select(
         return chosen
     if len(chosen) > MANY_SLOTS:
         return climbed(selection, chosen, 1)
-    return climbed(selection, _pairs_again(selection, climbed(selection, chosen, ROUNDS)), ROUNDS)
+    found = climbed(selection, chosen, ROUNDS)
+    again = _pairs_again(selection, found)
+    return found if again is found else climbed(selection, again, ROUNDS)
 
 
 def _pairs_again(selection: SelectionProblem, chosen: list[SelectedTerm]) -> list[SelectedTerm]:
