@@ -109,6 +109,16 @@ def test_what_the_rows_say_nothing_of_is_confounded_with_no_cause():
     assert not rivals(asked, own, own)
 
 
+@pytest.mark.parametrize("alike", [True, False])
+def test_what_is_there_beside_a_cause_is_no_rival_however_likely(alike):
+    """Two columns, both in the readings or one for the other; none but the first is named."""
+    X = SIGMA * 20.0 * np.linalg.qr(np.random.default_rng(0).normal(size=(N, 2)))[0]
+    X[:, 1] = X[:, 0] if alike else X[:, 1]
+    asked = selection(X, X @ [0.5, 1.0] + np.random.default_rng(1).normal(0.0, SIGMA, N), SIGMA)
+    own = [SelectedTerm(0, 1.0)]
+    assert bool(rivals(asked, own, own)) == alike
+
+
 @pytest.mark.parametrize(("square", "seen"), [(0.6, False), (1.6, True)])
 def test_an_effect_whose_whole_signal_is_below_the_noise_cannot_be_seen(square, seen):
     X = np.sqrt(square) * SIGMA * np.ones((N, 1)) / np.sqrt(N)

@@ -2,8 +2,9 @@ r"""What a recording cannot tell apart, and what it cannot see at all.
 
 A rival is confounded with a cause if in the cause's place, all others kept, its posterior odds are
 less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app. B), than the
-cause's and than nothing's: so each is confounded with the other, and neither is sure. What is
-fitted without a name and is worth no more beside all that is there, it may be instead: it goes.
+cause's and than nothing's, and the cause's own are no evidence once the other is there: so each is
+confounded with the other, and neither is sure. What is fitted without a name and is worth no more
+beside all that is there, it may be instead: it goes.
 An effect is unobservable if the nuisances swallow it, or if at its usual size it moves the readings
 by less than the noise: alone, or beside what is named, whose values then hold what both do.
 """
@@ -17,6 +18,7 @@ import numpy as np
 from plumbline.kinematics.effects import Effect, Scope
 from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES, TIP_OBSERVATIONS
+from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Blame, Key
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
@@ -24,25 +26,35 @@ from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.slots import added_evidence
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE, SWALLOWED
 
+MOST_TOLD = 100.0  # nats: more is no number to anyone
+
 
 def rivals(
     selection: SelectionProblem, chosen: Sequence[SelectedTerm], mine: Sequence[SelectedTerm]
 ) -> list[Blame]:
     """Effects that may be there in place of the terms ``mine``, given all others; likely first."""
     others = [c for c in chosen if c not in mine]
-    log_odds, _ = selection.odds(selection.reduce(others))
-    total = np.full(int(selection.causes.max()) + 1, -np.inf)
-    np.logaddexp.at(total, selection.causes, log_odds)  # of all variants of a cause
+    in_place, beside = (_odds(selection, held) for held in (others, [*others, *mine]))
     own = np.unique(selection.causes[[c.index for c in mine]])
-    least = max(added_evidence(selection, others, mine), total[own].max(), 0.0) - NO_EVIDENCE
-    total[own] = -np.inf
+    added = added_evidence(selection, others, mine)
+    least = max(added, in_place[own].max(), 0.0) - NO_EVIDENCE
+    # What is as likely beside the cause leaves it beyond doubt, and is no rival.
+    may_be = (in_place > least) & (added + beside < in_place + NO_EVIDENCE)
+    may_be[own] = False
     effects = {k: c.effect for k, c in zip(selection.causes, selection.candidates, strict=True)}
-    found = []
-    for k in np.argsort(-total, kind="stable")[: int((total > least).sum())].tolist():
-        share = f"{np.exp(total[k] - least - NO_EVIDENCE):.2g}"
+    ranked, found = np.argsort(-in_place, kind="stable"), []
+    for k in ranked[may_be[ranked]].tolist():
+        share = f"{np.exp(min(in_place[k] - least - NO_EVIDENCE, MOST_TOLD)):.2g}"
         e, why = effects[k], f"in its place {share} times as probable"
         found.append(Blame(e.name, str(e.stage), e.element, why))
     return found
+
+
+def _odds(selection: SelectionProblem, held: Sequence[SelectedTerm]) -> Array:
+    """Log odds of every cause, of all its variants, beside these terms."""
+    total = np.full(int(selection.causes.max()) + 1, -np.inf)
+    np.logaddexp.at(total, selection.causes, selection.odds(selection.reduce(held))[0])
+    return total
 
 
 def worth_more_than_nothing(
