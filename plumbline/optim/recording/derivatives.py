@@ -24,7 +24,6 @@ from plumbline.optim.recording.constants import (
     GAP_IN_TIME,
     LEAST_WINDOW,
     SURE_SPEED,
-    SURELY_TURNING,
 )
 from plumbline.optim.recording.origin import Array, Origin
 
@@ -39,7 +38,8 @@ class Motion:
 
     velocity: Array  # [rad/s or m/s]
     acceleration: Array  # [rad/s^2 or m/s^2]
-    # what noise of the readings is left in the accelerations (n,), 1 sigma
+    # what noise of the readings is left in both (n,), 1 sigma
+    velocity_noise: Array
     acceleration_noise: Array
     note: str = ""  # one line on the smoothing; empty where there was none
 
@@ -74,14 +74,15 @@ def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin:
         v[rows], a[rows] = _smoothed(time[rows], source, step, half, from_place=velocity is None)
         left = source - scipy.signal.savgol_filter(source, 2 * half + 1, ORDER, axis=0)
         square += (left**2).sum(axis=0)
-    noise = np.sqrt(square / len(q)) * noise_gain(step, half, 2 if velocity is None else 1)
+    rough, order = np.sqrt(square / len(q)), 2 if velocity is None else 1
+    slow, fast = (rough * noise_gain(step, half, k) for k in (order - 1, order))
     width = bandwidth(1.0 / step, half)
     what = "accelerations" if velocity is not None else "velocities and accelerations"
     note = (
         f"{what} derived by zero-phase smoothing: cubics over {2 * half + 1} samples of "
         f"{step:.4g} s, bandwidth {width:.3g} Hz"
     )
-    return Motion(v, a, noise, note)
+    return Motion(v, a, slow, fast, note)
 
 
 def _usual_step(time: Array, origin: Origin) -> float:
@@ -167,16 +168,15 @@ def turning(velocity: Array, noise: Array) -> Array:
     return np.asarray(erf(velocity / (np.sqrt(2.0) * np.maximum(noise, 1e-12))))
 
 
-def velocity_noise(raw: Array | None, smooth: Array) -> Array:
+def velocity_noise(raw: Array | None, smooth: Array, left: Array) -> Array:
     """Noise of the velocities that are used (n,); joints that never move get one.
 
-    What smoothing took away, in the part of it that stays; and a part of the largest, or what
+    What smoothing has left of it (n,); where nothing was smoothed a part of the largest, or what
     third differences of readings show where that is less.
     """
     fastest = np.abs(smooth).max(axis=0)
-    taken = np.zeros(smooth.shape[1]) if raw is None else np.std(raw - smooth, axis=0)
     least = np.where(fastest > 0.0, SURE_SPEED * fastest, 1.0)
     if raw is not None and len(raw) > 3:
         rough = np.median(np.abs(np.diff(raw, 3, axis=0)), axis=0) / THIRD_DIFFERENCE
         least = np.where(fastest > 0.0, np.minimum(least, rough), least)
-    return np.asarray(np.maximum(SURELY_TURNING * taken, least))
+    return np.asarray(np.where((left > 0.0) & (fastest > 0.0), left, least))

@@ -89,15 +89,16 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
     refuse_other_rates(r, origin)
     velocity, notes = r.velocity, r.notes
     acceleration, shaken = r.acceleration, np.zeros(r.chain.n)
+    left = np.zeros(r.chain.n)
     if acceleration is None or velocity is None:
         motion = derived_motion(r.q, velocity, r.time, origin)
-        smooth = motion.velocity
+        smooth, left = motion.velocity, motion.velocity_noise
         shaken = motion.acceleration_noise if acceleration is None else shaken
         acceleration = motion.acceleration if acceleration is None else acceleration
         notes = (*notes, motion.note)
     else:
         smooth = velocity
-    sense = turning(smooth, velocity_noise(velocity, smooth))
+    sense = turning(smooth, velocity_noise(velocity, smooth, left))
     always = tuple(word for word in r.always if word not in ("frame", "tool"))
     r = replace(
         r, velocity=smooth, acceleration=acceleration, turning=sense, notes=notes, always=always,

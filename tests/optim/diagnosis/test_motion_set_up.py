@@ -105,6 +105,11 @@ def test_zeros_farther_apart_than_an_offset_may_be_are_refused(off, refused):
         motion(Q, q)
 
 
+def test_where_nothing_moves_there_is_no_motion():
+    with pytest.raises(PlumblineError, match=r"'u1': found the same .* in every row.*record one"):
+        motion(0.0 * Q, 0.0 * Q)
+
+
 def test_runs_of_rates_that_begin_anywhere_are_one_recording():
     run = np.arange(len(TIME)) // 250
     motion(V, Q + 0.7 * run[:, None], kind="velocity", group=run)

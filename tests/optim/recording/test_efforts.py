@@ -16,6 +16,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_functions
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.model import apply
 from plumbline.optim.recording import derivatives
@@ -23,6 +24,7 @@ from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import BANDWIDTH, SURE_SPEED
 from plumbline.optim.recording.derivatives import THIRD_DIFFERENCE
 from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.recording import Recording
 from tests.random_trees import Tree
 from tests.trocars import SHAFT, SIDE, through_a_trocar
@@ -96,7 +98,7 @@ def test_noise_of_accelerations_is_foretold():
 
 def test_near_standstill_the_sense_of_turning_is_unsure():
     v = np.array([[-1.0], [-1e-4], [0.0], [1e-4], [1.0]])
-    sense = derivatives.turning(v, derivatives.velocity_noise(None, v))
+    sense = derivatives.turning(v, derivatives.velocity_noise(None, v, np.zeros(1)))
     assert sense[0] == -1
     assert sense[-1] == 1
     assert sense[2] == 0
@@ -105,11 +107,24 @@ def test_near_standstill_the_sense_of_turning_is_unsure():
 
 def test_the_sense_of_turning_is_as_sure_as_the_velocities_are_smooth():
     v = np.sin(np.arange(0.0, 30.0, 0.02))[:, None]
-    noisy = v + np.random.default_rng(0).normal(0.0, 1e-3, v.shape)
-    assert derivatives.velocity_noise(v, v)[0] < 1e-5
-    assert derivatives.velocity_noise(noisy, noisy)[0] == pytest.approx(1e-3, rel=0.1)
+    noisy, nothing = v + np.random.default_rng(0).normal(0.0, 1e-3, v.shape), np.zeros(1)
+    assert derivatives.velocity_noise(v, v, nothing)[0] < 1e-5
+    assert derivatives.velocity_noise(noisy, noisy, nothing)[0] == pytest.approx(1e-3, rel=0.1)
+    assert derivatives.velocity_noise(noisy, v, np.full(1, 3e-4))[0] == 3e-4  # what is left of it
     shuffled = np.random.default_rng(1).permutation(v)  # whose differences tell nothing
-    assert derivatives.velocity_noise(shuffled, shuffled)[0] == pytest.approx(SURE_SPEED, rel=1e-3)
+    assert derivatives.velocity_noise(shuffled, shuffled, nothing)[0] == pytest.approx(
+        SURE_SPEED, rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("recorded", ["q", "velocity"])
+def test_velocities_are_as_noisy_as_smoothing_leaves_them(recorded):
+    t, q, v, _ = swing(1, rows=4000, rate=500.0)
+    shaken = np.random.default_rng(0).normal(0.0, 1e-3, q.shape)
+    read = (q + shaken, None) if recorded == "q" else (q, v + shaken)
+    made = derivatives.derived_motion(*read, t, Origin())
+    off = (made.velocity - v)[50:-50]
+    assert made.velocity_noise[0] == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.2)
 
 
 def test_a_gap_in_time_is_no_motion():
@@ -406,6 +421,13 @@ def test_a_trocar_that_rubs_and_pushes_is_named(robot):
     assert cause.effect == "trocar_load"
     assert cause.parameters["friction"].value == pytest.approx(3.0, abs=0.1)
     assert found.gap.after < 0.05 * found.gap.before
+
+
+def test_a_clock_that_stands_every_other_row_foretells_no_change_of_load(robot):
+    rec = recorded(robot, acceleration=swing(4)[3], time=0.02 * (np.arange(ROWS) // 2))
+    named = {on for _, on, *_ in torque_functions(rec)}
+    assert "load" in named
+    assert "latency" not in named
 
 
 def test_third_differences_of_white_noise_say_its_size():

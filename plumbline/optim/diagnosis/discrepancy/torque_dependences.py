@@ -121,7 +121,7 @@ def _loads_at(whole: Recording, near: NDArray[np.intp]) -> Array:
     assert whole.velocity is not None
     assert whole.acceleration is not None
     motion = (part[near.ravel()] for part in (whole.q, whole.velocity, whole.acceleration))
-    return dynamics_of_chain(whole.chain).torques(*motion).reshape(*near.shape, -1)
+    return dynamics_of_chain(whole.chain).torques(*motion).reshape(*near.shape, whole.chain.n)
 
 
 def _thinned_path(recording: Recording) -> tuple[Array, NDArray[np.intp]]:

@@ -63,7 +63,11 @@ def _letter(r: Motion) -> str:
 
 def _refuse_frozen(r: Motion, origin: Origin) -> None:
     """A measured column without any noise while its command moves was never measured."""
-    frozen = np.flatnonzero((np.ptp(r.q, axis=0) == 0.0) & (np.ptp(r.command, axis=0) > 0.0))
+    still, asked = np.ptp(r.q, axis=0) == 0.0, np.ptp(r.command, axis=0) > 0.0
+    frozen = np.flatnonzero(still & asked)
+    if still.all() and not asked.any():
+        found, mend = "the same commands and positions in every row", "record one"
+        raise fault(origin.at("u1"), found, "a motion", mend)
     if len(frozen):
         number = frozen[0] + 1
         found = f"{r.q[0, frozen[0]]:.4g} in every row while u{number} moves"
