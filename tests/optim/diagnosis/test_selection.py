@@ -10,7 +10,7 @@ from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.kinematics.effects.stribeck_friction import StribeckFriction
 from plumbline.kinematics.effects.viscous_friction import ViscousFriction
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.selection import select
+from plumbline.optim.diagnosis.posterior.selection import restricted, select
 from plumbline.optim.diagnosis.posterior.slots import added_evidence, climbed
 from tests.designs import selection
 
@@ -37,6 +37,17 @@ def test_what_is_there_is_found_and_nothing_else(seed):
     asked = selection(X, 0.2 * X[:, 3] - 0.15 * X[:, 17] + noise(rng), SIGMA)
     assert indices(select(asked)) == [3, 17]
     assert indices(select(asked, thorough=False)) == [3, 17]
+
+
+def test_what_may_not_be_chosen_is_not_asked_and_moves_nothing_that_may():
+    rng = np.random.default_rng(0)
+    X, some = rng.normal(size=(N, 9)), np.arange(9) % 3 > 0
+    whole = selection(X, 0.2 * X[:, 4] + noise(rng), SIGMA)
+    few = restricted(whole, some)
+    before, after = (p.odds(p.reduce([SelectedTerm(4, 1.0)]))[0] for p in (whole, few))
+    np.testing.assert_allclose(after[some], before[some])
+    assert np.isneginf(after[~some]).all()
+    assert [batch.members.tolist() for batch in few.gathered] == [np.flatnonzero(some).tolist()]
 
 
 @pytest.mark.parametrize("seed", range(3))

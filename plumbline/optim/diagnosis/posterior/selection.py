@@ -41,12 +41,13 @@ class SelectionProblem(TermProblem):
     candidates: tuple[Candidate, ...]  # all candidates
     noise: NoisePrior  # the prior of the noise
     allowed: NDArray[np.bool_]  # which candidates may be chosen (C,)
-    asked: None = None  # all are
+    asked: NDArray[np.intp] = field(init=False)  # numbers of these
     # log of each candidate's share (C,), -inf for those that are not allowed
     log_priors: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Its shares follow from the candidates."""
+        """What is asked, and its shares, follow from the candidates."""
+        object.__setattr__(self, "asked", np.flatnonzero(self.allowed))
         shares = np.array([c.log_prior for c in self.candidates])
         object.__setattr__(self, "log_priors", np.where(self.allowed, shares, -np.inf))
 
