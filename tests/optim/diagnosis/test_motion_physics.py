@@ -199,6 +199,20 @@ def test_friction_and_a_dead_band_of_a_servo_of_second_order_are_mujocos(name):
     assert missed < 0.05 * np.abs(swung(u, dt, **values)[0][0] - q[51:]).max()
 
 
+def test_a_servo_of_second_order_goes_no_faster_than_it_can():
+    """Beside small steps of its law, of a step of a radian whose speed is cut at 2 rad/s."""
+    dt, parts, s, fastest = 0.01, 1000, 0.05, 2.0
+    u = np.where(np.arange(251) < 80, 0.0, 1.0)
+    place, speed, exact = 0.0, 0.0, []
+    for k, c in enumerate(np.interp(np.arange(50 * parts, 250 * parts) / parts, np.arange(251), u)):
+        speed += dt / parts * (c - place - 2.0 * s * speed) / s**2
+        speed = np.clip(speed, -fastest, fastest)
+        place += dt / parts * speed
+        exact += [place] * (k % parts == parts - 1)
+    values = {"servo_bandwidth": 2.0 * np.pi * s, "velocity_limit": fastest}
+    np.testing.assert_allclose(swung(u, dt, **values)[0][0], exact, atol=1e-3)
+
+
 def test_a_delay_is_exact_between_samples():
     t = np.arange(301) * 0.01
     q = step_response(Law.POSITION, "actuation_delay", 0.0173, t)
