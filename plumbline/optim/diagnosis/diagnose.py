@@ -124,6 +124,7 @@ def _told_apart(found: Explained) -> Explained:
     for _ in range(ROUNDS):
         rows = found.task.recording
         wander, alike = found.explanation.correlation
+        alike = max(alike, float(rows.alike == 1.0))  # copies are known, however few
         if _worth_the_same(wander, rows.wander) and abs(alike - rows.alike) <= SAME_CORRELATION:
             break
         rows = replace(rows, wander=wander, alike=alike)

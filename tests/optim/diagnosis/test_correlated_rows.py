@@ -1,6 +1,7 @@
 """Laws of rows that know of each other: noise that wanders, readings of one posture, and copies."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
-from plumbline.optim.diagnosis.diagnose import _worth_the_same, diagnose, usable
+from plumbline.optim.diagnosis.diagnose import _told_apart, _worth_the_same, diagnose, usable
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
@@ -138,6 +139,16 @@ def test_copies_are_known_by_their_last_digit_before_anything_is_searched(rows):
     again = replace(copies, measured=other)
     assert [copied(r) for r in (copies, rows, again)] == [True, False, False]
     assert [usable(r, force=True).alike for r in (copies, rows, again)] == [1.0, 0.0, 0.0]
+
+
+def test_copies_are_that_however_little_so_few_of_them_tell():
+    known = SimpleNamespace(wander=0.0, alike=1.0)
+    found = SimpleNamespace(
+        options=None,
+        task=SimpleNamespace(recording=known),
+        explanation=SimpleNamespace(correlation=(0.0, 0.0)),
+    )
+    assert _told_apart(found) is found  # what is no copy would be searched again, by its options
 
 
 def test_a_gross_reading_does_not_make_the_others_count_for_less(rows):
