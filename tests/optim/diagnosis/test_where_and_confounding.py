@@ -164,6 +164,17 @@ def test_a_strong_signal_is_told_from_a_rival_that_almost_holds_it():
     assert rivals(strong, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)]) == []
 
 
+def test_the_less_rows_are_worth_the_more_rivals():
+    """Where blocks of rows agree on a fiftieth of what they say, names are told by that alone."""
+    rng = np.random.default_rng(12)
+    X = rng.normal(size=(N, 2))
+    X[:, 1] = X[:, 0] + 0.1 * X[:, 1]
+    strong = selection(X, X[:, 0] + noise(rng), SIGMA)
+    weak = replace(strong, linear=strong.linear.share(0.02))
+    own = [SelectedTerm(0, 1.0)]
+    assert (len(rivals(strong, own, own)), len(rivals(weak, own, own))) == (0, 1)
+
+
 def test_what_is_not_allowed_is_no_rival():
     rng = np.random.default_rng(9)
     X = rng.normal(size=(N, 2))

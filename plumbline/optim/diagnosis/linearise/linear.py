@@ -43,6 +43,10 @@ class Linear:
         square = gram.square - 2 * float(z @ g) + float(z @ G @ z)
         return cls(G, np.asarray(G @ z - g), square, gram.count)
 
+    def share(self, of: float) -> Linear:
+        """The same where all rows together are worth a share of their number."""
+        return Linear(of * self.G, of * self.b, of * self.tt, of * self.n)
+
     def without(self, columns: Columns, precision: Array) -> Linear:
         """Eliminate columns whose prior precision (k,) is in units of 1 / noise^2."""
         A = self.G[np.ix_(columns, columns)] + np.diag(precision)

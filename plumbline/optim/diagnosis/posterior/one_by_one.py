@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
@@ -49,9 +48,7 @@ def coarsened(
     its gross rows upwards. Chains that do not cross count by their starts. What is next to
     nothing in all places of these is not asked again.
     """
-    whole = problem.linear
-    linear = Linear(power * whole.G, power * whole.b, power * whole.tt, power * whole.n)
-    problem = replace(problem, linear=linear)
+    problem = replace(problem, linear=problem.linear.share(power))
     gross = [t for t in state if problem.gross[t.index]]
     none = problem.unlisted
     listed = state if none is None else [t for t in state if not none[t.index]]

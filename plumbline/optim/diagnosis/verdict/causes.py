@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from plumbline.optim.diagnosis.findings import (
 )
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
+from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.verdict.confounding import rivals, worth_more_than_nothing
 from plumbline.optim.diagnosis.verdict.curves import curve_of
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
@@ -45,12 +46,15 @@ def causes_of(
         noise: Of one axis.
         least: Standard errors (P,) below which none is told.
     """
-    kept = worth_more_than_nothing(selected.pool.selection, selected.chosen, told.named)
-    return tuple(_cause(selected, key, told, stairs, noise, least, kept) for key in keys)
+    whole = selected.pool.selection
+    asked = replace(whole, linear=whole.linear.share(told.worth))  # as the posterior was
+    kept = worth_more_than_nothing(asked, selected.chosen, told.named)
+    return tuple(_cause(selected, asked, key, told, stairs, noise, least, kept) for key in keys)
 
 
 def _cause(
     selected: SelectedModel,
+    asked: SelectionProblem,
     key: Key,
     told: Explanation,
     stairs: Stairs,
@@ -62,7 +66,7 @@ def _cause(
     effects = [selected.selection.candidates[c.index].effect for c in mine]
     variants = [e.variant for e in effects]
     effect = effects[0]
-    alike = rivals(selected.pool.selection, kept, mine)
+    alike = rivals(asked, kept, mine)
     # What is fitted unnamed in case it is there instead would hide what this one does.
     instead = {(b.effect, b.element) for b in alike} - selected.selection.keys(kept)
     return Cause(

@@ -75,6 +75,7 @@ class Explanation:
     correlation: tuple[float, float] = (0.0, 0.0)
     # of terms by their numbers, how far their values move from state to state [scale]
     spread: Mapping[int, Array] = field(default_factory=dict)
+    worth: float = 1.0  # share of their number that all rows are worth in this
     one_by_one: bool = False  # whether causes are so many that they were asked one by one
     compared: int = 0  # how many rows all of this is from, of a recording too long for all of them
 
@@ -131,12 +132,13 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     chosen = selected.chosen
     alt = alternatives(selected.pool, chosen, unlisted, seed)
     gross = frozenset(alt.gross_rows.values())
-    many = len(selected.selection.keys(chosen)) > MANY_CAUSES
+    many, worth = len(selected.selection.keys(chosen)) > MANY_CAUSES, 1.0
     if many:
         # At their widest: what they are off by is nobody's, and must not be taken for noise.
         rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(gross)]
         state = best_near(alt.problem, [*chosen, *rows])
-        found = _by_blocks(selected, alt, state, seed)
+        worth = _worth(selected, alt, state)
+        found = coarsened(alt.problem, state, worth, seed)
         told = _told(alt, found)
         terms = _of_many(selected, alt, state, found.states[0][1], told.named)
         drawn = [(1.0, terms) for _, terms in found.states]
@@ -157,6 +159,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         prior=unlisted,
         correlation=correlation,
         spread=spread(alt.problem, drawn),
+        worth=worth * len(alt.rows) / len(selected.pool.model.recording),
         one_by_one=many,
         compared=len(alt.rows) if len(selected.pool.model.recording) > MOST_COMPARED_ROWS else 0,
     )
@@ -172,14 +175,10 @@ def _of_library(
             yield log, tuple(t for t in state if t.index < alt.library)
 
 
-def _by_blocks(
-    selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm], seed: int
-) -> Sampled:
-    """Probabilities about a state with the share of what rows say that their blocks agree on."""
-    problem, recording = alt.problem, selected.pool.model.recording
-    blocks = blocks_of_each(recording)[alt.rows]
-    variance = problem.variance(state)
-    return coarsened(problem, state, alt.agreement(blocks, state, variance), seed)
+def _worth(selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm]) -> float:
+    """The share of what rows say about a state that their blocks agree on."""
+    blocks = blocks_of_each(selected.pool.model.recording)[alt.rows]
+    return alt.agreement(blocks, state, alt.problem.variance(state))
 
 
 def _unlisted(alt: Alternatives, state: Sequence[SelectedTerm]) -> list[SelectedTerm]:
