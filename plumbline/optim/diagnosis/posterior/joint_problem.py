@@ -75,6 +75,7 @@ class JointProblem(TermProblem):
     # which listed terms may be parts of an unlisted mechanism, which need not be one term
     shared: Parts | None = None
     asked: NDArray[np.intp] | None = None
+    widths: Mapping[int, float] | None = None  # of a state's terms, if they are known
 
     @cached_property
     def causes(self) -> NDArray[np.intp]:
@@ -98,21 +99,17 @@ class JointProblem(TermProblem):
             found[self.labels[0][~self.unlisted & ~self.gross]] = True
         return found
 
-    def parts(
-        self, indices: Iterable[int], widths: Mapping[int, float] | None = None
-    ) -> Mapping[int, float]:
+    def parts(self, indices: Iterable[int]) -> Mapping[int, float]:
         """Labels of these terms that may be parts of what is unlisted, with the probability."""
-        return self.shared.of(self, indices, widths or {}) if self.shared else {}
+        return self.shared.of(self, indices) if self.shared else {}
 
-    def beside(
-        self, indices: Sequence[int], linear: Linear, widths: Mapping[int, float]
-    ) -> Evidence:
+    def beside(self, indices: Sequence[int], linear: Linear) -> Evidence:
         """What tells the evidence of some of these terms beside the others, in another problem.
 
-        All keep their widths, or the most probable ones of them together where none are given.
+        All keep their widths, or the most probable ones of them together where none are known.
         """
         own = replace(self, linear=linear).only(indices)
-        scales = [widths[i] for i in indices] if widths else weighed(own)[1]
+        scales = [self.widths[i] for i in indices] if self.widths else weighed(own)[1]
         whole = own.reduce([SelectedTerm(k, s) for k, s in enumerate(scales)])
 
         def evidence(some: State) -> float:

@@ -172,7 +172,7 @@ def _marginals(
     own = _elsewhere(_summed(lacked, place, problem.sizes[1]))[:, place]
     all_ = _elsewhere(lacked.sum(axis=1, keepdims=True))
     part = np.full(problem.sizes[0], problem.shared.prior)
-    parts = problem.parts(held, held)
+    parts = replace(problem, widths=held).parts(held)
     part[list(parts)] = list(parts.values())
     large = set(problem.labels[0][list(held)].tolist()) - set(parts)
     far_larger = np.isin(problem.labels[0], list(large))

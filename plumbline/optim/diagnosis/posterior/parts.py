@@ -61,9 +61,7 @@ class Problem(Protocol):
     def unlisted(self) -> NDArray[np.bool_] | None:
         """Which terms are of no effect of the library (C,), if any."""
 
-    def beside(
-        self, indices: Sequence[int], linear: Linear, widths: Mapping[int, float]
-    ) -> Evidence:
+    def beside(self, indices: Sequence[int], linear: Linear) -> Evidence:
         """What tells the evidence of some of these terms beside the others, in another problem."""
 
 
@@ -84,41 +82,23 @@ class Parts:
     _rest: dict[State, Linear] = field(default_factory=dict)
     _logs: dict[tuple[State, State], Evidence] = field(default_factory=dict)
 
-    def of(
-        self, problem: Problem, indices: Iterable[int], widths: Mapping[int, float]
-    ) -> Mapping[int, float]:
-        """Labels of some terms, of the first level, that may be parts, with the probability.
-
-        Args:
-            problem: The terms'.
-            indices: Their numbers.
-            widths: That they have, where these are known; else the most probable ones.
-        """
+    def of(self, problem: Problem, indices: Iterable[int]) -> Mapping[int, float]:
+        """Labels of some terms, of the first level, that may be parts, with the probability."""
         key = frozenset(i for i in indices if not problem.gross[i])
         if key not in self._found:
-            self._found[key] = self._of(problem, sorted(key), widths)
+            self._found[key] = self._of(problem, sorted(key))
         return self._found[key]
 
-    def _of(
-        self, problem: Problem, indices: list[int], widths: Mapping[int, float]
-    ) -> Mapping[int, float]:
+    def _of(self, problem: Problem, indices: list[int]) -> Mapping[int, float]:
         if problem.unlisted is None or not problem.unlisted[indices].any():
             return {}
         lacked = [i for i in indices if problem.unlisted[i]]
         listed = frozenset(indices).difference(lacked)
         return {
-            k: self._part(problem, k, listed, lacked, widths)
-            for k in _may_be(problem, indices, lacked)
+            k: self._part(problem, k, listed, lacked) for k in _may_be(problem, indices, lacked)
         }
 
-    def _part(
-        self,
-        problem: Problem,
-        k: int,
-        listed: State,
-        lacked: Sequence[int],
-        widths: Mapping[int, float],
-    ) -> float:
+    def _part(self, problem: Problem, k: int, listed: State, lacked: Sequence[int]) -> float:
         """Probability that a label of the listed terms is a part."""
         label, place = problem.labels[:2]
         places = frozenset(place[lacked].tolist())
@@ -126,19 +106,16 @@ class Parts:
         told = self.beyond is not None and places.isdisjoint(place[list(own)].tolist())
         if not told or any(self.drivers[k] & self.drivers[label[i]] for i in lacked):
             return self.prior
-        log = self._beside(problem, listed, places, widths)(own)
+        log = self._beside(problem, listed, places)(own)
         return float(expit(logit(self.prior) - max(log, 0.0)))
 
-    def _beside(
-        self, problem: Problem, listed: State, places: State, widths: Mapping[int, float]
-    ) -> Evidence:
+    def _beside(self, problem: Problem, listed: State, places: State) -> Evidence:
         """Of listed terms, by what no mechanism at some places could move."""
         assert self.beyond is not None
         if places not in self._rest:
             self._rest[places] = self.beyond(places)
         if (listed, places) not in self._logs:
-            rest = self._rest[places]
-            self._logs[listed, places] = problem.beside(sorted(listed), rest, widths)
+            self._logs[listed, places] = problem.beside(sorted(listed), self._rest[places])
         return self._logs[listed, places]
 
 
