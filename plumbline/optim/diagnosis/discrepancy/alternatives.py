@@ -208,7 +208,14 @@ def _problem(
         np.array([isinstance(t, kind) for t in terms], dtype=bool) for kind in (Unlisted, GrossRow)
     )
     labels = np.vstack([numbers, lacked])
-    return JointProblem(linear, tuple(terms), pool.noise, priors, gross, labels, lacked, parts)
+    listed = pool.selection.of_effect
+    kinds = np.full(len(terms), -1)
+    kinds[: len(listed)] = listed
+    mass = np.asarray(np.bincount(listed, np.exp(priors[: len(listed)])), dtype=float)
+    return JointProblem(
+        linear, tuple(terms), pool.noise, priors, gross, labels, lacked, parts,
+        of_effect=kinds, effect_shares=mass,
+    )  # fmt: skip
 
 
 def _parts(design: FamilyDesign, ports: Ports, names: Names) -> Parts:

@@ -12,13 +12,13 @@ where the noise variance and the widths weigh each other until both have settled
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import gammaln, log_ndtr, logsumexp
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
@@ -30,6 +30,7 @@ from plumbline.optim.diagnosis.posterior.parts import Evidence, Parts, State
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import TermProblem
 from plumbline.optim.diagnosis.prior import (
+    ALIKE,
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     LOG_SCALE_WEIGHTS,
@@ -76,6 +77,8 @@ class JointProblem(TermProblem):
     shared: Parts | None = None
     asked: NDArray[np.intp] | None = None
     widths: Mapping[int, float] | None = None  # of a state's terms, if they are known
+    of_effect: NDArray[np.intp] | None = None
+    effect_shares: Array = field(default_factory=lambda: np.empty(0))
 
     @cached_property
     def causes(self) -> NDArray[np.intp]:
@@ -116,7 +119,7 @@ class JointProblem(TermProblem):
             left, total = whole, 0.0
             for term in whole.chosen:
                 if indices[term.index] in some:
-                    total += own.own_evidence(left, term) - float(own.log_priors[term.index])
+                    total += own.worth(left, term)
                     left = left.without(term)
             return total
 
@@ -142,6 +145,7 @@ class JointProblem(TermProblem):
             labels=self.labels[:, own],
             unlisted=None,
             asked=None,
+            of_effect=None if self.of_effect is None else self.of_effect[own],
         )
 
     def log_prior(self, indices: Sequence[int]) -> float:
@@ -149,7 +153,16 @@ class JointProblem(TermProblem):
         own = list(indices)
         mine = [i for i in own if not self.gross[i]]
         log = LOG_GROSS_ODDS * (len(own) - len(mine)) + float(self.log_priors[mine].sum())
-        return log + sum(log_slot(k) for k in range(len(mine)))
+        return log + sum(log_slot(k) for k in range(len(mine))) + self._log_alike(mine)
+
+    def _log_alike(self, mine: Sequence[int]) -> float:
+        """Log of what the urn makes of the shares of these terms, one drawn after the other."""
+        if self.of_effect is None:
+            return 0.0
+        kinds, base = self.of_effect[list(mine)], ALIKE * self.effect_shares
+        held = np.bincount(kinds[kinds >= 0], minlength=len(base))
+        drawn = gammaln(base + held) - gammaln(base) - held * np.log(base)
+        return float(drawn.sum() - np.log1p(np.arange(len(mine)) / ALIKE).sum())
 
 
 def weighed(problem: JointProblem) -> tuple[float, list[float], float]:

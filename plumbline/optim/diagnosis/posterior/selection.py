@@ -23,7 +23,13 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     NoisePrior,
 )
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.slots import TermProblem, added_evidence, climbed, extended
+from plumbline.optim.diagnosis.posterior.slots import (
+    TermProblem,
+    added_evidence,
+    climbed,
+    extended,
+    numbers_of,
+)
 from plumbline.optim.diagnosis.prior import (
     BETTER,
     FIRST_SLOT_ODDS,
@@ -44,12 +50,17 @@ class SelectionProblem(TermProblem):
     asked: NDArray[np.intp] = field(init=False)  # numbers of these
     # log of each candidate's share (C,), -inf for those that are not allowed
     log_priors: Array = field(init=False)
+    of_effect: NDArray[np.intp] = field(init=False)  # number of each candidate's effect (C,)
+    effect_shares: Array = field(init=False)  # share of every effect (K,), allowed or not
 
     def __post_init__(self) -> None:
         """What is asked, and its shares, follow from the candidates."""
         object.__setattr__(self, "asked", np.flatnonzero(self.allowed))
         shares = np.array([c.log_prior for c in self.candidates])
         object.__setattr__(self, "log_priors", np.where(self.allowed, shares, -np.inf))
+        of_effect = numbers_of([c.effect.name for c in self.candidates])
+        object.__setattr__(self, "of_effect", of_effect)
+        object.__setattr__(self, "effect_shares", np.bincount(of_effect, np.exp(shares)))
 
     def keys(self, terms: Sequence[SelectedTerm]) -> frozenset[Key]:
         """What a verdict would call some terms, their variants aside."""
@@ -58,8 +69,7 @@ class SelectionProblem(TermProblem):
     @cached_property
     def causes(self) -> NDArray[np.intp]:
         """Which cause each candidate is a variant of (C,)."""
-        numbers: dict[object, int] = {}
-        return np.array([numbers.setdefault(c.key, len(numbers)) for c in self.candidates])
+        return numbers_of([c.key for c in self.candidates])
 
     @cached_property
     def kinds(self) -> list[Hashable]:

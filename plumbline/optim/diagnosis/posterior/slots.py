@@ -5,7 +5,14 @@ against emptiness
 
 .. math:: \frac{\pi}{1 - \pi}\, w_c\, B_c
 
-where w_c is the candidate's share among all and B_c its evidence given the others. A climb fills
+where w_c is the candidate's share among all and B_c its evidence given the others. Causes of one
+robot are of few kinds: where one joint's zero is off, more are. So shares are those of an urn
+(Blackwell and MacQueen 1973, Ann. Stat. 1(2)): beside n terms, of which :math:`n_e` are of the same
+effect, which has :math:`p_e` of all, :math:`w_c` is multiplied by
+
+.. math:: \frac{1 + n_e / \alpha p_e}{1 + n / \alpha} .
+
+A climb fills
 slots until emptiness wins, and asks each again in the light of the others: it is kept, filled
 otherwise or emptied (iterated conditional modes, Besag 1986, J. R. Stat. Soc. B 48(3)).
 """
@@ -31,7 +38,7 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     scan,
 )
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
-from plumbline.optim.diagnosis.prior import BETTER, LOG_SCALE_WEIGHTS
+from plumbline.optim.diagnosis.prior import ALIKE, BETTER, LOG_SCALE_WEIGHTS
 
 
 class TermProblem(ABC):
@@ -42,6 +49,9 @@ class TermProblem(ABC):
     noise: NoisePrior  # the prior of the noise
     log_priors: Array  # log of each term's share (C,); -inf for those that fill no slot
     asked: NDArray[np.intp] | None  # numbers of the terms that are asked; all if none
+    # number of the effect that each term is of (C,), -1 if of none; none if terms are not alike
+    of_effect: NDArray[np.intp] | None
+    effect_shares: Array  # share of all that each effect has (K,)
 
     @abstractmethod
     def log_slot(self, filled: int) -> float:
@@ -84,7 +94,7 @@ class TermProblem(ABC):
         """Log odds (C,) of each term for one more slot, against none, and its scores."""
         scores = scan(reduced, self.gathered, self.noise, len(self.candidates))
         slot = self.log_slot(len(self.slots(reduced.chosen)))
-        log_odds = scores.log_bayes + self.log_priors + slot
+        log_odds = scores.log_bayes + self.log_priors + slot + self.alike(reduced.chosen)
         log_odds[[term.index for term in reduced.chosen]] = -np.inf
         return log_odds, scores
 
@@ -94,14 +104,33 @@ class TermProblem(ABC):
         np.logaddexp.at(total, self.causes, log_odds)
         return int(np.argmax(np.where(self.causes == np.argmax(total), log_odds, -np.inf)))
 
+    def alike(self, chosen: Sequence[SelectedTerm]) -> Array:
+        """Log factor (C,) of every term's share beside these: more of the same is less rare."""
+        if self.of_effect is None:
+            return np.zeros(len(self.candidates))
+        mine = self.of_effect[[t.index for t in self.slots(chosen)]]
+        held = np.bincount(mine[mine >= 0], minlength=len(self.effect_shares))
+        more = np.append(held / (ALIKE * self.effect_shares), 0.0)[self.of_effect]
+        return np.asarray(np.log1p(more) - np.log1p(len(mine) / ALIKE))
+
     def own_evidence(self, reduced: Reduced, term: SelectedTerm) -> float:
         """Log odds of one of the terms given all others; what all of them bear alike left out."""
+        others = [t for t in reduced.chosen if t.index != term.index]
+        share = self.log_priors[term.index] + self.alike(others)[term.index]
+        return self.worth(reduced, term) + float(share)
+
+    def worth(self, reduced: Reduced, term: SelectedTerm) -> float:
+        """Log evidence of one of the terms given all others."""
         block, b, tt, n = reduced.of(term)
         sides = np.array([self.candidates[term.index].sides])
         by_scale = block_evidence(block[None], b[None], tt, n, self.noise, sides)
-        return float(
-            np.logaddexp.reduce(by_scale[0] + LOG_SCALE_WEIGHTS) + self.log_priors[term.index]
-        )
+        return float(np.logaddexp.reduce(by_scale[0] + LOG_SCALE_WEIGHTS))
+
+
+def numbers_of(names: Sequence[object]) -> NDArray[np.intp]:
+    """Numbers (C,) in place of names, in the order in which they come."""
+    numbers: dict[object, int] = {}
+    return np.array([numbers.setdefault(name, len(numbers)) for name in names], dtype=np.intp)
 
 
 def climbed(

@@ -61,10 +61,10 @@ def worth_more_than_nothing(
     selection: SelectionProblem, chosen: Sequence[SelectedTerm], named: frozenset[Key]
 ) -> list[SelectedTerm]:
     """The terms that are named, and of the others those that the rows ask for beside all."""
-    whole, shares = selection.reduce(chosen), selection.log_priors
+    whole = selection.reduce(chosen)
 
     def worth(term: SelectedTerm) -> bool:
-        return selection.own_evidence(whole, term) - shares[term.index] >= NO_EVIDENCE
+        return selection.worth(whole, term) >= NO_EVIDENCE
 
     return [t for t in chosen if selection.candidates[t.index].key in named or worth(t)]
 
