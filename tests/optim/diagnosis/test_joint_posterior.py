@@ -601,3 +601,39 @@ def test_what_does_as_well_is_as_probable_whether_or_not_it_was_asked(seed):
     asked = problem(np.hstack([X, copies]), t, noise=NoisePrior(SIGMA, 100.0))
     found = sample(asked, [frozenset({0, 1})], 0, moves=12)
     np.testing.assert_allclose(np.delete(found.marginals[0], 1), 1.0 / 40.0, atol=0.005)
+
+
+# Causes of one robot are of few kinds
+
+
+def of_effects(count, each):
+    """A problem of so many effects on so many joints each, of which the rows say nothing."""
+    X, t = drawn(0, count=count * each)
+    kinds = np.repeat(np.arange(count), each)
+    return replace(problem(X, t), of_effect=kinds, effect_shares=np.full(count, 1.0 / count))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_prior_of_a_state_is_that_of_its_terms_one_after_the_other_in_any_order(seed):
+    asked, rng = of_effects(4, 5), np.random.default_rng(seed)
+    drawn_terms = rng.permutation(20)[:7].tolist()
+    total, chosen = 0.0, []
+    for k, i in enumerate(drawn_terms):
+        total += asked.log_priors[i] + log_slot(k) + asked.alike(chosen)[i]
+        chosen.append(SelectedTerm(i, 1.0))
+    assert asked.log_prior(drawn_terms) == pytest.approx(total)
+    assert asked.log_prior(sorted(drawn_terms)) == pytest.approx(total)
+
+
+def test_fourteen_causes_of_a_robot_are_of_four_effects_or_so():
+    """As those of the UR5 are; more of what is there are drawn, while all shares stay one."""
+    asked, rng, kinds = of_effects(20, 14), np.random.default_rng(0), []
+    for _ in range(60):
+        chosen = []
+        for _ in range(14):
+            shares = np.exp(asked.log_priors + asked.alike(chosen))
+            assert shares.sum() == pytest.approx(1.0)
+            shares[[t.index for t in chosen]] = 0.0
+            chosen.append(SelectedTerm(int(rng.choice(280, p=shares / shares.sum())), 1.0))
+        kinds.append(len({asked.of_effect[t.index] for t in chosen}))
+    assert 3.4 < np.mean(kinds) < 4.8
