@@ -625,7 +625,7 @@ def test_the_prior_of_a_state_is_that_of_its_terms_one_after_the_other_in_any_or
     assert asked.log_prior(sorted(drawn_terms)) == pytest.approx(total)
 
 
-def test_fourteen_causes_of_a_robot_are_of_four_effects_or_so():
+def test_fourteen_causes_of_a_robot_are_of_four_or_five_effects():
     """As those of the UR5 are; more of what is there are drawn, while all shares stay one."""
     asked, rng, kinds = of_effects(20, 14), np.random.default_rng(0), []
     for _ in range(60):
@@ -636,4 +636,4 @@ def test_fourteen_causes_of_a_robot_are_of_four_effects_or_so():
             shares[[t.index for t in chosen]] = 0.0
             chosen.append(SelectedTerm(int(rng.choice(280, p=shares / shares.sum())), 1.0))
         kinds.append(len({asked.of_effect[t.index] for t in chosen}))
-    assert 3.4 < np.mean(kinds) < 4.8
+    assert 4.0 < np.mean(kinds) < 5.6
