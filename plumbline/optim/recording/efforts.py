@@ -140,9 +140,11 @@ def refuse_other_rates(r: Recording, origin: Origin) -> None:
         sizes = np.linalg.norm(told), np.linalg.norm(moved)
         alike = np.sum(told * moved) > ALIKE * sizes[0] * sizes[1] > 0.0
         if alike and not 1 / NEAR_SCALE < (factor := float(sizes[0] / sizes[1])) < NEAR_SCALE:
-            found = f"{factor:.3g} times what {'q' if place is r.q else 'velocity'} does"
-            mend = "divide by 57.3 if in degrees, or time by 1000 if in ms"
-            raise fault(origin.at(f"{name}1"), found, "its change in a second", mend)
+            names = name, "q" if place is r.q else "velocity"
+            large, other = names if factor > 1 else names[::-1]
+            found = f"{max(factor, 1 / factor):.3g} times what {other} has it by the clock"
+            mend = "divide by 57.3 if in degrees; in ms, divide time by 1000"
+            raise fault(origin.at(f"{large}1"), found, "rates of one unit", mend)
 
 
 def refuse_strange(r: Recording, origin: Origin) -> None:
@@ -189,7 +191,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     if heavy and far and MIXED_UP * scaled < min(own, MIXED_UP * left):
         mend = 'divide by 1000 if in N mm, or write effort_unit = "A" with torque_constant'
         raise fault(origin.at("effort1"), f"efforts {factor:.3g} times the model's", "N m", mend)
-    if MIXED_UP * left < own:
+    if MIXED_UP * left < own and left < np.mean((read + model) ** 2):  # no signs alone
         found = f"efforts {own**0.5:.2g} N m off the model, {left**0.5:.2g} with another gravity"
         off = "" if any(gravity) else ": the controller takes the arm's weight off"
         where, mend = origin.key("[robot] gravity"), f"write gravity = {list(gravity)}{off}"

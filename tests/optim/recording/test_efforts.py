@@ -228,6 +228,15 @@ def test_a_mounting_that_is_not_stated_is_named(robot, gravity, words):
         recorded(robot, measured=tau + np.sign(v))  # beside friction on every joint
 
 
+def test_efforts_that_are_all_turned_are_no_other_mounting(robot):
+    """Of a slow motion all but the weight is little, which another gravity turns as well."""
+    _, q, v, a = swing(4)
+    slow = {"velocity": 0.1 * v, "acceleration": 0.01 * a, "time": None}
+    tau = tree_of(robot).dynamics.torques(q, 0.1 * v, 0.01 * a)
+    with pytest.raises(PlumblineError, match="turn the sign of this column"):
+        recorded(robot, measured=-tau, **slow)
+
+
 def test_a_base_that_is_off_level_is_no_other_mounting(robot):
     _, q, v, a = swing(4)
     tilted = np.array([9.81 * np.sin(0.5), 0.0, -9.81 * np.cos(0.5)])
@@ -264,7 +273,8 @@ def test_rates_in_another_unit_than_their_column_are_refused(robot, name, times,
     if not refused:
         recorded(robot, **given)
         return
-    with pytest.raises(PlumblineError, match=rf"column '{name}1'.*divide by 57.3"):
+    column = name if times > 1 else {"velocity": "q", "acceleration": "velocity"}[name]
+    with pytest.raises(PlumblineError, match=rf"column '{column}1'.*divide by 57.3"):
         recorded(robot, **given)
 
 
