@@ -30,7 +30,6 @@ KNOWN_NOISE_FREEDOM = 20.0
 # move a probability by 5e-5.
 VARIANCE_ROUNDS = 8
 SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, once settled
-STEADY_VARIANCE = 1.0 - 1e-9  # the same, from which log Bayes factors err by 1e-8 (cost only)
 FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
 

@@ -32,7 +32,6 @@ from plumbline.optim.diagnosis.prior import (
     ROUNDING,
     SCALES,
     SETTLED_VARIANCE,
-    STEADY_VARIANCE,
     VARIANCE_ROUNDS,
 )
 
@@ -260,7 +259,7 @@ def _noise_left(
         return np.maximum(tt - taken, 0.0), n
 
     start = np.full((len(gain), len(sizes)), noise.variance(tt, n))
-    return noise.settled(left, start, STEADY_VARIANCE)
+    return noise.settled(left, start, 1.0 - 100.0 * np.finfo(float).eps)
 
 
 def _summed(each: Array, sizes: NDArray[np.intp]) -> Array:

@@ -79,15 +79,15 @@ def _chain(
     problem: JointProblem, state: Sequence[SelectedTerm], rng: np.random.Generator, asked: Asked
 ) -> Sampled:
     """What sweeps say together, each of every place of a state and an empty one, in any order."""
-    sweeps, moves, reduced = list[Sampled](), 0, problem.reduce(state)
+    sweeps, moves = list[Sampled](), 0
     while moves < LONG_MOVES:
-        state, odds = reduced.chosen, []
+        reduced, odds = problem.reduce(state), []
         places: list[list[SelectedTerm]] = [[], *([t] for t in problem.slots(state))]
         for k in rng.permutation(len(places)).tolist():
             log_odds, reduced = _redrawn(problem, reduced, places[k], rng, asked)
             odds.append(log_odds)
         sweeps.append(_said(problem, state, odds))
-        moves += len(places)
+        state, moves = reduced.chosen, moves + len(places)
     return _mean(sweeps)
 
 
@@ -107,8 +107,7 @@ def _redrawn(
     drawn = int(np.searchsorted(np.cumsum(shares_of(log_odds)), rng.random()))
     new = [SelectedTerm(k, float(scale[k])) for k in range(len(scale))[drawn:][:1]]
     if list(old) != new:  # worked out anew: errors of one update after the other grow
-        state = [*(t for t in reduced.chosen if t not in old), *new]
-        reduced = problem.reduce(state, reduced.variance)
+        reduced = problem.reduce([*(t for t in reduced.chosen if t not in old), *new])
     return log_odds, reduced
 
 

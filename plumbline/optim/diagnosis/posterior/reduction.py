@@ -86,7 +86,7 @@ class Reduced:
         schur = np.linalg.inv(own[part])
         lower = cholesky((schur + schur.T) / 2, np.diag(schur))
         gone, rest = own @ lower, np.delete(np.arange(len(own)), part)
-        inverse = self.inverse[rest[:, None], rest] - gone[rest] @ gone[rest].T
+        inverse = self.inverse[np.ix_(rest, rest)] - gone[rest] @ gone[rest].T
         hidden, precision = gone.T @ self.linear.b[self._columns], self.precision[rest]
         root = self.linear.G[self._columns].T @ gone
         return replace(
@@ -113,8 +113,7 @@ class Reduced:
     def block(self, a: Columns, b: Columns) -> Array:
         """Gram block of some columns (k,) and others (m,), given the terms."""
         G, mine = self.linear.G, self._columns
-        seen = G[a[:, None], mine] @ self.inverse @ G[mine[:, None], b]
-        return np.asarray(G[a[:, None], b] - seen)
+        return np.asarray(G[np.ix_(a, b)] - G[np.ix_(a, mine)] @ self.inverse @ G[np.ix_(mine, b)])
 
     @cached_property
     def _columns(self) -> Columns:

@@ -67,23 +67,18 @@ class TermProblem(ABC):
         """The terms, ready to be scanned."""
         return batches(self.linear, self.candidates, self.asked)
 
-    def variance(self, chosen: Sequence[SelectedTerm], near: float = 0.0) -> float:
-        """Noise variance that these terms leave, whose priors are weighed by it.
-
-        Args:
-            chosen: The terms.
-            near: What nearly the same terms leave, from where few rounds do; nought if not known.
-        """
+    def variance(self, chosen: Sequence[SelectedTerm]) -> float:
+        """Noise variance that these terms leave, whose priors are weighed by it."""
         return float(
             self.noise.settled(
                 lambda v: self.linear.left(*stack(self.candidates, chosen, float(v))),
-                near or self.noise.variance(self.linear.tt, self.linear.n),
+                self.noise.variance(self.linear.tt, self.linear.n),
             )
         )
 
-    def reduce(self, chosen: Sequence[SelectedTerm], near: float = 0.0) -> Reduced:
+    def reduce(self, chosen: Sequence[SelectedTerm]) -> Reduced:
         """The problem that is left given these terms, at the noise that they leave."""
-        variance = self.variance(chosen, near)
+        variance = self.variance(chosen)
         return Reduced.given(self.linear, self.gathered, self.candidates, chosen, variance)
 
     def slots(self, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
@@ -154,8 +149,7 @@ def extended(problem: TermProblem, chosen: Sequence[SelectedTerm]) -> list[Selec
         if not len(log_odds) or np.logaddexp.reduce(log_odds) <= 0.0:
             break
         best = problem.best(log_odds)
-        more = SelectedTerm(best, float(scores.scale[best]))
-        reduced = problem.reduce([*reduced.chosen, more], reduced.variance)
+        reduced = problem.reduce([*reduced.chosen, SelectedTerm(best, float(scores.scale[best]))])
     return list(reduced.chosen)
 
 
@@ -175,7 +169,7 @@ def asked_again(problem: TermProblem, chosen: Sequence[SelectedTerm]) -> list[Se
         filled = np.logaddexp.reduce(log_odds) > 0.0
         found[at : at + 1] = [SelectedTerm(best, float(scores.scale[best]))] if filled else []
         if best != index or not filled:
-            reduced = problem.reduce(found, reduced.variance)
+            reduced = problem.reduce(found)
     return found
 
 
