@@ -18,6 +18,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import _of_links, dependences
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.meaning import NOISIER
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.diagnosis.verdict.explanation import explain
@@ -243,7 +244,9 @@ def test_more_noise_than_stated_depends_on_nothing(seed, tmp_path):
     recording, _ = recorded(faultless(rows=80, seed=seed), tmp_path)
     understated = replace(recording, noise_std=recording.noise_std / 1.6)
     verdict = diagnose(understated).verdict
-    assert verdict.verdict in (Outcome.OUTSIDE, Outcome.PARTLY)
+    assert verdict.verdict in (Outcome.NO_GAP, Outcome.PARTLY)
+    assert verdict.is_noisier
+    assert verdict.meaning == NOISIER
     assert all(c.probability < 0.7 for c in verdict.candidates)
     assert verdict.outside_depends_on == ""
     assert verdict.causes or verdict.where == ()
