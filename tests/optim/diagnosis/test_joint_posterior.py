@@ -626,13 +626,12 @@ def test_the_prior_of_a_state_is_that_of_its_terms_one_after_the_other_in_any_or
 
 
 def test_fourteen_causes_of_a_robot_are_of_four_or_five_effects():
-    """As those of the UR5 are; more of what is there are drawn, while all shares stay one."""
+    """As those of the UR5 are: of what is there already more are drawn than of all else."""
     asked, rng, kinds = of_effects(20, 14), np.random.default_rng(0), []
     for _ in range(60):
         chosen = []
         for _ in range(14):
             shares = np.exp(asked.log_priors + asked.alike(chosen))
-            assert shares.sum() == pytest.approx(1.0)
             shares[[t.index for t in chosen]] = 0.0
             chosen.append(SelectedTerm(int(rng.choice(280, p=shares / shares.sum())), 1.0))
         kinds.append(len({asked.of_effect[t.index] for t in chosen}))

@@ -154,8 +154,8 @@ def test_a_cause_in_one_recording_alone_costs_its_share_of_the_prior():
 
 
 def test_a_row_is_named_by_its_recording(session, joint):
-    assert named_row(joint, 9) == f"{session.parts[0].name} 9"
-    assert named_row(joint, 10) == f"{session.parts[1].name} 1"
+    assert named_row(joint, 10) == f"{session.parts[0].name} 10"
+    assert named_row(joint, 11) == f"{session.parts[1].name} 2"
 
 
 def other_gravity():

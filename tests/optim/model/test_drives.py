@@ -201,8 +201,9 @@ def test_damaged_drives_are_refused_in_one_line(old, new, made, tmp_path):
 def test_commands_of_another_number_of_joints_are_refused(made):
     with pytest.raises(PlumblineError, match=r"\(100, 2\)"):
         made.rollout(np.arange(100) * 0.02, np.zeros((100, 3)))
-    other = build_motion(robot=arm(), time=np.arange(100.0) / 50, command=np.zeros((100, 2)),
-                         q=np.zeros((100, 2)), kind="velocity")  # fmt: skip
+    t = np.arange(100.0) / 50
+    u, q = np.outer(np.cos(t), [1.0, 0.5]), np.outer(np.sin(t), [1.0, 0.5])
+    other = build_motion(robot=arm(), time=t, command=u, q=q, kind="velocity")
     with pytest.raises(PlumblineError, match="give a motion of the same drives"):
         made.tried(other)
 

@@ -44,9 +44,9 @@ def refuse_wrong_set_up(r: Motion, origin: Origin) -> None:
     Raises:
         PlumblineError: It names the column and the way out.
     """
+    _refuse_sizes(r, origin)
     _refuse_frozen(r, origin)
     refuse_repeated(r.command, r.q, _letter(r), origin)
-    _refuse_sizes(r, origin)
     _refuse_slow(r, origin)
     if r.law.pushes:
         return

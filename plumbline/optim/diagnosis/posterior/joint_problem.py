@@ -159,10 +159,9 @@ class JointProblem(TermProblem):
         """Log of what the urn makes of the shares of these terms, one drawn after the other."""
         if self.of_effect is None:
             return 0.0
-        kinds, base = self.of_effect[list(mine)], ALIKE * self.effect_shares
-        held = np.bincount(kinds[kinds >= 0], minlength=len(base))
-        drawn = gammaln(base + held) - gammaln(base) - held * np.log(base)
-        return float(drawn.sum() - np.log1p(np.arange(len(mine)) / ALIKE).sum())
+        (held, effects), base = self.distinct(mine), ALIKE * self.effect_shares
+        drawn = gammaln(base + effects) - gammaln(base) - effects * np.log(base)
+        return float(drawn.sum() - np.log1p(np.arange(len(held)) / ALIKE).sum())
 
 
 def weighed(problem: JointProblem) -> tuple[float, list[float], float]:

@@ -7,8 +7,8 @@ against emptiness
 
 where w_c is the candidate's share among all and B_c its evidence given the others. Causes of one
 robot are of few kinds: where one joint's zero is off, more are. So shares are those of an urn
-(Blackwell and MacQueen 1973, Ann. Stat. 1(2)): beside n terms, of which :math:`n_e` are of the same
-effect, which has :math:`p_e` of all, :math:`w_c` is multiplied by
+(Blackwell and MacQueen 1973, Ann. Stat. 1(2)): beside n causes, of which :math:`n_e` are of the
+same effect, which has :math:`p_e` of all, :math:`w_c` is multiplied by
 
 .. math:: \frac{1 + n_e / \alpha p_e}{1 + n / \alpha} .
 
@@ -100,13 +100,23 @@ class TermProblem(ABC):
         return int(np.argmax(np.where(self.causes == np.argmax(total), log_odds, -np.inf)))
 
     def alike(self, chosen: Sequence[SelectedTerm]) -> Array:
-        """Log factor (C,) of every term's share beside these: more of the same is less rare."""
+        """Log factor (C,) of every term's share beside these: more of the same is less rare.
+
+        A further form of a cause that is there is no cause more.
+        """
         if self.of_effect is None:
             return np.zeros(len(self.candidates))
-        mine = self.of_effect[[t.index for t in self.slots(chosen)]]
-        held = np.bincount(mine[mine >= 0], minlength=len(self.effect_shares))
-        more = np.append(held / (ALIKE * self.effect_shares), 0.0)[self.of_effect]
-        return np.asarray(np.log1p(more) - np.log1p(len(mine) / ALIKE))
+        held, effects = self.distinct([t.index for t in self.slots(chosen)])
+        more = np.append(effects / (ALIKE * self.effect_shares), 0.0)[self.of_effect]
+        factor = np.log1p(more) - np.log1p(len(held) / ALIKE)
+        return np.where(np.isin(self.causes, held), 0.0, factor)
+
+    def distinct(self, indices: Sequence[int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Causes that some terms are of, each once, and how many of them each effect has (K,)."""
+        held, first = np.unique(self.causes[list(indices)], return_index=True)
+        assert self.of_effect is not None
+        of_effect = self.of_effect[np.asarray(indices, dtype=np.intp)[first]]
+        return held, np.bincount(of_effect[of_effect >= 0], minlength=len(self.effect_shares))
 
     def own_evidence(self, reduced: Reduced, term: SelectedTerm) -> float:
         """Log odds of one of the terms given all others; what all of them bear alike left out."""
