@@ -192,7 +192,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
         mend = 'divide by 1000 if in N mm, or write effort_unit = "A" with torque_constant'
         raise fault(origin.at("effort1"), f"efforts {factor:.3g} times the model's", "N m", mend)
     # Of drives that read next to nothing no mounting explains what they read; nor are signs alone.
-    if MIXED_UP * left < min(own, np.mean(read**2)) and left < np.mean((read + model) ** 2):
+    if MIXED_UP * left < min(own, float(np.mean(read**2))) and left < np.mean((read + model) ** 2):
         found = f"efforts {own**0.5:.2g} N m off the model, {left**0.5:.2g} with another gravity"
         off = "" if any(gravity) else ": the controller takes the arm's weight off"
         where, mend = origin.key("[robot] gravity"), f"write gravity = {list(gravity)}{off}"

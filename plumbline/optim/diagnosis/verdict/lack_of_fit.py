@@ -19,10 +19,10 @@ from plumbline.optim.diagnosis.prior import (
     ANISOTROPY,
     EARNED,
     FORMLESS,
-    KNOWN_NOISE_FREEDOM,
     LOG_SCALE_WEIGHTS,
     ROUNDING,
     SCALES,
+    STATED_NOISE_FREEDOM,
     UNLISTED,
     USUAL,
 )
@@ -46,7 +46,7 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
         return 0.0
     more = 1.0 + np.append(0.0, (USUAL * SIZES / noise.sigma) ** 2)
     left = max(noise.ratio, ROUNDING) ** 2 / more
-    n, known = _freedom(selected), 3 * noise.repeats or KNOWN_NOISE_FREEDOM
+    n, known = _freedom(selected), 3 * noise.repeats or STATED_NOISE_FREEDOM
     alone, *beside = 0.5 * (n * np.log(left) - (n + known) * np.log(known + n * left))
     return float(expit(logit(UNLISTED * FORMLESS) + logsumexp(beside + LOG_SIZE_WEIGHTS) - alone))
 
