@@ -20,6 +20,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import added_evidence
 from plumbline.optim.diagnosis.prior import (
     DEVIATIONS,
+    DISPLACED,
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     LEAST_NAMED,
@@ -636,3 +637,11 @@ def test_fourteen_causes_of_a_robot_are_of_four_or_five_effects():
             chosen.append(SelectedTerm(int(rng.choice(280, p=shares / shares.sum())), 1.0))
         kinds.append(len({asked.of_effect[t.index] for t in chosen}))
     assert 4.0 < np.mean(kinds) < 5.6
+
+
+def test_a_row_off_by_a_few_tenths_of_a_millimetre_is_gross_where_the_noise_is_far_less():
+    """Some five sigma of 0.05 mm: a usual displacement of a third of a metre would not tell it."""
+    X, t = drawn(0, count=3, causes=1)
+    t[5] += 5.5 * SIGMA
+    found = sample(problem(X, t, rows=(5,), width=DISPLACED / 5e-5), STARTS, seed=0)
+    assert found.gross[3] > 0.5

@@ -24,7 +24,7 @@ from plumbline.optim.recording.recording import Recording
 
 RECORDED, LIMITS = "recorded", "limits"
 TURN = np.pi  # range of a joint that has neither moved nor limits [rad]
-DRAW_ROUNDS = 40
+DRAW_ROUNDS = 40  # of as many postures as are asked for, until enough are in reach (cost only)
 PLACES = 8  # at which a joint is tried when it alone is changed
 RESTS = (0.0, 0.0, 0.0, 0.0, 1 / 3, 1.0)  # waits to draw from, over the recording's length
 REACHING_STEPS, NEAR = 25, 1e-6  # of bringing a tip into a socket, and how near it must come [m]
