@@ -56,6 +56,7 @@ class Law(StrEnum):
 
     POSITION = "position"
     SERVO = "servo"  # position, by gains that are known
+    HELD_SERVO = "held_servo"  # the same, its commands held from sample to sample
     VELOCITY = "velocity"
     RATE = "rate"  # velocity, which a digital controller holds from sample to sample
     TORQUE = "torque"  # which a digital controller holds from sample to sample
@@ -64,12 +65,17 @@ class Law(StrEnum):
     @property
     def holds(self) -> bool:
         """Whether a command stands until the next one."""
-        return self in (Law.RATE, Law.TORQUE)
+        return self in (Law.HELD_SERVO, Law.RATE, Law.TORQUE)
 
     @property
     def follows(self) -> bool:
         """Whether a command is a position, so that where the joint began is forgotten."""
-        return self in (Law.POSITION, Law.SERVO)
+        return self == Law.POSITION or self.known
+
+    @property
+    def known(self) -> bool:
+        """Whether a servo's gains are."""
+        return self in (Law.SERVO, Law.HELD_SERVO)
 
     @property
     def pushes(self) -> bool:
@@ -128,7 +134,7 @@ class Drive:
         if self.period is not None:
             return self._swung(before, self.period / (2 * math.pi))
         asked = self._outside_band(before)
-        if self.law == Law.SERVO or self.law.pushes:
+        if self.law.known or self.law.pushes:
             wanted = self._lagged(asked, None, before)
             place, speed = self._driven(asked, wanted, before)
             return Memory(wanted, place, speed, self._behind_play(place, before), asked)
@@ -155,7 +161,8 @@ class Drive:
         """Place and speed of a way to the command that could stop there, at so much at most."""
         h, path, pace = self.dt / PLANNED, before.path, before.pace
         for part in range(1, PLANNED + 1):
-            told = before.told + part / PLANNED * (self.command - before.told)
+            share = 1.0 if self.law.holds else part / PLANNED
+            told = before.told + share * (self.command - before.told)
             error, own = told - path, most * h
             wanted = 2 * most * error / (cs.sqrt(own**2 + 2 * most * cs.fabs(error)) + own)
             pace = pace + clipped(wanted - pace, own)
@@ -173,7 +180,7 @@ class Drive:
         """The command that a servo which ignores small errors acts on."""
         if self.band is None and self.stick is None:
             return self.command
-        at_rest = before.place if self.law in (Law.POSITION, Law.SERVO) else cs.SX(0)
+        at_rest = before.place if self.law.follows else cs.SX(0)
         at_once = self.law == Law.POSITION and self.lag is None
         if at_once and self.compliance is not None and self.slack is None:
             at_rest = before.output + self.compliance * self.load  # what rests does not yield
@@ -275,7 +282,7 @@ class Drive:
                 held = self._given(free, speed, back, h) if self.soft else free
                 free = free - clipped(held, h / inertia * self.rubbing)
             after = free / back
-            after = self._limited(after, speed, h) if self.law == Law.SERVO else self._slowed(after)
+            after = self._limited(after, speed, h) if self.law.known else self._slowed(after)
             place, speed = place + h * (speed + after) / 2, after
         return place, speed
 

@@ -66,13 +66,12 @@ def next_motion(
     Raises:
         PlumblineError: The recording cannot be used, or its commands are no positions.
     """
-    from plumbline.kinematics.drive import Law
     from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion as diagnosed
     from plumbline.optim.diagnosis.motion.tracking import load_drives
     from plumbline.optim.diagnosis.options import DiagnosisOptions
 
     recording = load_drives(folder)
-    if recording.law not in (Law.POSITION, Law.SERVO):
+    if not recording.law.follows:
         raise PlumblineError(
             f"{recording.name}: commands of {recording.law}, positions expected to propose more of"
         )

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.drive import Drive, Law
-from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.drive import Drive
+from plumbline.kinematics.effects.motion_effect import FOLLOWING, MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -34,7 +34,7 @@ class AccelerationLimit(MotionEffect):
         "nothing"
     )
     plans = True
-    laws = (Law.POSITION, Law.SERVO)
+    laws = FOLLOWING
     # 39 rad/s^2 is the most that hobby servos on a bus can be set to; arms plan with 1 to 20.
     steepest = Parameter("rad/s^2", 0.1, 1e12, scale=20.0, null=1e12, doc="largest acceleration")
 

@@ -40,7 +40,7 @@ class ActuationPlay(MotionEffect):
     @classmethod
     def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
         """Both forms where the drive has a loop of its own."""
-        return [cls(), cls(inside=True)] if law in (Law.POSITION, Law.SERVO) else [cls()]
+        return [cls(), cls(inside=True)] if law.follows else [cls()]
 
     def starts(self, seen: Seen) -> Sequence[float]:
         """A narrow one and a wide one."""

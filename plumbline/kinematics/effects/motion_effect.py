@@ -24,8 +24,8 @@ from plumbline.kinematics.effects.effect import Stage
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
-PUSHED = (Law.TORQUE, Law.SAMPLED_TORQUE)
-INERT = (Law.SERVO, *PUSHED)  # whose drives have an inertia to move
+FOLLOWING = tuple(law for law in Law if law.follows)
+INERT = tuple(law for law in Law if law.known or law.pushes)  # whose drives have one to move
 UNITS = {Law.VELOCITY: "rad/s", Law.RATE: "rad/s", Law.TORQUE: "N m", Law.SAMPLED_TORQUE: "N m"}
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import casadi as cs
 
-from plumbline.kinematics.drive import Drive, Law
-from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.drive import Drive
+from plumbline.kinematics.effects.motion_effect import FOLLOWING, MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -24,7 +24,7 @@ class ServoStiffness(MotionEffect):
         "Siciliano et al. (2009), Robotics, sec. 8.5.1 (PD control without gravity's torque)"
     )
     source = "by hand: droop of a position loop without integral action"
-    laws = (Law.POSITION, Law.SERVO)
+    laws = FOLLOWING
     needs_masses = True
     # Hobby servos hold 10 to 50 N m/rad, industrial drives above 1e4.
     compliance = Parameter("rad/(N m)", 0.0, 1.0, scale=0.02, doc="droop over load")

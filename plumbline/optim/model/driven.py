@@ -107,9 +107,9 @@ class Driven:
         n = len(self.joints)
         if u.shape != (len(t), n):
             raise fault("command", f"an array {u.shape}", f"({len(t)}, {n})", "a column a joint")
-        position = self.law in (Law.POSITION, Law.SERVO)
-        first = np.asarray(start, dtype=float) if np.size(start) else u[0] if position else 0 * u[0]
-        q = u - u[0] + first if position else np.broadcast_to(first, u.shape)
+        places = self.law.follows
+        first = np.asarray(start, dtype=float) if np.size(start) else u[0] if places else 0 * u[0]
+        q = u - u[0] + first if places else np.broadcast_to(first, u.shape)
         for _ in range(ROUNDS):
             q = self._played(t, u, np.vstack([first, q[1:]]))
         return np.asarray(q)
@@ -163,12 +163,13 @@ class Driven:
             PlumblineError: It is another kind of command, or of another number of joints.
         """
         n = len(self.joints)
-        if (other.n, other.law) != (n, self.law):
+        alike = other.law == self.law or (other.law.known and self.law.known)
+        if other.n != n or not alike:
             raise PlumblineError(
                 f"{other.name}: {other.n} joints by {other.law}, expected {n} by {self.law} "
                 f"as in {self.recording}; give a motion of the same drives"
             )
-        signals = signals_of(other)
+        signals = signals_of(replace(other, law=self.law))
         starts = spread(signals.starts, MOST_JUDGED)
         before, after = np.full((2, n), np.nan)
         for number, servo in self.servos.items():

@@ -29,7 +29,7 @@ from plumbline.optim.recording.constants import LARGEST_SETTINGS, LARGEST_TWIST
 from plumbline.optim.recording.couplings import coupled, with_mimics
 from plumbline.optim.recording.efforts import by_joint, torque_constants
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
-from plumbline.optim.recording.origin import Array
+from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.settings import Section, read_settings
 from plumbline.optim.recording.table import Table, decode, read_table
@@ -37,6 +37,11 @@ from plumbline.optim.recording.urdf import check_urdf
 
 SETTINGS, SAMPLES = "dataset.toml", "samples.csv"
 LARGEST = {SETTINGS: LARGEST_SETTINGS, SAMPLES: LARGEST_FILE}
+CHECKED = (  # settings that are checked against the samples, with their sections
+    ("", "noise_std"), ("", "noise_std_rotation"), ("", "robot"), ("robot", "gravity"),
+    ("tool", "offset"), ("fit", "always"), ("sockets", "distance"), ("sockets", "pairs"),
+    ("motion", "command"),
+)  # fmt: skip
 SOURCES_OF_ROBOT = ("urdf", "mjcf", "bundled", "description", "dh")
 TABLES = {
     "robot": (*SOURCES_OF_ROBOT, "tip_frame", "gravity", "name", "couplings"),
@@ -77,6 +82,16 @@ class Folder:
     def table(self) -> Table:
         """The rows of ``samples.csv``."""
         return read_table(SAMPLES, self._samples)
+
+    @property
+    def origin(self) -> Origin:
+        """Where its rows stand, and the settings that are checked against them."""
+        places: dict[str, str] = {}
+        for title, key in CHECKED:
+            section = self.settings.section(title) if title else self.settings
+            label = f"[{title}] {key}" if title else f"[{key}]" if key == "robot" else key
+            places[label] = section.where(key)
+        return replace(self.table.origin, keys=places)
 
     @property
     def name(self) -> str:
@@ -159,7 +174,7 @@ def load_recording(
         speed = coupled(context.values["velocity"], joints.numbers, settings)
         context = replace(context, values={**context.values, "velocity": speed})
     return build(
-        replace(table.origin, keys=_keys(settings)),
+        opened.origin,
         name=opened.name,
         observation=observation,
         robot=made.robot,
@@ -174,18 +189,6 @@ def load_recording(
         **given,
         **context.values,
     )
-
-
-def _keys(settings: Section) -> dict[str, str]:
-    """Where the settings stand that are checked against the samples."""
-    names = [("", "noise_std"), ("", "noise_std_rotation"), ("", "robot"), ("robot", "gravity")]
-    names += [("tool", "offset"), ("fit", "always"), ("sockets", "distance"), ("sockets", "pairs")]
-    places: dict[str, str] = {}
-    for title, key in names:
-        section = settings.section(title) if title else settings
-        label = f"[{title}] {key}" if title else f"[{key}]" if key == "robot" else key
-        places[label] = section.where(key)
-    return places
 
 
 def read_bytes(folder: Path, name: str, largest: int | None = None) -> bytes:

@@ -1,6 +1,7 @@
 """Motions, from a file to a verdict: what a drive does is found, told and foretold."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -54,12 +55,13 @@ def found():
 
 def windows_of(law, joint=1, rows=400):
     """Windows of a joint under a law, its commands in that law's unit."""
-    t, u = multisine(rows * 0.02, fastest=0.5)
-    gains = {"kp": 20.0, "kd": 1.5} if law == Law.SERVO else {}
-    kind = "position" if law == Law.SERVO else str(law)
+    size = 0.1 if law == Law.HELD_SERVO else 0.5  # whose steps are within its dead band
+    t, u = multisine(rows * 0.02, size=size, fastest=0.5)
+    gains = {"kp": 20.0, "kd": 1.5} if law.known else {}
+    kind = "position" if law.known else str(law)
     q = np.cumsum(0.02 * u, axis=0) if law in (Law.VELOCITY, Law.RATE) else u
     recording = build_motion(robot=arm(), time=t, command=u, q=0.9 * q, kind=kind, **gains)
-    signals = signals_of(recording)
+    signals = signals_of(replace(recording, law=law))
     return signals.windows(joint, signals.starts), signals.seen(joint)
 
 

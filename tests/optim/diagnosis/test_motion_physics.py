@@ -1,12 +1,15 @@
 """Drives against MuJoCo, which shares no code with them, and against closed forms."""
 
+from dataclasses import replace
+
 import casadi as cs
 import mujoco
 import numpy as np
 import pytest
 from scipy.signal import lsim, lti
 
-from plumbline import build_motion, diagnose
+from plumbline import build_motion, diagnose, load
+from plumbline.errors import PlumblineError
 from plumbline.kinematics import drive
 from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects import MOTION_EFFECTS
@@ -43,10 +46,11 @@ def waves(seconds=20.0, step=STEP):
     return t, np.column_stack([a, b])
 
 
-def moved(*, delay=0.0, strongest=None, kp=KP, rotor=0.0, noise=1e-4):
+def moved(*, delay=0.0, strongest=None, kp=KP, rotor=0.0, noise=1e-4, held=False):
     """What MuJoCo's arm does: a recording at 100 Hz under the servo's law.
 
-    Its steps are implicit in the damping, which adds half of it times a step to the inertia.
+    Its commands may be held from row to row. Its steps are implicit in the damping, which adds
+    half of it times a step to the inertia.
     """
     t, u = waves(step=STEP / FINER)
     limit = "" if strongest is None else f'forcerange="-{strongest} {strongest}"'
@@ -54,6 +58,7 @@ def moved(*, delay=0.0, strongest=None, kp=KP, rotor=0.0, noise=1e-4):
     model.dof_armature[0] = rotor
     data = mujoco.MjData(model)
     late = np.column_stack([np.interp(t - delay, t, u[:, 0]), u[:, 1]])
+    late = late[np.arange(len(t)) // (EVERY * FINER) * (EVERY * FINER)] if held else late
     data.qpos[:] = u[0]
     q = np.empty_like(u)
     for k in range(len(t)):
@@ -72,6 +77,31 @@ def test_a_servo_of_mujoco_is_the_nominal_law():
     answer = diagnose(moved(noise=2e-3))
     assert answer.verdict.causes == ()
     assert answer.verdict.gap.before < 1.1 * 2e-3
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_commands_that_a_servo_holds_from_row_to_row_are_no_delay(held):
+    """Half a row that every joint is late by is the hold: beside it what is late is told as it is.
+
+    One joint that is late by as much beside another that is not is late by itself.
+    """
+    answer = diagnose(moved(noise=1e-3, held=held))
+    assert answer.verdict.causes == ()
+    assert any("commands are taken to stand" in note for note in answer.verdict.notes) is held
+    found = diagnose(moved(noise=1e-3, held=held, delay=0.03)).verdict.causes
+    assert [(c.effect, c.element) for c in found] == [("actuation_delay", 1)]
+    assert found[0].parameters["delay"].value == pytest.approx(0.03, abs=2e-4)
+
+
+def test_drives_whose_commands_are_held_foretell_motions_by_the_same_gains(tmp_path):
+    found = diagnose(moved(noise=1e-3, held=True, rotor=0.05))
+    assert [(c.effect, c.element) for c in found.verdict.causes] == [("rotor_inertia", 1)]
+    found.model().save(tmp_path / "drives.toml")
+    before, after = load(tmp_path / "drives.toml").gaps(moved(noise=1e-3, held=True, rotor=0.05))
+    assert before[0] > 5 * after[0]
+    assert after == pytest.approx(1e-3, rel=0.05)
+    with pytest.raises(PlumblineError, match="expected 2 by held_servo"):
+        found.model().gaps(replace(found.recording, law=Law.POSITION))
 
 
 @pytest.mark.parametrize(

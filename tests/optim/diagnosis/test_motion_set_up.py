@@ -6,7 +6,7 @@ import pytest
 from plumbline import diagnose
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.diagnosis.motion.recording import build_motion
+from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
 from plumbline.optim.diagnosis.motion.tracking import build_tracking
 from tests.motions import recorded
 
@@ -49,6 +49,15 @@ def test_commands_of_another_kind_than_stated_are_refused_by_name(command, kind,
         motion(command, kind=kind)
     with pytest.raises(PlumblineError, match=words):
         motion(command, late(10), kind=kind)
+
+
+def test_commands_of_another_kind_are_refused_where_the_settings_say_their_kind(tmp_path):
+    toml = '[motion]\ncommand = "velocity"\n[[robot.dh]]\na = 0.3\n[[robot.dh]]\na = 0.2\n'
+    (tmp_path / "dataset.toml").write_text('observation = "motion"\n' + toml)
+    rows = np.column_stack([TIME, Q, Q])
+    np.savetxt(tmp_path / "samples.csv", rows, "%.9g", ",", header="time,u1,u2,q1,q2", comments="")
+    with pytest.raises(PlumblineError, match=r"^dataset.toml, row 3, \[motion\] command: "):
+        load_motion(tmp_path)
 
 
 @pytest.mark.parametrize(("rows", "scale"), [(1, 1.0), (20, 1.0), (45, 1.0), (10, 0.4), (10, 2.8)])

@@ -13,7 +13,6 @@ from plumbline.experiments.report.diagnosis import causes
 from plumbline.experiments.report.diagnosis.traces import Traces, over_time
 from plumbline.experiments.report.page.page import Picture
 from plumbline.experiments.report.style import AFTER, FAINT, INK, calm, house_style, new_figure
-from plumbline.kinematics.drive import Law
 from plumbline.optim.core.quantities import counted, percent, quantity, scaled
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.rollout import Array, played
@@ -106,7 +105,7 @@ def traces(found: MotionDiagnosis, number: int) -> Figure:
     q = windows.measured.ravel()
     left = [r[part].ravel() for r in (judged.residual_before, judged.residual_after)]
     unit, noun = found.recording.unit, found.recording.noun
-    rates = found.recording.law not in (Law.POSITION, Law.SERVO)  # of another scale
+    rates = not found.recording.law.follows  # of another scale
     command = np.full_like(q, np.nan) if rates else windows.command[windows.samples].ravel()
     factor, small = scaled(unit)
     return over_time(
@@ -119,7 +118,7 @@ def traces(found: MotionDiagnosis, number: int) -> Figure:
 
 
 def _bode(found: MotionDiagnosis) -> Picture | None:
-    if not found.joints or found.recording.law not in (Law.POSITION, Law.SERVO):
+    if not found.joints or not found.recording.law.follows:
         return None  # what is commanded and what is measured are of two kinds
     pairs = list(zip(found.joints, found.left_out, strict=True))
     joint = max(pairs, key=lambda pair: float(pair[1].before.mean()))[0]

@@ -12,6 +12,7 @@ from plumbline.kinematics.drive import Law
 LENGTH = {
     Law.POSITION: 5.0,
     Law.SERVO: 1.0,
+    Law.HELD_SERVO: 1.0,
     Law.VELOCITY: 1.0,
     Law.RATE: 1.0,
     Law.TORQUE: 0.3,
@@ -20,6 +21,7 @@ LENGTH = {
 SETTLE = {
     Law.POSITION: 1.5,
     Law.SERVO: 0.2,
+    Law.HELD_SERVO: 0.2,
     Law.VELOCITY: 0.2,
     Law.RATE: 0.2,
     Law.TORQUE: 0.05,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +10,14 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import SEARCH_SAMPLES, SEARCHED
 from plumbline.optim.diagnosis.motion.left_out import left_out
+from plumbline.optim.diagnosis.motion.models import evident
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.search import prior_at, search
-from plumbline.optim.diagnosis.motion.signals import signals_of, spread
+from plumbline.optim.diagnosis.motion.search import Joint, prior_at, search
+from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import Found, verdict_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -27,7 +29,7 @@ def diagnose_motion(
     recording: MotionRecording | str | Path,
     options: DiagnosisOptions | None = None,
     *,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> MotionDiagnosis:
     """Say what each joint's drive does to its commands.
 
@@ -41,32 +43,66 @@ def diagnose_motion(
     """
     options = options or DiagnosisOptions()
     r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
+    searched = _searched(r, options, progress)
+    if r.law == Law.SERVO:
+        held = replace(r, law=Law.HELD_SERVO)
+        if _more_evident(signals_of(held), *searched):
+            searched = _searched(r := held, options, progress)
+    signals, joints = searched
+    unseen = tuple(left_out(signals, joint) for joint in joints)
+    still = [j + 1 for j in range(r.n) if j not in _moved(r)]
+    found = Found(
+        r, joints, unseen, still, signals.held_out_by, options.seed, options.unlisted,
+        signals.averaged,
+    )  # fmt: skip
+    return MotionDiagnosis(r, verdict_of(found), signals, joints, unseen, options)
+
+
+def _moved(r: MotionRecording) -> list[int]:
+    """Joints, from 0, that did anything."""
+    return [j for j in range(r.n) if np.ptp(r.command[:, j]) + np.ptp(r.q[:, j]) > STILL]
+
+
+def _searched(
+    r: MotionRecording, options: DiagnosisOptions, progress: Progress | None
+) -> tuple[Signals, tuple[Joint, ...]]:
+    """An even clock, and what a search finds at each joint that moved.
+
+    Raises:
+        PlumblineError: No run is as long as a window.
+    """
     signals = signals_of(r)
-    masses = signals.has_masses
     kinds = [e for e in MOTION_EFFECTS if e.name not in options.without]
-    effects = tuple(e for c in kinds for e in c.candidates(r.law, masses=masses))
+    effects = tuple(e for c in kinds for e in c.candidates(r.law, masses=signals.has_masses))
     training = signals.training
     if not len(training):
         raise PlumblineError(
             f"{r.name}: no run is as long as a window of {signals.length * signals.dt:.3g} s; "
             "hold fewer rows out, or record for longer"
         )
-    moved = [j for j in range(r.n) if np.ptp(r.command[:, j]) + np.ptp(r.q[:, j]) > STILL]
+    moved = _moved(r)
     prior = prior_at(options.unlisted, len(moved))
     coarse = signals_of(r, SEARCH_SAMPLES) if r.law == Law.POSITION else signals
     looked_at = spread(coarse.training, SEARCHED * coarse.most)
-    joints, unseen = [], []
+    joints = []
     for k, j in enumerate(moved):
         if progress is not None:
             progress(f"{r.noun} {j + 1}", k / len(moved))
-        windows = signals.windows(j, training)
-        few = coarse.windows(j, looked_at)
-        joint = search(j + 1, windows, few, effects, signals.seen(j), prior, signals.sigma)
-        joints.append(joint)
-        unseen.append(left_out(signals, joint))
-    still = [j + 1 for j in range(r.n) if j not in moved]
-    found = Found(
-        r, joints, unseen, still, signals.held_out_by, options.seed, options.unlisted,
-        signals.averaged,
-    )  # fmt: skip
-    return MotionDiagnosis(r, verdict_of(found), signals, tuple(joints), tuple(unseen), options)
+        windows, few = signals.windows(j, training), coarse.windows(j, looked_at)
+        joints.append(search(j + 1, windows, few, effects, signals.seen(j), prior, signals.sigma))
+    return signals, tuple(joints)
+
+
+def _more_evident(held: Signals, signals: Signals, joints: tuple[Joint, ...]) -> bool:
+    """Whether commands that are held make what all joints did more probable than ones that run on.
+
+    Of each joint's causes those that are left over are dropped first: half a row of delay most of
+    all. Either is as probable beforehand.
+    """
+    more = 0.0
+    for joint in joints:
+        at, time = joint.number - 1, joint.fit.residual.size / joint.effective
+        both = [s.windows(at, signals.training) for s in (held, signals)]
+        own, other = (evident(w, joint.fit, signals.seen(at), time) for w in both)
+        more += own - other
+    return more > 0.0

@@ -202,3 +202,20 @@ class Models:
             for k in (*few.around(key), *(key | {e} for e in self.library)):
                 few.fit(k, few.found[key])
         return key
+
+
+def evident(windows: Windows, near: JointFit, seen: Seen, time: float) -> float:
+    """Log of evidence times prior of windows under the best of a fit's effects, fitted again.
+
+    Args:
+        windows: What a joint did.
+        near: Effects with their values.
+        seen: Where fits may start.
+        time: Correlation time of what is left [samples].
+    """
+    models = Models(windows, near.effects, seen)
+    models.fit(frozenset(near.effects), near)
+    fit = models.found[frozenset(near.effects)]
+    left = frozenset(e for e in fit.effects if e.name not in fit.at_bound)
+    models.fit(left, fit)
+    return models.score(models.settle(left), time)

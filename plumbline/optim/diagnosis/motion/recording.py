@@ -206,7 +206,7 @@ def load_motion(folder: str | Path, made: RobotFiles | None = None) -> MotionRec
     notes += section.unused(("command", "kp", "kd"))
     held = flags["held_out"]
     return checked(
-        table.origin, name=opened.name, robot=made.robot, joints=joints, index=index,
+        opened.origin, name=opened.name, robot=made.robot, joints=joints, index=index,
         law=_law(section.word("command") or "position", "kp" in section.values,
                  section.where("command")),
         time=table.numbers("time"), command=table.block(names[0]), q=table.block(names[1]),
@@ -235,7 +235,7 @@ def joints_of(
 
 
 def _law(command: str, gains: bool, where: object) -> Law:
-    known = [law for law in Law if law is not Law.SERVO]
+    known = [law for law in Law if not law.known]
     if command not in known:
         mend = "name what the commands are"
         raise fault(str(where), shown(command), f"one of {', '.join(known)}", mend)

@@ -94,7 +94,7 @@ class Windows:
 
         An ideal servo yields to its load where it is, at the sample itself.
         """
-        if self.law != Law.SERVO and not self.law.pushes:
+        if not self.law.known and not self.law.pushes:
             return self.load[at], self.inertia[at]
         return (self.load[at] + self.load[at - 1]) / 2, (
             self.inertia[at] + self.inertia[at - 1]

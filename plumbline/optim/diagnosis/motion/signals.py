@@ -114,7 +114,7 @@ class Signals:
         chosen, masses, h = self.bodies
         inertia = np.diagonal(masses, axis1=1, axis2=2)
         law = self.recording.law
-        if law == Law.SERVO or law.pushes:
+        if law.known or law.pushes:
             # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
             a = self.acceleration[chosen]
             h = h + np.einsum("kij,kj->ki", masses, a) - inertia * a

@@ -83,7 +83,7 @@ def load_tracking(folder: str | Path) -> MotionRecording:
     held = whole(table, "held_out")
     used = ["time", "group", "held_out", *names[0], *names[1]]
     return _of_axes(
-        table.origin, table.numbers("time"), table.block(names[0]), table.block(names[1]),
+        opened.origin, table.numbers("time"), table.block(names[0]), table.block(names[1]),
         name=opened.name, group=whole(table, "group"),
         held_out=None if held is None else held == 1,
         noise_std=settings.number("noise_std"), sha256=opened.sha256(b""),

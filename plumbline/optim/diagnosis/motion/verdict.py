@@ -302,6 +302,12 @@ def _notes(found: Found) -> list[str]:
         for joint in found.joints
         if {e.name for e in joint.fit.effects} & SAME and not lags(joint)
     ]
+    step = max((joint.windows.dt for joint in found.joints), default=0.0)
+    if found.recording.law == Law.HELD_SERVO:
+        told.append(
+            "commands are taken to stand until the next row, as a controller holds them: were "
+            f"they to run on, joints would be late by half a row, {500 * step:.3g} ms"
+        )
     return [*told, *(_held(joint) for joint in found.joints if _late_by_less_than_a_row(joint))]
 
 

@@ -43,7 +43,6 @@ SAMPLE = 0.02  # [s] of such commands: 50 a second, as hobby servos take them
 # What MuJoCo's actuators cannot be told.
 NO_WORD = ("velocity_limit", "acceleration_limit")
 TURN = 2 * np.pi  # [rad]
-SPRINGY = (Law.POSITION, Law.SERVO)
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
         "friction": servo.value("coulomb_friction"), "damping": servo.value("viscous_friction"),
         "rotor": servo.value("rotor_inertia"),
     }  # fmt: skip
-    if law not in SPRINGY:
+    if not law.follows:
         kv = inertia * STIFF if law in (Law.VELOCITY, Law.RATE) else 0.0
         gain = kv or 1.0
         bias = (gain * offset, 0.0, -kv)
@@ -194,7 +193,7 @@ def _attributes(joint: str, a: Actuator) -> dict[str, str]:
 
 def _lacked(law: Law, servo: Servo) -> tuple[MotionEffect, ...]:
     names = set(NO_WORD)
-    if law not in SPRINGY:
+    if not law.follows:
         names |= {"actuation_deadband", "actuation_play", "servo_stiffness"}
     elif any(effect.name == "actuation_play" for effect in servo.effects):
         names |= {"actuation_deadband"}
