@@ -550,6 +550,10 @@ def test_a_gap_lies_at_the_places_of_all_that_may_do_the_same(judged):
     assert found == pytest.approx({("joint", 2): 0.6, ("joint", 3): 0.4})
     sure = kind(judged, told={**told, "probabilities": {SCALE: 0.99}})
     assert [(p.stage, p.element) for p in sure.where] == [("joint", 2)]
+    # What a sweep held is as good as any other, and no place of the fit alone has a share.
+    swept = tuple((0.0, (SelectedTerm(other, 1.0),)) for _ in range(3))
+    many = kind(judged, told={"swept": swept})
+    assert [(p.stage, p.element) for p in many.where] == [("joint", 3)]
 
 
 def test_where_a_model_is_open_errors_are_those_of_blocks(judged, monkeypatch):

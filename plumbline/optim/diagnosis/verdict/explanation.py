@@ -66,6 +66,8 @@ class Explanation:
     terms: tuple[SelectedTerm, ...] = ()
     # sets of terms of the library, with the log of their weight, best first
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
+    # such sets as many causes were in from sweep to sweep, all of one weight
+    swept: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
     apart: float = 0.0  # the most by which two chains disagree about a probability
     prior: float = UNLISTED  # prior probability that a term is of no effect of the library
     beside: float = 0.0  # the same, given that all that is named is at work as the library has it
@@ -151,11 +153,14 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         logs = ((log - found.states[0][0], terms) for log, terms in found.states)
         drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
     states = () if many else tuple(_of_library(alt, found))
+    listed = ([t for t in state if t.index < alt.library] for _, state in found.states)
+    swept = tuple((0.0, tuple(terms)) for terms in listed if terms) if many else ()
     correlation = _correlation(selected, alt, state, _unlisted(alt, found.states[0][1]))
     return replace(
         told,
         terms=terms,
         states=states,
+        swept=swept,
         prior=unlisted,
         correlation=correlation,
         spread=spread(alt.problem, drawn),

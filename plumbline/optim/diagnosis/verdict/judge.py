@@ -131,12 +131,13 @@ def _unseen(
 def _where(selected: SelectedModel, told: Explanation, seed: int) -> tuple[Place, ...]:
     """Shares of the gap by place: by what listed terms explain, named or not, else unlisted ones.
 
-    Where several may do the same, the places of all have a share. More noise than stated, with
-    nothing seen that it depends on, is nowhere.
+    Where several may do the same, or causes are many, places have their mean share of what may be
+    at work. More noise than stated, with nothing seen that it depends on, is nowhere.
     """
     equals = any(told.probabilities[key] < LEAST_NAMED for key in told.named)
-    if selected.chosen and told.states and equals:
-        return expected_shares(selected.selection, told.states, seed)
+    states = told.swept or (told.states if equals else ())
+    if selected.chosen and states:
+        return expected_shares(selected.selection, states, seed)
     if selected.chosen or told.unlisted <= 0.5:
         return shares(selected.selection, selected.chosen, seed)
     lacked = sorted(told.lacked_at.items(), key=lambda item: -item[1])

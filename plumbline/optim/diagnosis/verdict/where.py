@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import permutations
-from math import factorial
+from math import ceil, factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +23,21 @@ from plumbline.optim.diagnosis.prior import DRAWS, LEAST_TOLD
 
 
 def shares(
-    selection: SelectionProblem, chosen: Sequence[SelectedTerm], seed: int = 0
+    selection: SelectionProblem, chosen: Sequence[SelectedTerm], seed: int = 0, orders: int = DRAWS
 ) -> tuple[Place, ...]:
-    """Shares that sum to one, largest first; none where nothing was chosen."""
+    """Shares that sum to one, largest first; none where nothing was chosen.
+
+    Args:
+        selection: What was asked.
+        chosen: The terms.
+        seed: Of the orders in which places are let in.
+        orders: From how many of these there are on, so many are drawn.
+    """
     if not chosen:
         return ()
     effects = [selection.candidates[c.index].effect for c in chosen]
     places = [(str(e.stage), e.element) for e in effects]
-    drops = explained_by(selection, chosen, [str(p) for p in places], seed)
+    drops = explained_by(selection, chosen, [str(p) for p in places], seed, orders)
     total = sum(drops.values())
     keyed = {str(p): p for p in places}
     found = [Place(*keyed[k], share=v / total) for k, v in drops.items()]
@@ -46,8 +53,9 @@ def expected_shares(
     weights = np.exp(np.array([log for log, _ in states]) - max(log for log, _ in states))
     weights = np.where(weights < LEAST_TOLD, 0.0, weights) / weights.sum()
     found: dict[tuple[str, int | None], float] = {}
-    for weight, (_, state) in zip(weights.tolist(), states, strict=True):
-        for place in shares(selection, state, seed) if weight else ():
+    for k, (weight, (_, state)) in enumerate(zip(weights.tolist(), states, strict=True)):
+        orders = ceil(weight * DRAWS)
+        for place in shares(selection, state, seed + k, orders) if weight else ():
             key = place.stage, place.element
             found[key] = found.get(key, 0.0) + weight * place.share
     total = sum(found.values())
@@ -62,6 +70,7 @@ def explained_by(
     chosen: Sequence[SelectedTerm],
     labels: Sequence[str],
     seed: int = 0,
+    orders: int = DRAWS,
 ) -> dict[str, float]:
     """Explained square of each label's terms together, by Shapley."""
     linear: Linear = selection.linear
@@ -75,7 +84,7 @@ def explained_by(
     names = list(dict.fromkeys(labels))
     group = np.array([names.index(labels[i]) for i in owners])
     drops = np.zeros(len(names))
-    ranks = _orders(len(names), seed)
+    ranks = _orders(len(names), seed, orders)
     for rank in ranks:
         order = np.argsort(rank[group], kind="stable")
         lower = cholesky(A[np.ix_(order, order)], np.diag(A)[order])
@@ -85,9 +94,9 @@ def explained_by(
     return dict(zip(names, np.maximum(drops / len(ranks), floor).tolist(), strict=True))
 
 
-def _orders(count: int, seed: int) -> NDArray[np.intp]:
-    """Orders of few elements: all of them; of many: some, drawn."""
+def _orders(count: int, seed: int, most: int) -> NDArray[np.intp]:
+    """Orders of few elements: all of them; of many: so many, drawn."""
     if factorial(count) <= DRAWS:
         return np.array(list(permutations(range(count))), dtype=np.intp)
     rng = np.random.default_rng(seed)
-    return np.array([rng.permutation(count) for _ in range(DRAWS)], dtype=np.intp)
+    return np.array([rng.permutation(count) for _ in range(most)], dtype=np.intp)
