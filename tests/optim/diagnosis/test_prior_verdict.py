@@ -98,7 +98,7 @@ def test_an_effect_is_confounded_if_in_its_place_the_log_likelihood_hardly_chang
     X = 10.0 * SIGMA * np.column_stack([u, cosine * u + np.sqrt(1.0 - cosine**2) * w])
     asked = selection(X, X[:, 0] + np.sqrt(N) * SIGMA * rest, SIGMA)
     own = [SelectedTerm(0, 30.0)]
-    assert bool(rivals(asked, own, own)) == confounded
+    assert bool(rivals(asked, asked.reduce(own), own)) == confounded
 
 
 def test_what_the_rows_say_nothing_of_is_confounded_with_no_cause():
@@ -106,7 +106,7 @@ def test_what_the_rows_say_nothing_of_is_confounded_with_no_cause():
     X = SIGMA * np.linalg.qr(np.random.default_rng(0).normal(size=(N, 40)))[0]
     asked = selection(X, np.random.default_rng(1).normal(0.0, SIGMA, N), SIGMA)
     own = [SelectedTerm(0, 1.0)]
-    assert not rivals(asked, own, own)
+    assert not rivals(asked, asked.reduce(own), own)
 
 
 @pytest.mark.parametrize("alike", [True, False])
@@ -116,7 +116,7 @@ def test_what_is_there_beside_a_cause_is_no_rival_however_likely(alike):
     X[:, 1] = X[:, 0] if alike else X[:, 1]
     asked = selection(X, X @ [0.5, 1.0] + np.random.default_rng(1).normal(0.0, SIGMA, N), SIGMA)
     own = [SelectedTerm(0, 1.0)]
-    assert bool(rivals(asked, own, own)) == alike
+    assert bool(rivals(asked, asked.reduce(own), own)) == alike
 
 
 @pytest.mark.parametrize(("square", "seen"), [(0.6, False), (1.6, True)])

@@ -139,7 +139,7 @@ def test_a_rival_is_what_could_have_made_the_signal():
     X[:, 1] = X[:, 0] + 0.01 * rng.normal(size=N)
     asked = selection(X, 0.5 * X[:, 0] + noise(rng), SIGMA)
     own = [SelectedTerm(0, 1.0)]
-    [rival] = rivals(asked, own, own)
+    [rival] = rivals(asked, asked.reduce(own), own)
     assert (rival.effect, rival.element) == ("joint_offset", 2)
     assert rival.why.endswith("times as probable")
 
@@ -151,7 +151,8 @@ def test_the_stronger_the_signal_the_fewer_rivals():
     counts = []
     for size in (0.05, 1.0):
         asked = selection(X, size * X[:, 0] + 0.1 * noise(rng), SIGMA)
-        counts.append(len(rivals(asked, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)])))
+        own = [SelectedTerm(0, 1.0)]
+        counts.append(len(rivals(asked, asked.reduce(own), own)))
     assert counts == [1, 0]
 
 
@@ -160,8 +161,8 @@ def test_a_strong_signal_is_told_from_a_rival_that_almost_holds_it():
     X = rng.normal(size=(N, 2))
     X[:, 1] = X[:, 0] + 0.1 * X[:, 1]  # a squared correlation of 0.99
     weak, strong = (selection(X, size * X[:, 0] + noise(rng), SIGMA) for size in (0.1, 1.0))
-    assert rivals(weak, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)])
-    assert rivals(strong, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)]) == []
+    assert rivals(weak, weak.reduce([SelectedTerm(0, 1.0)]), [SelectedTerm(0, 1.0)])
+    assert rivals(strong, strong.reduce([SelectedTerm(0, 1.0)]), [SelectedTerm(0, 1.0)]) == []
 
 
 def test_the_less_rows_are_worth_the_more_rivals():
@@ -172,7 +173,7 @@ def test_the_less_rows_are_worth_the_more_rivals():
     strong = selection(X, X[:, 0] + noise(rng), SIGMA)
     weak = replace(strong, linear=strong.linear.share(0.02))
     own = [SelectedTerm(0, 1.0)]
-    assert (len(rivals(strong, own, own)), len(rivals(weak, own, own))) == (0, 1)
+    assert [len(rivals(of, of.reduce(own), own)) for of in (strong, weak)] == [0, 1]
 
 
 def test_what_is_not_allowed_is_no_rival():
@@ -180,7 +181,7 @@ def test_what_is_not_allowed_is_no_rival():
     X = rng.normal(size=(N, 2))
     X[:, 1] = X[:, 0]
     asked = selection(X, 0.5 * X[:, 0], SIGMA, allowed=[True, False])
-    assert rivals(asked, [SelectedTerm(0, 1.0)], [SelectedTerm(0, 1.0)]) == []
+    assert rivals(asked, asked.reduce([SelectedTerm(0, 1.0)]), [SelectedTerm(0, 1.0)]) == []
 
 
 LIBRARY = (JointOffset, JointCoupling, JointCompliance)

@@ -17,7 +17,7 @@ from plumbline.optim.diagnosis.findings import (
     Key,
     NoiseLevel,
 )
-from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.verdict.confounding import rivals, worth_more_than_nothing
@@ -60,7 +60,7 @@ def _cause(
     stairs: Stairs,
     noise: NoiseLevel,
     least: Array | float,
-    kept: Sequence[SelectedTerm],
+    kept: Reduced,
 ) -> Cause:
     mine = _of(selected, [key])
     effects = [selected.selection.candidates[c.index].effect for c in mine]
@@ -68,7 +68,7 @@ def _cause(
     effect = effects[0]
     alike = rivals(asked, kept, mine)
     # What is fitted unnamed in case it is there instead would hide what this one does.
-    instead = {(b.effect, b.element) for b in alike} - selected.selection.keys(kept)
+    instead = {(b.effect, b.element) for b in alike} - asked.keys(kept.chosen)
     return Cause(
         effect=key[0],
         stage=str(effect.stage),

@@ -21,22 +21,31 @@ from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES, TI
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Blame, Key
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
-from plumbline.optim.diagnosis.posterior.slots import added_evidence
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE, SWALLOWED
 
 MOST_TOLD = 100.0  # nats: more is no number to anyone
 
 
 def rivals(
-    selection: SelectionProblem, chosen: Sequence[SelectedTerm], mine: Sequence[SelectedTerm]
+    selection: SelectionProblem, whole: Reduced, mine: Sequence[SelectedTerm]
 ) -> list[Blame]:
-    """Effects that may be there in place of the terms ``mine``, given all others; likely first."""
-    others = [c for c in chosen if c not in mine]
-    in_place, beside = (_odds(selection, held) for held in (others, [*others, *mine]))
+    """Effects that may be there in place of the terms ``mine``, given all others; likely first.
+
+    Args:
+        selection: What was asked.
+        whole: What is left given all that is there, ``mine`` among it.
+        mine: The terms of one cause.
+    """
+    beside, others, added = selection.odds(whole)[0], whole, 0.0
+    in_place = beside
+    for term in mine:
+        others = others.without(term)
+        in_place = selection.odds(others)[0]
+        added += float(in_place[term.index])
     own = np.unique(selection.causes[[c.index for c in mine]])
-    added = added_evidence(selection, others, mine)
+    in_place, beside = _by_cause(selection, in_place), _by_cause(selection, beside)
     least = max(added, in_place[own].max(), 0.0) - NO_EVIDENCE
     # What is as likely beside the cause leaves it beyond doubt, and is no rival.
     may_be = (in_place > least) & (added + beside < in_place + NO_EVIDENCE)
@@ -50,23 +59,24 @@ def rivals(
     return found
 
 
-def _odds(selection: SelectionProblem, held: Sequence[SelectedTerm]) -> Array:
-    """Log odds of every cause, of all its variants, beside these terms."""
+def _by_cause(selection: SelectionProblem, log_odds: Array) -> Array:
+    """Log odds of every cause, by those of all its variants (C,)."""
     total = np.full(int(selection.causes.max()) + 1, -np.inf)
-    np.logaddexp.at(total, selection.causes, selection.odds(selection.reduce(held))[0])
+    np.logaddexp.at(total, selection.causes, log_odds)
     return total
 
 
 def worth_more_than_nothing(
     selection: SelectionProblem, chosen: Sequence[SelectedTerm], named: frozenset[Key]
-) -> list[SelectedTerm]:
-    """The terms that are named, and of the others those that the rows ask for beside all."""
+) -> Reduced:
+    """What is left given terms that are named, and of the others those that the rows ask for."""
     whole = selection.reduce(chosen)
 
-    def worth(term: SelectedTerm) -> bool:
-        return selection.worth(whole, term) >= NO_EVIDENCE
+    def kept(term: SelectedTerm) -> bool:
+        worth = selection.worth(whole, term)
+        return selection.candidates[term.index].key in named or worth >= NO_EVIDENCE
 
-    return [t for t in chosen if selection.candidates[t.index].key in named or worth(t)]
+    return selection.reduce([t for t in chosen if kept(t)])
 
 
 def unobservable(

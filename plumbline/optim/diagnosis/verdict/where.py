@@ -94,7 +94,7 @@ def explained_by(
     return dict(zip(names, np.maximum(drops / len(ranks), floor).tolist(), strict=True))
 
 
-def _orders(count: int, seed: int, most: int) -> NDArray[np.intp]:
+def _orders(count: int, seed: int, most: int = DRAWS) -> NDArray[np.intp]:
     """Orders of few elements: all of them; of many: so many, drawn."""
     if factorial(count) <= DRAWS:
         return np.array(list(permutations(range(count))), dtype=np.intp)
