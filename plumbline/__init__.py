@@ -219,7 +219,7 @@ _HOME = {
 
 # Who shows what a method answers with.
 _SHOWN = import_module(f"{__name__}.pictures")
-_SHOWN.CARDS["Verdict"] = f"{__name__}.experiments.report.diagnosis.card:card"
+_SHOWN.CARDS.append(f"{__name__}.experiments.report.writing")
 _SHOWN.DRAWN.append(f"{__name__}.experiments.report.drawn")
 
 

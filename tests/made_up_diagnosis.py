@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from plumbline.experiments.report.writing import PAGES
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.diagnosis.findings import (
     Blame,
@@ -22,6 +23,7 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
 
+PAGES["MadeUp"] = PAGES["Diagnosis"]  # it is shown as one
 BENCH = (
     Path(__file__).resolve().parents[1] / "plumbline" / "experiments" / "recordings" / "bench-ur5"
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from plumbline.experiments.report.diagnosis.card import card
+from plumbline.experiments.report.writing import card_of
 from tests.made_up_diagnosis import made_up
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -108,5 +108,5 @@ def test_a_notebook_needs_no_network(path):
 
 def test_a_verdict_shows_itself_as_its_card():
     verdict = made_up().verdict
-    assert verdict._repr_html_() == card(verdict)
+    assert verdict._repr_html_() == card_of(verdict)
     assert "joint_compliance of joint 2" in verdict._repr_html_()

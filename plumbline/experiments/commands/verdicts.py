@@ -64,13 +64,11 @@ class Outputs:
             return
         from rich.console import Console
 
-        from plumbline.experiments.report.diagnosis.text import print_sections, print_verdict
+        from plumbline.experiments.report.diagnosis.page import in_words
+        from plumbline.experiments.report.page.words import print_page
 
         console = Console(highlight=False)
-        if getattr(answer, "sections", ()):
-            print_sections(answer, console)
-        else:
-            print_verdict(answer.verdict, console, page.get("elsewhere"))
+        print_page(in_words(answer, page.get("elsewhere")), console)
         files = {"Report": self.report} | {name: path for name, (path, _) in made.items()}
         named = (f"\n{name}: {path}" for name, path in files.items() if path is not None)
         for line in (*lines, *named):

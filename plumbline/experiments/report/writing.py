@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.report.page.page import Made, Page, page_html
+from plumbline.experiments.report.page.page import Made, Page, card_html, page_html
 from plumbline.kinematics.files import write_whole
 
 if TYPE_CHECKING:
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from plumbline.optim.dh_fit.local import HeldOut
 
 ROOM = "plumbline.experiments.report"
-# Class of an answer -> who makes its page
-PAGES: Mapping[str, str] = {
+# Class of an answer -> who makes its page: a module, and its function if not ``page``
+PAGES: dict[str, str] = {
     "Registration": "registration.page",
     "HandEye": "hand_eye.page",
     "ScanAnswer": "hand_eye.scan",
@@ -25,6 +25,12 @@ PAGES: Mapping[str, str] = {
     "Reproduction": "reproduction",
     "Budget": "budget.page",
     "Applied": "applied",
+    "AngleMap": "pointing.page:map_page",
+    "Sweep": "pointing.page:sweep_page",
+    "Diagnosis": "diagnosis.page",
+    "MotionDiagnosis": "diagnosis.page",
+    "Sections": "diagnosis.page",
+    "Verdict": "diagnosis.page:of_verdict",
 }
 
 
@@ -44,9 +50,24 @@ class More(TypedDict, total=False):
 
 
 def page_of(answer: Any, **more: Unpack[More]) -> Page:
-    """The page of an answer of one of the methods."""
-    page: Callable[..., Page] = import_module(f"{ROOM}.{PAGES[type(answer).__name__]}").page
+    """The page of an answer of one of the methods.
+
+    Raises:
+        PlumblineError: There is none of such an answer.
+    """
+    name = type(answer).__name__
+    if name not in PAGES:
+        raise PlumblineError(
+            f"report of a {name}: there is none, expected one of {', '.join(PAGES)}"
+        )
+    module, _, function = PAGES[name].partition(":")
+    page: Callable[..., Page] = getattr(import_module(f"{ROOM}.{module}"), function or "page")
     return page(answer, **more)
+
+
+def card_of(answer: Any) -> str:
+    """The page of an answer as a card of HTML for notebooks."""
+    return card_html(page_of(answer))
 
 
 def report_html(answer: Any, made: Made | None = None, **more: Unpack[More]) -> str:
@@ -61,17 +82,7 @@ def report_html(answer: Any, made: Made | None = None, **more: Unpack[More]) -> 
     Raises:
         PlumblineError: There is no report of such an answer.
     """
-    name = type(answer).__name__
-    if name in PAGES:
-        return page_html(page_of(answer, **more), made)
-    if not hasattr(answer, "verdict"):
-        raise PlumblineError(
-            f"report of a {name}: there is none, expected a Diagnosis or one of {', '.join(PAGES)}"
-        )
-    from plumbline.experiments.report.diagnosis.html import html_report
-
-    asked: dict[str, Any] = {"proof": True, **more}
-    return html_report(answer, made=made, **asked)
+    return page_html(page_of(answer, **more), made)
 
 
 def write_report(

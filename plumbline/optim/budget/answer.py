@@ -8,7 +8,6 @@ import numpy as np
 
 from plumbline.errors import fault
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.card import card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import percent, quantity
 
@@ -109,19 +108,6 @@ class Budget(Answer):
         return "\n".join(
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
-        )
-
-    def card(self) -> str:
-        """The budget as a card of HTML."""
-        lines = [(p.name, f"{percent(p.share)} of the square, {quantity(p.rms, 'm')} alone, "
-                  f"{quantity(p.rms_after, 'm')} after its cure") for p in self.parts]  # fmt: skip
-        low, high = (quantity(v, "m") for v in self.interval)
-        title = f"Gap budget over {self.points} point{'s' if self.points > 1 else ''}"
-        return card(
-            title,
-            self.headline,
-            lines,
-            [f"the error now: {low} to {high} (95 %)", self.next_step()],
         )
 
 

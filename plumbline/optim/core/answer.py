@@ -42,8 +42,7 @@ class Answer:
 
     def card(self) -> str:
         """A compact piece of HTML that needs nothing else, every word of the data escaped."""
-        module, _, function = CARDS[type(self).__name__].partition(":")
-        return str(getattr(import_module(module), function)(self))
+        return str(import_module(CARDS[-1]).card_of(self))
 
     def _repr_html_(self) -> str:
         return self.card()

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import FEASIBLE, STILL, Judged, Judgement
 from plumbline.optim.core.stored import plain
 from plumbline.optim.dh_fit.constants import ROUNDING
@@ -28,7 +27,6 @@ from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.origin import FIRST_ROW
 from plumbline.optim.recording.set_up import ASKED, plausible
 
-SHOWN = 12  # quantities that a card shows
 UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 
 
@@ -40,19 +38,6 @@ class DHFit(Fitted, Answer):
         sizes = f"mean misfit {1e3 * self.before.mean:.3g} mm -> {1e3 * self.after.mean:.3g} mm"
         shape = f"{len(self.readings)} rows, {self.statement.size} unknowns"
         return f"<DHFit of {self.recording.name[:60]}: {shape}; {sizes}>"
-
-    def card(self) -> str:
-        """Misfits before and after, what the readings tell, and what must be known."""
-        lines = [
-            ("noise of one axis", f"{1e3 * self.noise:.3f} mm"),
-            ("solve", self.judged.fits[0].words),
-            *((q.name, _told(q)) for q in self.quantities[:SHOWN]),
-        ]
-        rows = f"{len(self.readings)} readings of {self.recording.robot.name}"
-        sizes = f"RMS misfit {1e3 * self.before.rms:.3g} mm -> {1e3 * self.after.rms:.3g} mm"
-        colour = BAD if self.remarks else GOOD
-        title = f"Links of {self.recording.name}, {rows}"
-        return card(title, sizes, lines, self.remarks, colour)
 
     def to_dict(self) -> dict[str, Any]:
         """Every figure; rows not seen and files, which are made of it, have their place."""
@@ -202,9 +187,3 @@ class DHFit(Fitted, Answer):
     def at_bound(self) -> tuple[str, ...]:
         """Names of the parameters that rest on a bound."""
         return tuple(p.name for p in self.parameters if p.status == Status.AT_BOUND)
-
-
-def _told(quantity: Quantity) -> str:
-    factor, unit = UNITS[quantity.unit]
-    value, std = factor * quantity.value, factor * quantity.std
-    return f"{value:.4f} {unit}, 1 sigma {std:.4f} (drawn: {factor * quantity.nominal:.4f})"

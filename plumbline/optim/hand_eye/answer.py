@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.stored import plain
@@ -56,26 +55,6 @@ class HandEye(Answer):
     def judged(self) -> Judgement:
         """Whether the fit behind it converged, with the figures."""
         return self.calibration.judged
-
-    def card(self) -> str:
-        """The beam with its errors, what it rests on, and what must be known to read it."""
-        c, judged = self.calibration, self.judged
-        r, v = (", ".join(f"{x:.{n}f}" for x in a) for a, n in ((1e3 * c.beam.r, 2), (c.beam.v, 4)))
-        r_std, v_std = (", ".join(f"{x:.2g}" for x in a) for a in (1e3 * c.std[:3], c.std[3:]))
-        lines = [
-            ("r, origin", f"({r}) mm, standard errors ({r_std}) mm"),
-            ("v, direction", f"({v}), standard errors ({v_std})"),
-            ("rebuilt points", f"{1e3 * self.point_std:.2g} mm, by the beam's own error"),
-            ("readings", f"{self.rows} on {len(self.boards)} planes, {len(c.gross)} gross"),
-        ]
-        if self.repeatability is not None:
-            lines.append(("repeatability on marks", f"{1e3 * self.repeatability:.2g} mm"))
-        if self.held_out is not None:
-            lines.append(("held-out readings", f"{1e3 * self.held_out:.2g} mm from the planes"))
-        lines.append(("solved", "; ".join(one.words for one in judged.fits)))
-        headline = f"The beam starts at ({r}) mm on the flange"
-        colour = GOOD if judged.converged else BAD
-        return card(f"Hand-eye: {self.name}", headline, lines, self.notes, colour)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, in SI units."""

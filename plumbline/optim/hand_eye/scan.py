@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.accuracy import moved
@@ -108,27 +107,6 @@ class ScanAnswer(Answer):
         if self.laid is not None:
             found = f"{1e3 * self.laid.edge:.2g} mm standard error at its edge"
         return f"<ScanAnswer for {self.recording.name[:60]}: {len(self.points)} readings, {found}>"
-
-    def card(self) -> str:
-        """Angles and surface with their errors."""
-        lines = [
-            (" and ".join(a.faces), f"{np.rad2deg(a.angle):.2f} ± {np.rad2deg(a.std):.2f} deg")
-            for a in self.angles
-        ]
-        headline = f"{len(self.angles)} angles between faces"
-        if self.laid is not None:
-            headline = f"Laid on CT, {1e3 * self.laid.edge:.2g} mm standard error at its edge"
-            mean, most = 1e3 * self.laid.distances.mean(), 1e3 * self.laid.distances.max()
-            lines.append(("from the surface", f"{mean:.2g} mm, largest {most:.2g} mm"))
-            named = zip(
-                self.recording.target_labels, self.laid.targets, self.laid.stds, strict=True
-            )
-            for label, p, std in named:
-                place = ", ".join(f"{x:.2f}" for x in 1e3 * p)
-                lines.append((f"target {label}", f"({place}) mm, ± {1e3 * std:.2g} mm"))
-        notes = (*self.recording.notes, *self.judged.failures)
-        colour = GOOD if self.judged.converged else BAD
-        return card(f"Scan: {self.recording.name}", headline, lines, notes, colour)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, in SI units and degrees."""

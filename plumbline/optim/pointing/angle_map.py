@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.aim import Aim
@@ -26,7 +25,7 @@ from plumbline.optim.pointing.judge import Found, judged, why_not
 from plumbline.optim.pointing.needle import checked_angles
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import settled, solved, starts
-from plumbline.optim.pointing.status import Status, least, meanings, span
+from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 
@@ -91,20 +90,6 @@ class AngleMap(Answer):
         off = float(np.nan_to_num(self.rcm_error).max(initial=0.0))
         good = off <= LARGEST_RCM_ERROR
         return Judgement.of([_Held("the postures", good, off)])
-
-    def card(self) -> str:
-        """How many angles are safe, how wide the cone is, and what becomes of the others."""
-        safe, total = int(self.safe.sum()), self.safe.size
-        cone = "none" if np.isnan(self.cone) else f"up to {np.degrees(self.cone):.0f} deg"
-        lines = (
-            ("theta", span(self.theta)),
-            ("beta", span(self.beta)),
-            ("cone that is safe all around", cone),
-            ("least clearance of a safe angle", least(self.clearance[self.safe], 1e3, "mm")),
-        )
-        title = f"Map of {total} angles, arm of {self.aim.chain.n} joints"
-        said, colour = f"{safe} of {total} angles safe", GOOD if safe else BAD
-        return card(title, said, lines, meanings(self.counts()), colour)
 
 
 def safe_angle_map(

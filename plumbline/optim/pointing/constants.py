@@ -66,4 +66,4 @@ ROUNDS = 4  # of planning again in front of planes; effort
 PATIENCE = 2  # of them without gain; effort
 
 # What is shown
-NEAREST = 3  # pairs that a card names
+NEAREST = 3  # pairs that a card or a page names

@@ -1,13 +1,8 @@
-"""What becomes of an angle, in words, and what the cards of sweeps and maps say of many."""
+"""What becomes of an angle, in words."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from enum import StrEnum
-
-import numpy as np
-
-from plumbline.optim.core.problem import Array
 
 
 class Status(StrEnum):
@@ -33,26 +28,3 @@ MEANING = {
     Status.INSIDE: "the stand-off is too short: the needle would not come from outside of the body",
     Status.JUMP: "the path there leaps to another posture of the arm",
 }
-
-
-def meanings(counts: Iterable[tuple[Status, int]]) -> list[str]:
-    """How many angles there are of each status, and what it means."""
-    return [f"{number} {kind.value}: {MEANING[kind]}" for kind, number in counts]
-
-
-def most(values: Array, factor: float, unit: str, form: str = "{:.3g}") -> str:
-    """The largest finite one of some values, in words."""
-    found = values[np.isfinite(values)]
-    return f"at most {form.format(factor * found.max())} {unit}".strip() if len(found) else "none"
-
-
-def least(values: Array, factor: float, unit: str, form: str = "{:.3g}") -> str:
-    """The least finite one of some values, in words."""
-    found = values[np.isfinite(values)]
-    return f"at least {form.format(factor * found.min())} {unit}".strip() if len(found) else "none"
-
-
-def span(angles: Array) -> str:
-    """How many angles [rad], and from where to where."""
-    low, high = np.degrees(angles.min()), np.degrees(angles.max())
-    return f"{len(angles)} from {low:.0f} to {high:.0f} deg"

@@ -7,14 +7,12 @@ it.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import JudgedByResidual, Judgement
 from plumbline.optim.core.judged import judged as judged_path
 from plumbline.optim.core.problem import Array
@@ -22,14 +20,14 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.between import Between, between, whole_way, with_ways
 from plumbline.optim.pointing.collision import pointed
-from plumbline.optim.pointing.constants import HELD_WITHIN, LOOKS, NEAREST, PATIENCE, ROUNDS, SPARE
+from plumbline.optim.pointing.constants import HELD_WITHIN, LOOKS, PATIENCE, ROUNDS, SPARE
 from plumbline.optim.pointing.judge import drift, judged, settled_status, why_not
 from plumbline.optim.pointing.needle import checked_angles, tip_and_top
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.planes import Planes, before_planes
 from plumbline.optim.pointing.postures import Tracks, follow
 from plumbline.optim.pointing.statement import sweep_statement
-from plumbline.optim.pointing.status import Status, least, meanings, most
+from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
 from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
 
@@ -108,30 +106,6 @@ class Sweep(Answer):
         return (
             f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; off the lesion by {error}>"
         )
-
-    def card(self) -> str:
-        """How well the needle is held, what comes near, and what becomes of the angles."""
-        safe = int(self.safe.sum())
-        nearest = ((f"nearest, {k}", pair.words) for k, pair in enumerate(self.pairs[:NEAREST], 1))
-        lines = (
-            ("distance from the lesion", most(self.rcm_error, 1e3, "mm", "{:.1e}")),
-            ("direction", most(self.direction_error, 180 / np.pi, "deg", "{:.1e}")),
-            ("smallest singular value", least(self.singular_value, 1.0, "", "{:.3f}")),
-            ("clearance", least(self.clearance, 1e3, "mm", "{:.1f}")),
-            *nearest,
-            ("step between angles", most(self.step, 180 / np.pi, "deg", "{:.2f}")),
-            ("drift between angles", most(self.drift, 1e3, "mm", "{:.2g}")),
-            ("solve", self.solve.words),
-            (
-                "planned in front of",
-                ", ".join(self.constrained) or "nothing: all pairs judged alone",
-            ),
-            ("not judged", ", ".join(self.left_out) or "nothing"),
-        )
-        title = f"Sweep of {len(self)} angles, arm of {self.aim.chain.n} joints"
-        said = f"{safe} of {len(self)} angles safe"
-        notes = meanings(Counter(self.status).most_common())
-        return card(title, said, lines, notes, GOOD if safe == len(self) else BAD)
 
 
 def plan_sweep(

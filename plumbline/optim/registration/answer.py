@@ -26,12 +26,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.card import BAD, GOOD, card
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.stored import plain
 from plumbline.optim.registration.checks import Condition
-from plumbline.optim.registration.constants import DOUBTFUL
 from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.target import TargetError, Unstated, arc, lever, point_of
 
@@ -158,24 +156,6 @@ class Registration(Answer):
     def rotation_std(self) -> float:
         """Largest standard deviation of the rotation about any axis [rad]."""
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance[3:6, 3:6])[-1]))
-
-    def card(self) -> str:
-        """How far to trust it at the targets, what it rests on, and what must be known."""
-        shape, used = self.condition, ", ".join(self.labels[k] for k in self.used)
-        misfits = (
-            f"{label} {MM * m:.2f}" for label, m in zip(self.labels, self.misfits, strict=True)
-        )
-        lines = [
-            *(("target", words) for words in self.trust),
-            ("markers", f"{used}; misfits {', '.join(misfits)} mm"),
-            ("shape", f"best triple {shape.angle:.1f} deg (60 is best)"),
-            ("noise of a misfit", f"{MM * self.noise_std:.2g} mm per axis"),
-            *(("solved", one.words) for one in self.judged.fits),
-        ]
-        doubtful = self.unknown or self.surprise < DOUBTFUL
-        headline = f"Markers fit to {MM * self.fre:.2g} mm by {self.method}"
-        title = f"Registration: {self.recording.name}"
-        return card(title, headline, lines, self.notes, BAD if doubtful else GOOD)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON; lengths in m, angles in deg."""

@@ -97,7 +97,7 @@ def test_a_diagnosis_has_the_contract_s_keys(folder, quick, tmp_path, capsys):
     assert set(found["causes"][0]) >= CAUSE
     assert set(found["where"][0]) == {"stage", "element", "share"}
     assert set(found["causes"][0]["parameters"]["compliance"]) >= {"value", "std", "unit"}
-    assert "EXPLAINED" in capsys.readouterr().out
+    assert ": Explained" in capsys.readouterr().out
 
 
 def test_json_on_standard_output_is_alone_there(folder, quick, capsys):

@@ -29,8 +29,8 @@ module.diagnose = lambda recording, *_, **options: made_up(recording)
 """
 DRAWN = DIAGNOSE + "main()"  # with the pictures of a report, which take their time
 DIAGNOSE += """
-from plumbline.experiments.report.diagnosis import html
-html.html_report = lambda diagnosis, **options: "<html>" + chr(0x2014) * 1000 + "</html>"
+from plumbline.experiments.report import writing
+writing.report_html = lambda *_, **__: "<html>" + chr(0x2014) * 1000 + "</html>"
 main()
 """
 ASCII = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
@@ -84,7 +84,7 @@ def test_words_that_an_encoding_lacks_are_question_marks(tmp_path):
     done = shell("", "diagnose", BENCH, **ASCII)
     assert done.returncode == 0
     assert done.stderr == b""
-    assert b"EXPLAINED" in done.stdout
+    assert b"Explained" in done.stdout
     assert done.stdout.isascii()
     assert b"?" in done.stdout
 

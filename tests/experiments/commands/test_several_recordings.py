@@ -11,7 +11,7 @@ import pytest
 
 import plumbline
 from plumbline.experiments.commands.app import run
-from plumbline.experiments.report.diagnosis.html import html_report
+from plumbline.experiments.report.writing import report_html
 from plumbline.optim.diagnosis.of_recordings import Carries
 from plumbline.optim.diagnosis.several import transfer
 from plumbline.optim.diagnosis.several.transfer import Each, transfers
@@ -135,7 +135,7 @@ def test_the_verdict_tells_recordings_and_transfer_in_json_page_and_store(answer
     told = answer.verdict.to_dict()
     assert [r["name"] for r in told["recordings"]] == ["calm", "slipped", "other"]
     assert {t["carries"] for t in told["transfer"]} >= {"differs", "here only"}
-    page = html_report(answer)
+    page = report_html(answer, proof=False)
     assert "Recording by recording" in page
     assert "here only" in page
     answer.save(tmp_path / "all.json")

@@ -4,8 +4,8 @@ import pytest
 from rich.console import Console
 
 from plumbline.experiments.commands.next import _print
-from plumbline.experiments.report.diagnosis.text import _grid
 from plumbline.experiments.report.page.page import Grid
+from plumbline.experiments.report.page.words import table_of
 from plumbline.optim.diagnosis.design.next_experiment import NextExperiment, Suggestion
 
 
@@ -48,6 +48,6 @@ def test_no_word_of_a_table_is_broken(word, capsys):
         "noise",
         "gross",
     )
-    table = _grid(Grid(columns, [row], range(2, 7), sorts=False))
+    table = table_of(Grid(columns, [row], range(2, 7), sorts=False))
     Console(width=66).print(table)
     assert word in capsys.readouterr().out

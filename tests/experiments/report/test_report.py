@@ -24,14 +24,16 @@ from plumbline.experiments.report.diagnosis.arm import (
     typical_posture,
     upright,
 )
-from plumbline.experiments.report.diagnosis.card import card
 from plumbline.experiments.report.diagnosis.causes import ranked, staircase
-from plumbline.experiments.report.diagnosis.html import html_report
+from plumbline.experiments.report.diagnosis.page import in_words
+from plumbline.experiments.report.diagnosis.page import page as page_of
 from plumbline.experiments.report.diagnosis.phrases import Elsewhere
 from plumbline.experiments.report.diagnosis.pictures import _joint_told, pictures
 from plumbline.experiments.report.diagnosis.subject import Subject, running
-from plumbline.experiments.report.diagnosis.text import print_verdict
+from plumbline.experiments.report.page.page import page_html
+from plumbline.experiments.report.page.words import print_page
 from plumbline.experiments.report.style import svg
+from plumbline.experiments.report.writing import card_of as card
 from plumbline.experiments.report.writing import write_report
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.quantities import chance, measured, percent, quantity, significant
@@ -71,6 +73,10 @@ NOTHING = Gap("m", 2e-4, 2e-4, 1.5e-4, 0.0, (math.nan, math.nan))
 VOID = {"meta", "br", "link", "img", "input", "hr"}
 
 
+def html_report(diagnosis, **more):
+    return page_html(page_of(diagnosis, proof=False, **more))
+
+
 @pytest.fixture(scope="module")
 def bench() -> MadeUp:
     return made_up()
@@ -92,7 +98,7 @@ def of_each_kind(
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports without pictures, which take the longest."""
-    monkeypatch.setattr("plumbline.experiments.report.diagnosis.html.pictures", lambda subject: ())
+    monkeypatch.setattr("plumbline.experiments.report.diagnosis.page.pictures", lambda subject: ())
 
 
 SCRIPT = (files("plumbline.experiments.report") / "page/script.js.j2").read_text().strip()
@@ -140,7 +146,7 @@ def tags(text: str) -> Tags:
 def said(verdict: Verdict, elsewhere: Elsewhere | None = None, width: int = 100) -> str:
     """What the terminal shows, on one line."""
     console = Console(file=io.StringIO(), width=width)
-    print_verdict(verdict, console, elsewhere)
+    print_page(in_words(SimpleNamespace(verdict=verdict), elsewhere), console)
     return " ".join(console.file.getvalue().split())
 
 
@@ -266,8 +272,8 @@ def test_a_verdict_without_causes_is_shown_too(bench, kind, undrawn):
     verdict = Verdict(kind, NOTHING, rows=90)
     text = html_report(replace(bench, verdict=verdict))
     assert "nan" not in text
-    assert kind.value.upper() in said(verdict)
-    assert kind.value.replace("-", " ") in card(verdict)
+    shown = kind.value.replace("-", " ").capitalize()
+    assert all(shown in one for one in (text, said(verdict), card(verdict)))
 
 
 def test_large_clouds_become_pixels_and_small_ones_stay_sharp(bench):
@@ -288,13 +294,13 @@ def test_large_clouds_become_pixels_and_small_ones_stay_sharp(bench):
 def test_the_terminal_says_what_the_verdict_says(bench):
     text = said(bench.verdict, Elsewhere("bench-2", 80, 6e-4, 1.6e-4, "m"))
     gap = bench.verdict.gap
-    assert f"{quantity(gap.before, 'm')} → {quantity(gap.after, 'm')}" in text
+    assert f"gap before {quantity(gap.before, 'm')} gap after {quantity(gap.after, 'm')}" in text
     for words in (
-        "EXPLAINED",
-        "joint_compliance of joint 2 > 99 % without it",
+        "bench-ur5: Explained",
+        "1. joint_compliance of joint 2 probability > 99 %",
         "8.40 ± 0.40 µrad/(N m)",
         "-0.610 mrad, at its bound",
-        "joint 2 62 % ██████",
+        "Of what the causes explain: joint 2 62 %",
         "cannot tell joint_compliance of joint 2 from link_flex of link 2",
         "cannot see hysteresis of joints 4, 5, 6: no row excites it",
         "2 rows were taken for gross errors, the header being row 1: 17, 54.",
@@ -379,7 +385,7 @@ def test_the_card_tells_what_is_alike_from_what_is_not_seen(bench):
     text = html.unescape(card(bench.verdict))
     assert "<li>cannot tell joint_compliance of joint 2 from link_flex of link 2</li>" in text
     assert "<li>cannot see hysteresis of joints 4, 5, 6: no row excites it</li>" in text
-    assert "outside of the library" not in text
+    assert "outside of the library" not in text.split("What this recording cannot tell")[1]
 
 
 @pytest.mark.parametrize(
@@ -402,16 +408,16 @@ def test_card_terminal_and_page_tell_of_an_unknown_in_the_same_words(
         outside_probability=1.0,
         outside_depends_on=depends_on,
     )
-    line = f"Something outside of the library: > 99 %; {sentence}."
-    assert line in html.unescape(card(verdict))
+    page = html_report(replace(bench, verdict=verdict))
+    for shown in (html.unescape(page), html.unescape(card(verdict))):
+        assert "<li>something outside of the library: > 99 %</li>" in shown
+        assert f"<li>{sentence}</li>" in shown
     assert sentence in said(verdict)
-    page = html.unescape(html_report(replace(bench, verdict=verdict)))
-    assert f"<li>{sentence}</li>" in page
 
 
 def test_an_unknown_that_depends_on_nothing_seen_is_on_the_card(bench):
     verdict = replace(bench.verdict, outside_probability=0.93)
-    assert "Something outside of the library: 93 %.<" in card(verdict)
+    assert "something outside of the library: 93 %<" in card(verdict)
 
 
 def test_dozens_of_ripple_orders_are_one_line(bench, undrawn):
@@ -681,12 +687,12 @@ def test_a_direction_is_told_to_four_digits():
 def test_what_is_left_is_one_figure_wherever_it_is_said(bench):
     """The gap with all causes; a cause says how many times as much is left without it."""
     out = io.StringIO()
-    print_verdict(bench.verdict, Console(file=out, width=400))
+    print_page(in_words(bench), Console(file=out, width=400))
     gap, causes = bench.verdict.gap, bench.verdict.causes
     other = replace(bench.verdict, causes=tuple(replace(c, after=0.9 * c.after) for c in causes))
     for shown in (out.getvalue(), card(bench.verdict)):
         assert quantity(gap.after, gap.unit) in shown
-        assert all(without_words(cause) in shown for cause in causes)
+        assert all(without_words(cause).capitalize() in shown for cause in causes)
     for cause in other.causes:
         assert quantity(cause.after, gap.unit) not in card(other)
 
@@ -735,9 +741,9 @@ def test_a_terminal_of_80_columns_keeps_recordings_apart_that_begin_alike(bench)
     alike = [OfRecording(n, "tip_position", 40, "m", 2e-3, 1e-4, 1e-4, 1e-4, "fit") for n in names]
     verdict = replace(bench.verdict, recordings=tuple(alike))
     console = Console(file=io.StringIO(), width=80)
-    print_verdict(verdict, console)
+    print_page(in_words(SimpleNamespace(verdict=verdict)), console)
     table = console.file.getvalue().split("Recording by recording")[1]
-    lines = table.strip("\n").split("\n\n")[0].splitlines()
+    lines = table.strip("\n").split("\n\n")[0].splitlines()[1:]  # below what it is of
     assert not any("…" in line for line in lines)
     wide = next(k for k in range(80) if all(line[2 + k : 3 + k].strip() == "" for line in lines))
     whole = "".join(line[: 2 + wide].strip() for line in lines)

@@ -9,9 +9,9 @@ from rich.console import Console
 
 import plumbline
 from plumbline.errors import PlumblineError
-from plumbline.experiments.report.diagnosis.card import card
-from plumbline.experiments.report.diagnosis.html import html_report
-from plumbline.experiments.report.diagnosis.text import print_verdict
+from plumbline.experiments.report.diagnosis.page import in_words
+from plumbline.experiments.report.page.words import print_page
+from plumbline.experiments.report.writing import report_html
 from plumbline.optim.core.judged import STILL
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -76,8 +76,8 @@ def test_the_json_has_the_figures_of_every_fit(cut_short, run_out):
 def test_text_card_and_report_say_what_has_not_converged(cut_short, run_out):
     for diagnosis, wanted in ((cut_short, True), (run_out, False)):
         out = io.StringIO()
-        print_verdict(diagnosis.verdict, Console(file=out, width=400))
-        shown = (out.getvalue(), card(diagnosis.verdict), html_report(diagnosis))
+        print_page(in_words(diagnosis), Console(file=out, width=400))
+        shown = (out.getvalue(), diagnosis.card(), report_html(diagnosis, proof=False))
         assert all(("has not converged" in text) == wanted for text in shown)
 
 

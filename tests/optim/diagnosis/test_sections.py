@@ -8,7 +8,7 @@ import pytest
 
 import plumbline
 from plumbline.errors import PlumblineError
-from plumbline.experiments.report.diagnosis.html import html_report
+from plumbline.experiments.report.writing import report_html
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.of_recordings import Carries, OfRecording
@@ -123,7 +123,7 @@ def test_several_sections_are_stored_shown_and_taken_home(answer, tmp_path):
     assert plumbline.load(tmp_path / "all.json").to_dict() == answer.to_dict()
     told = json.loads(json.dumps(answer.to_dict()))
     assert [s["gap"]["unit"] for s in told["sections"]] == ["m", "N m", "rad"]
-    page = html_report(answer)
+    page = report_html(answer, proof=False)
     for words in ("3 kinds of recordings", "joint_torque", "N m", "What carries over"):
         assert words in page
     assert answer.model().observation == "tip_position"
@@ -204,5 +204,5 @@ def test_the_report_that_is_written_holds_the_proof(answer, tmp_path):
     plumbline.write_report(answer.sections[0], tmp_path / "one.html")
     words = "What exported files alone say"
     assert words in (tmp_path / "one.html").read_text()
-    assert words not in html_report(answer.sections[0])
+    assert words not in report_html(answer.sections[0], proof=False)
     assert proofs(replace(answer.sections[0], verdict=replace(answer.verdict, causes=()))) == ()

@@ -1,14 +1,11 @@
-"""Sentences that the terminal and the page share."""
+"""Sentences about other recordings, gross rows and rows to come."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from plumbline.optim.core.quantities import counted, quantity
-from plumbline.optim.diagnosis.findings import Cause
-from plumbline.optim.diagnosis.verdict import words
 from plumbline.optim.recording.origin import HEADER
 
-MOST_CAUSES = 6  # that are shown at once with their values: what a screen holds
 ROWS_NAMED = 40  # distrusted rows that are named one by one
 
 
@@ -35,20 +32,6 @@ class Elsewhere:
             f"On {self.name} ({counted(self.rows, 'row')}), with only {again} fitted "
             f"again: {before} without the causes, {after} with them.{notes}"
         )
-
-
-def confounded_lines(causes: Sequence[Cause]) -> tuple[str, ...]:
-    """One line a cause that has rivals."""
-    return tuple(
-        f"{cause.label} from {', '.join(words.merged(cause.confounded_with, why=False))}"
-        for cause in causes
-        if cause.confounded_with
-    )
-
-
-def further(causes: Sequence[object]) -> str:
-    """Heads the causes that are not shown at once."""
-    return counted(len(causes), "further cause")
 
 
 def distrusted_words(rows: Sequence[int]) -> str:

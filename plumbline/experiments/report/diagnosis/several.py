@@ -9,6 +9,15 @@ from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.of_recordings import Carries, Compared, Transfer
 
 LISTED = 40  # rows that are named one by one
+JOINTS = "Root mean squares of what was left out of the fit."
+RECORDINGS = (
+    "Root mean squares of rows that were left out of the fit; then the same with causes that the "
+    "other recordings alone have told."
+)
+TRANSFER = (
+    "Each cause as one recording alone says it, and as all others say it together; z is their "
+    "difference in standard errors of both."
+)
 
 
 def recordings(verdict: Verdict) -> Grid:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from importlib import metadata
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
@@ -22,6 +22,12 @@ if TYPE_CHECKING:
 
 PACKAGES = ("plumbline-robotics", "casadi", "pin", "numpy")
 ROOM = "plumbline.experiments.report"
+COLOURS = {  # of verdicts; legible on light and on dark
+    "explained": "#00795a",
+    "no-gap": "#00795a",
+    "partly-explained": "#0072b2",
+    "outside-library": "#b34700",
+}
 DAY = "--ink:#22262b;--muted:#6f757d;--faint:#b9bec5;--paper:#fff"  # as in style.css.j2
 
 
@@ -64,13 +70,24 @@ class Grid:
 
 @dataclass(frozen=True)
 class Part:
-    """A heading with words, a table, points."""
+    """A heading with words, a table, points, and parts of its own."""
 
     title: str
     words: Sequence[str] = ()
     table: Grid | None = None
     points: Sequence[str] = ()
+    most: int | None = None  # points that a terminal shows; all if not given
     on_paper: bool = False  # whether a terminal leaves it out
+    note: str = ""  # what stands beside the title
+    parts: Sequence[Part] = ()
+    folded: bool = False  # whether it opens at a click; of a part of another one
+
+
+@dataclass(frozen=True)
+class View:
+    """What a reader can turn."""
+
+    scene: str  # its data as JSON
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +136,10 @@ class Block:
         return cls(picture, tuple(Markup(text) for text in drawn))
 
 
+# A picture may be one yet to be made, which a terminal never asks for.
+Parts: TypeAlias = Sequence[Part | Picture | View | Callable[[], Picture]]
+
+
 @dataclass(frozen=True, eq=False)
 class Page:
     """What a method's answer says on paper."""
@@ -128,11 +149,11 @@ class Page:
     tone: str  # ``"explained"`` (good), ``"partly-explained"`` or ``"outside-library"`` (bad)
     lead: Sequence[str]  # what it means, in plain sentences
     tiles: Sequence[Tile]  # figures read first
-    # all else, in order; a picture may be one yet to be made, which a terminal never asks for
-    parts: Sequence[Part | Picture | Callable[[], Picture]]
+    parts: Parts  # all else, in order
     warnings: Sequence[str] = ()  # what takes from the weight of every figure
     sha256: str = ""  # hash of the recording
     seed: int | None = None  # of random draws, if any
+    sections: Sequence[Page] = ()  # pages below it, each of something of its own
 
 
 def environment() -> Environment:
@@ -162,6 +183,14 @@ def page_html(page: Page, made: Made | None = None) -> str:
     return environment().get_template("page/page.html.j2").render(**shown)
 
 
+def card_html(page: Page) -> str:
+    """What a page says as a compact piece of HTML that needs nothing else, its first part open."""
+    said = [p for p in page.parts if isinstance(p, Part) and not p.on_paper]
+    colour = COLOURS.get(page.tone, COLOURS["explained"])
+    template = environment().get_template("page/card.html.j2")
+    return " ".join(template.render(page=page, said=said, colour=colour).split())  # on one line
+
+
 class _Drawn:
     """A page whose pictures are drawn."""
 
@@ -169,6 +198,7 @@ class _Drawn:
         self.page = page
         made = [p() if callable(p) else p for p in page.parts]
         self.parts = [Block.of(p) if isinstance(p, Picture) else p for p in made]
+        self.sections = [_Drawn(section) for section in page.sections]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.page, name)
