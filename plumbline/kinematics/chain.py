@@ -36,6 +36,8 @@ class Joint:
     upper: float  # upper limit [rad or m], inf if there is none
     mass: float  # mass of the body, with all that is fixed to it [kg]
     com: Array  # its centre of mass (3,) in the joint's frame [m]
+    # which way the normal to the next axis counts (3,), as a table does; from axis to axis if None
+    normal: Array | None = None
 
     def motion(self, q: cs.SX) -> Transform:
         """The joint's own transform at coordinate q [rad or m]."""
@@ -228,9 +230,10 @@ class Chain:
         """DH-like frame (4, 4) of every link, in the frame of the joint that carries it.
 
         Its z lies along the next joint's axis, its x along the common normal of the two axes, its
-        origin at the foot of that normal: the frame of Denavit and Hartenberg (1955). Axes that are
-        all but parallel (:func:`nearly_parallel`), whose common normal may be far away, take the
-        normal through the next joint's origin; the last link takes the tip's own frame.
+        origin at the foot of that normal: the frame of Denavit and Hartenberg (1955), that of the
+        robot's own row where it has one. Axes that are all but parallel (:func:`nearly_parallel`),
+        whose common normal may be far away, take the normal through the next joint's origin; the
+        last link takes the tip's own frame.
         """
         nexts = [*self.joints[1:], None]
         return [_link_frame(a, b, self.T_last_tip) for a, b in zip(self.joints, nexts, strict=True)]
@@ -251,12 +254,13 @@ def _link_frame(joint: Joint, following: Joint | None, T_last_tip: Array) -> Arr
     if nearly_parallel(joint, following):
         x = origin - z1 * (z1 @ origin)
         if np.linalg.norm(x) < 1e-9:
-            x = np.eye(3)[int(np.argmin(np.abs(z1)))]
+            x = np.eye(3)[int(np.argmin(np.abs(z1)))] if joint.normal is None else joint.normal
             x = x - z1 * (z1 @ x)
     else:
         # Foot on the next axis: origin + s z1 is nearest to the line t z0.
         s = np.linalg.lstsq(np.column_stack([z1, -z0]), -origin, rcond=None)[0][0]
         origin = origin + s * z1
         x = np.cross(z0, z1)
-    x = x / np.linalg.norm(x)
+    backwards = joint.normal is not None and x @ joint.normal < 0.0
+    x = (-x if backwards else x) / np.linalg.norm(x)
     return homogeneous(np.column_stack([x, np.cross(z1, x), z1]), origin)

@@ -195,6 +195,8 @@ class Robot:
             model = pin.buildReducedModel(model, locked, pin.neutral(model))
         model.gravity.linear = self.gravity
         joints = tuple(_read_joint(model, j) for j in range(1, model.njoints))
+        if self.dh is not None:  # a row's normal is the x axis of the joint that it moves
+            joints = tuple(replace(joint, normal=np.eye(3)[0]) for joint in joints)
         T_last_tip = model.frames[model.getFrameId(tip, kind)].placement.homogeneous
         return Chain(model, joints, T_last_tip, tip, self.gravity)
 

@@ -178,5 +178,6 @@ def robot_lines(source: Mapping[str, object], gravity: bool = True) -> list[str]
     given = next(iter(source), "urdf")
     named = f'{given} = "{source.get(given, "robot.urdf")}"'
     lines = [named, *(f"# {line}" for key, line in ways.items() if key != given)]
+    lines.append("# or [[robot.dh]], once a joint      # standard rows: d, a, alpha, theta, kind")
     lines.append('# tip_frame = "flange"               # the last link, if left out')
     return [*lines, "# gravity = [0.0, 0.0, -9.81]        # in the base frame, m/s^2"]

@@ -36,9 +36,9 @@ class LinkGeometry(Effect):
         "arm"
     )
     d = Parameter("m", -0.05, 0.05, scale=5e-4, doc="offset along the joint's axis")
-    # The common normal points from axis to axis: against the x axis of a DH row of negative a.
-    a = Parameter("m", -0.05, 0.05, scale=5e-4, doc="growth of the common normal's length")
-    alpha = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="twist about the normal, from axis to axis")
+    # As the robot's DH row counts them; where it has none the normal points from axis to axis.
+    a = Parameter("m", -0.05, 0.05, scale=5e-4, doc="shift along the common normal")
+    alpha = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="twist about the common normal")
     beta = Parameter("rad", -0.1, 0.1, scale=1e-3, doc="tilt of parallel axes")
 
     @property

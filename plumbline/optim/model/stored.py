@@ -16,7 +16,7 @@ from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.known import Known
 
 FORMAT = "plumbline model"
-VERSION = 1
+VERSION = 2
 MAKE_IT = "make it by Robot.from_urdf, from_mjcf or from_dh"
 
 
