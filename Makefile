@@ -59,7 +59,7 @@ bench: $(VENV)/.installed-core ## time and memory of the central computations
 compare: $(VENV)/.installed-compare ## beside the peers, each in an environment of its own
 	@mkdir -p results
 	@"$(BIN)/python" -m plumbline.experiments.compare --json results/compare.json \
-		--csv docs/compare.csv --out docs/compare.md
+		--out docs/compare.md
 
 # The wheel is built from the sdist, and tried away from the sources by what a first user does.
 dist: export PYTHONPATH := # what lies there would count as installed

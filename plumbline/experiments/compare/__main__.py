@@ -13,13 +13,12 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.compare.contests import CONTESTS, Contest
-from plumbline.experiments.compare.page import page, table
+from plumbline.experiments.compare.page import page
 from plumbline.experiments.compare.running import PEERS, Cell, cell, written
 from plumbline.experiments.console.outputs import Json, Quiet, check_output, write_json, write_text
 
 ROOT = Path(__file__).parents[3]
 IMPORTS = "import run; from plumbline import diagnose, fit_dh, register; print(run.peak())"
-Csv = Annotated[Path | None, typer.Option(metavar="OUT.csv", help="Write a table.")]
 Page = Annotated[Path | None, typer.Option(metavar="OUT.md", help="Write the page.")]
 Build = Annotated[Path, typer.Option(metavar="DIR", help="Environments and recordings.")]
 Only = Annotated[list[str] | None, typer.Option(metavar="CONTEST", help="May be repeated.")]
@@ -28,21 +27,18 @@ Only = Annotated[list[str] | None, typer.Option(metavar="CONTEST", help="May be 
 def compare(
     only: Only = None,
     json: Json = None,
-    csv: Csv = None,
     out: Page = None,
     build: Build = Path("build/peers"),
     quiet: Quiet = False,
 ) -> None:
     """Set plumbline beside its peers on the same data, each in an environment of its own."""
     try:
-        for option, path in (("--json", json), ("--csv", csv), ("--out", out)):
+        for option, path in (("--json", json), ("--out", out)):
             check_output(path, option, overwrite=True)
         chosen = _chosen(only or [])
         build.mkdir(parents=True, exist_ok=True)
         cells = [one for contest in chosen for one in _cells(contest, build, quiet=quiet)]
         write_json(json, [one.to_dict() for one in cells])
-        if csv is not None:
-            write_text(csv, table(cells), "--csv")
         if out is not None:
             write_text(out, _page(chosen, cells), "--out")
     except PlumblineError as error:

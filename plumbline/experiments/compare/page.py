@@ -1,7 +1,5 @@
-"""What was found as a page of the documents, and as a table of text."""
+"""What was found as a page of the documents."""
 
-import csv
-import io
 from collections.abc import Sequence
 from datetime import date
 
@@ -72,16 +70,6 @@ def verdict(cells: Sequence[Cell]) -> str:
         words += [f"we lose {', '.join(lost)}"] if lost else []
         said.append(f"{other.peer}: {'; '.join(words)}.")
     return " ".join(said)
-
-
-def table(cells: Sequence[Cell]) -> str:
-    """All cells as CSV."""
-    out = io.StringIO()
-    keys = [k for k in Cell("", "").to_dict() if k != "figures"]
-    writer = csv.DictWriter(out, keys, lineterminator="\n", extrasaction="ignore")
-    writer.writeheader()
-    writer.writerows(c.to_dict() for c in cells)
-    return out.getvalue()
 
 
 def _row(c: Cell) -> tuple[str, ...]:
