@@ -5,9 +5,10 @@ number; a type that is not data (a robot, a symbolic problem) registers how it i
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from functools import cache
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
 import numpy as np
@@ -41,12 +42,26 @@ def restored(data: Any, kind: type[T]) -> T:
     return found
 
 
-def register(kind: type[T], take: Callable[[T], Any], make: Callable[[Any], T]) -> None:
-    """Say how a type that is not a dataclass of data is stored and made again."""
+def parts_of(value: Any, *without: str) -> dict[str, Any]:
+    """Fields of a dataclass by their names, but for those that are made again."""
+    return {f.name: getattr(value, f.name) for f in fields(value) if f.name not in without}
+
+
+def restored_parts(data: Mapping[str, Any], kind: type[Any], *without: str) -> dict[str, Any]:
+    """The same again, of those that are data of the dataclass (errors of :func:`restored`)."""
+    kinds = get_type_hints(kind)
+    known = [name for name in data if name in kinds and name not in without]
+    return {name: restored(data[name], kinds[name]) for name in known}
+
+
+def register(kind: type[Any], take: Callable[[Any], Any], make: Callable[[Any], Any]) -> None:
+    """Say how a type that is not a dataclass of data, or a family, is stored and made again."""
     for number in (_number, _finite):
         converter = _converter(number)
         converter.register_unstructure_hook(kind, _then(take, converter.unstructure))
-    _converter(_number).register_structure_hook(kind, lambda data, _: make(data))
+    _converter(_number).register_structure_hook_func(
+        lambda asked: asked is kind, lambda data, _: make(data)
+    )
 
 
 def register_kinds(family: type[Any], *kinds: type[Any]) -> None:

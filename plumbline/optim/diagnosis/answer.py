@@ -13,7 +13,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.stored import register, restored
+from plumbline.optim.core.stored import parts_of, register, restored, restored_parts
 from plumbline.optim.diagnosis.findings import AlwaysFitted, Estimate, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
 from plumbline.optim.diagnosis.verdict.parts import nuisances_of_parts
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.measurement.observation import Model
-from plumbline.optim.measurement.storing import StoredEffect, StoredFit
+from plumbline.optim.measurement.storing import StoredFit
 from plumbline.optim.model import Applied, apply
 from plumbline.optim.model import Model as FoundModel
 from plumbline.optim.model.fitted import Held
@@ -175,51 +175,17 @@ def _held(verdict: Verdict) -> Held:
     return Held(gap.before, gap.after, floor, gap.unit, sigma)
 
 
-@dataclass(frozen=True, eq=False)
-class _Stored:
+def _taken(d: Diagnosis) -> dict[str, Any]:
     """What is stored of a diagnosis; the search is not."""
-
-    recording: Recording
-    verdict: Verdict
-    residual_before: Array
-    residual_after: Array
-    trusted: NDArray[np.bool_]
-    places: Array
-    effects: tuple[StoredEffect, ...]
-    fit: StoredFit
-    asked: StoredOptions
-
-    @classmethod
-    def of(cls, d: Diagnosis) -> _Stored:
-        return cls(
-            d.recording,
-            d.verdict,
-            d.residual_before,
-            d.residual_after,
-            d.trusted,
-            d.places,
-            tuple(StoredEffect.of(effect) for effect in d.effects),
-            StoredFit.of(d.stated, d.solution),
-            StoredOptions.of(d.options),
-        )
-
-    @classmethod
-    def again(cls, data: Any) -> Diagnosis:
-        s = restored(data, cls)
-        effects = tuple(one.effect for one in s.effects)
-        stated, solution = s.fit.again(s.recording.training, effects)
-        return Diagnosis(
-            s.recording,
-            s.verdict,
-            s.residual_before,
-            s.residual_after,
-            s.trusted,
-            s.places,
-            effects,
-            stated,
-            solution,
-            s.asked.options,
-        )
+    own = parts_of(d, "stated", "solution", "options", "search")
+    return own | {"fit": StoredFit.of(d.stated, d.solution), "asked": StoredOptions.of(d.options)}
 
 
-register(Diagnosis, _Stored.of, _Stored.again)
+def _again(data: Any) -> Diagnosis:
+    given = restored_parts(data, Diagnosis)
+    fit, asked = restored(data["fit"], StoredFit), restored(data["asked"], StoredOptions)
+    stated, solution = fit.again(given["recording"].training, given["effects"])
+    return Diagnosis(**given, stated=stated, solution=solution, options=asked.options)
+
+
+register(Diagnosis, _taken, _again)

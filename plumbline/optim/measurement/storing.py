@@ -15,7 +15,7 @@ from plumbline.kinematics.effects import REGISTRY, Effect
 from plumbline.kinematics.effects.confined import NAMED, confined_kind
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.stored import restored
+from plumbline.optim.core.stored import register, restored
 from plumbline.optim.measurement.nuisance import Anchor, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
@@ -38,6 +38,9 @@ class StoredEffect:
     def effect(self) -> Effect:
         """The effect again (PlumblineError: no effect of that name is known)."""
         return restored(self.fields, effect_named(self.name, self.form))
+
+
+register(Effect, StoredEffect.of, lambda data: restored(data, StoredEffect).effect)
 
 
 def effect_named(name: str, form: str = "") -> type[Effect]:

@@ -3,8 +3,7 @@
 A robot is its URDF, MJCF or DH rows, a chain its joints, a recording its robot and its arrays.
 """
 
-from dataclasses import fields
-from typing import Any, get_type_hints
+from typing import Any
 
 import pinocchio as pin
 
@@ -14,7 +13,7 @@ from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
-from plumbline.optim.core.stored import register, restored
+from plumbline.optim.core.stored import parts_of, register, restored, restored_parts
 from plumbline.optim.recording.recording import Recording, Session
 
 
@@ -63,8 +62,7 @@ def _to_chain(data: Any) -> Chain:
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:
-    absent = {"chain"} | ({"session", "part"} if not recording.several else set())
-    return {f.name: getattr(recording, f.name) for f in fields(Recording) if f.name not in absent}
+    return parts_of(recording, "chain", *(() if recording.several else ("session", "part")))
 
 
 def _of_session(session: Session) -> dict[str, Any]:
@@ -78,8 +76,7 @@ def _to_session(data: Any) -> Session:
 
 
 def _to_recording(data: Any) -> Recording:
-    kinds = get_type_hints(Recording)
-    given: dict[str, Any] = {name: restored(value, kinds[name]) for name, value in data.items()}
+    given = restored_parts(data, Recording)
     robot, tip, joints = given["robot"], given["tip_frame"], given["q"].shape[1]
     torques = given["observation"] == "joint_torque"
     chain = tree_of(robot, joints, tip) if torques else robot.chain(tip)

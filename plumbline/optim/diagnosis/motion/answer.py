@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
-from plumbline.optim.core.stored import register, restored
+from plumbline.optim.core.stored import parts_of, register, restored, restored_parts
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
@@ -15,7 +15,6 @@ from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
-from plumbline.optim.diagnosis.motion.unlisted import UnlistedFunction
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model.drives import Drives
@@ -61,77 +60,43 @@ class MotionDiagnosis(WithVerdict):
         return self.model().gaps(other)
 
 
-@dataclass(frozen=True)
-class _StoredEffect:
-    """An effect's name, and the fields that tell its forms apart."""
-
-    name: str
-    fields: dict[str, Any]
-
-    @property
-    def effect(self) -> MotionEffect:
-        known = {effect.name: effect for effect in MOTION_EFFECTS}
-        if self.name not in known:
-            raise PlumblineError(
-                f"effect {shown(self.name)} not recognised, one of a motion's expected "
-                f"(best matches: {best_matches(self.name, known)}); diagnose the recording again"
-            )
-        return restored(self.fields, known[self.name])
+def _effect(data: Any) -> MotionEffect:
+    """A motion's effect by its name, and by the fields that tell its forms apart."""
+    known, name = {effect.name: effect for effect in MOTION_EFFECTS}, data["name"]
+    if name not in known:
+        raise PlumblineError(
+            f"effect {shown(name)} not recognised, one of a motion's expected "
+            f"(best matches: {best_matches(name, known)}); diagnose the recording again"
+        )
+    return restored(data["fields"], known[name])
 
 
-@dataclass(frozen=True, eq=False)
-class _StoredJoint:
-    """What is stored of a joint; its windows are cut again, and its drive rolled out again."""
-
-    effects: tuple[_StoredEffect, ...]
-    theta: Array
-    number: int
-    probability: dict[str, float]
-    instead: dict[str, dict[str, float]]
-    unlisted: tuple[UnlistedFunction, ...]
-    outside: float
-    mechanisms: dict[str, float]
-    anything: float
-    effective: float
-    unseen: dict[str, float]
-    std: Array
-
-    @classmethod
-    def of(cls, j: Joint) -> _StoredJoint:
-        effects = tuple(_StoredEffect(e.name, asdict(e)) for e in j.fit.effects)
-        return cls(effects=effects, theta=j.fit.theta, **cls._as_they_are(j))
-
-    @classmethod
-    def _as_they_are(cls, joint: Joint | _StoredJoint) -> dict[str, Any]:
-        return {f.name: getattr(joint, f.name) for f in fields(cls)[2:]}
-
-    def again(self, signals: Signals) -> Joint:
-        windows = signals.windows(self.number - 1, signals.training)
-        fit = evaluated(windows, tuple(one.effect for one in self.effects), self.theta)
-        return Joint(windows=windows, fit=fit, **self._as_they_are(self))
+def _of_joint(j: Joint) -> dict[str, Any]:
+    return parts_of(j, "windows", "fit") | {"effects": j.fit.effects, "theta": j.fit.theta}
 
 
-@dataclass(frozen=True, eq=False)
-class _Stored:
+def _joint(data: Any, signals: Signals) -> Joint:
+    """A joint whose windows are cut again, and whose drive is rolled out again."""
+    given = restored_parts(data, Joint)
+    effects = restored(data["effects"], tuple[MotionEffect, ...])
+    windows = signals.windows(given["number"] - 1, signals.training)
+    fit = evaluated(windows, effects, restored(data["theta"], Array))
+    return Joint(windows=windows, fit=fit, **given)
+
+
+def _taken(d: MotionDiagnosis) -> dict[str, Any]:
     """What is stored of a diagnosis; its even clock is made again."""
-
-    recording: MotionRecording
-    verdict: Verdict
-    joints: tuple[_StoredJoint, ...]
-    left_out: tuple[LeftOut, ...]
-    asked: StoredOptions
-
-    @classmethod
-    def of(cls, d: MotionDiagnosis) -> _Stored:
-        joints = tuple(_StoredJoint.of(joint) for joint in d.joints)
-        return cls(d.recording, d.verdict, joints, d.left_out, StoredOptions.of(d.options))
-
-    @classmethod
-    def again(cls, data: Any) -> MotionDiagnosis:
-        s = restored(data, cls)
-        signals = signals_of(s.recording)
-        joints = tuple(one.again(signals) for one in s.joints)
-        return MotionDiagnosis(s.recording, s.verdict, signals, joints, s.left_out, s.asked.options)
+    own = parts_of(d, "signals", "options")
+    return own | {"joints": list(map(_of_joint, d.joints)), "asked": StoredOptions.of(d.options)}
 
 
-register(MotionDiagnosis, _Stored.of, _Stored.again)
+def _again(data: Any) -> MotionDiagnosis:
+    given = restored_parts(data, MotionDiagnosis, "joints")
+    signals = signals_of(given["recording"])
+    joints = tuple(_joint(one, signals) for one in data["joints"])
+    asked = restored(data["asked"], StoredOptions).options
+    return MotionDiagnosis(**given, signals=signals, joints=joints, options=asked)
+
+
+register(MotionEffect, lambda e: {"name": e.name, "fields": asdict(e)}, _effect)
+register(MotionDiagnosis, _taken, _again)
