@@ -80,6 +80,9 @@ BANDWIDTH = 10.0
 LEAST_WINDOW = 3  # samples either side: a cubic through fewer smooths nothing
 GAP_IN_TIME = 5.0  # usual steps beyond which a new run begins
 SURE_SPEED = 5e-3  # of the fastest: slower, a joint's sense of turning is not sure
+# A sensor's end: rows that read it, more than twice those within so many of its steps (a slow sine
+# about its crest reads as many), where the model's efforts spread over so much of it.
+AT_ITS_END, ENDS_WITHIN, ENDS_OFF = 10, 3.5, 0.05
 UNSIGNED = 0.98  # share of efforts of one sign where the model's change it: no signs were recorded
 FEWEST_EFFORTS = 20  # rows from which the signs of efforts say anything
 LEAST_EFFORT_NOISE = 1e-6  # of a joint's efforts: less than 20 bits resolve

@@ -10,17 +10,24 @@ all that a joint's effort may depend on leaves of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from plumbline.errors import fault, shown
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.tree import dynamics_of_chain
+from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording.constants import (
+    AT_ITS_END,
     EFFORT_ROWS,
+    ENDS_OFF,
+    ENDS_WITHIN,
     FEWEST_EFFORTS,
     GAP_IN_TIME,
     INERTIA_ROWS,
@@ -30,6 +37,7 @@ from plumbline.optim.recording.constants import (
     UNSIGNED,
 )
 from plumbline.optim.recording.derivatives import derived_motion, turning, velocity_noise
+from plumbline.optim.recording.late import at_other_time, basis_of, late_by
 from plumbline.optim.recording.mixed_up import MIXED_UP, refuse_mixed_up
 from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.settings import Section
@@ -38,6 +46,7 @@ if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
 UNITS = ("N m", "A")
+RATES = ("velocity", "acceleration", "turning")
 ALIKE = 0.9  # cosine of what differs by its unit alone, noise of an encoder beside it
 
 
@@ -89,9 +98,11 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
     refuse_other_rates(r, origin)
     velocity, notes = r.velocity, r.notes
     acceleration, shaken = r.acceleration, np.zeros(r.chain.n)
-    left = np.zeros(r.chain.n)
+    left, placed = np.zeros(r.chain.n), None
     if acceleration is None or velocity is None:
         motion = derived_motion(r.q, velocity, r.time, origin)
+        if velocity is not None and acceleration is None:
+            placed = derived_motion(r.q, None, r.time, origin).velocity
         smooth, left = motion.velocity, motion.velocity_noise
         shaken = motion.acceleration_noise if acceleration is None else shaken
         acceleration = motion.acceleration if acceleration is None else acceleration
@@ -104,11 +115,61 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
         r, velocity=smooth, acceleration=acceleration, turning=sense, notes=notes, always=always,
         measured_joints=tuple(range(r.chain.n)),
     )  # fmt: skip
+    r = without_saturated(in_time(r, placed))
     refuse_strange(r, origin)
     noise = _noise_by_joint(r, shaken, origin)
     stated = r.noise_by_joint is not None or r.noise_std is not None
     whole = float(np.sqrt(np.mean(noise**2))) if stated else None
     return replace(r, noise_by_joint=noise, noise_std=whole)
+
+
+def in_time(r: Recording, placed: Array | None) -> Recording:
+    """All channels at one time, where velocities or efforts are read late; rows without any go.
+
+    Args:
+        r: A motion and its efforts.
+        placed: Velocities (N, n) that its positions tell by themselves, if they are asked.
+    """
+    time, ones = r.time, np.ones(len(r))
+    if time is None:
+        return r
+    if placed is not None and r.velocity is not None:
+        own = [np.column_stack([v, ones]) for v in placed.T]
+        late = late_by(time, r.velocity, lambda rows: [basis_of(X[rows]) for X in own])
+        r = _taken_back(r, RATES, late, f"velocities are read {1e3 * late:.3g} ms after positions")
+        time = r.time if r.time is not None else time
+    late = late_by(time, r.measured, lambda rows: _designs(r, rows))
+    said = f"efforts are read {1e3 * late:.3g} ms after positions"
+    return _taken_back(r, ("q", *RATES), -late, said)
+
+
+def _taken_back(r: Recording, names: Sequence[str], by: float, said: str) -> Recording:
+    """With columns of so much later [s], in rows that have any."""
+    if not by or r.time is None:
+        return r
+    moved = {name: at_other_time(r.time, getattr(r, name), by) for name in names}
+    note = f"{said}: taken back by as much"
+    columns: dict[str, Any] = {name: found for name, (found, _) in moved.items()}
+    return replace(r, notes=(*r.notes, note), **columns).select(moved[names[0]][1])
+
+
+def without_saturated(r: Recording) -> Recording:
+    """Without rows in which a sensor reads its end: of what was there they only say that much more.
+
+    One that holds a load reads the same for long, too: there the model's effort is one as well.
+    """
+    model, beyond, notes = nominal_efforts(r), np.zeros(len(r), bool), []
+    for (j, read), side in product(enumerate(r.measured.T), (1.0, -1.0)):
+        values, counts = np.unique(side * read, return_counts=True)
+        end, step = values[-1], np.diff(values).min(initial=np.inf)
+        near = counts[values >= end - ENDS_WITHIN * step].sum() - counts[-1]
+        at = side * read == end
+        spread = np.ptp(model[at, j])
+        if counts[-1] >= AT_ITS_END and counts[-1] > 2 * near and spread > ENDS_OFF * abs(end):
+            beyond |= at
+            said = f"efforts of joint {j + 1} end at {shown(float(side * end))}"
+            notes.append(f"{said} in {counted(int(counts[-1]), 'row')}, left aside: a sensor's end")
+    return replace(r, notes=(*r.notes, *notes)).select(~beyond) if notes else r
 
 
 def nominal_efforts(r: Recording) -> Array:
@@ -240,7 +301,7 @@ def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:
         return np.asarray(np.hypot(own, _shaken_torques(r, shaken)))
     rows = np.arange(len(r)) if r.held_out is None else np.flatnonzero(~r.held_out)
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), EFFORT_ROWS)).astype(int)]
-    return np.array([_left_over(r, rows, j) for j in range(n)])
+    return np.array([_left_over(r, rows, X, j) for j, X in enumerate(_designs(r, rows))])
 
 
 def _shaken_torques(r: Recording, shaken: Array) -> Array:
@@ -256,23 +317,28 @@ def _shaken_torques(r: Recording, shaken: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(np.sum(np.square(each), axis=0), axis=0)))
 
 
-def _left_over(r: Recording, rows: Array, j: int) -> float:
-    """What a generous straight-line fit leaves of joint j's effort, robustly [N m or N]."""
+def _designs(r: Recording, rows: NDArray[np.integer]) -> list[Array]:
+    """Orthonormal columns (k, p) of all that each joint's effort may depend on."""
     v, a = (part[rows] for part in _moved(r))
     assert r.turning is not None
-    sense, effort, q = r.turning[rows, j], r.measured[rows, j], r.q[rows, j]
+    sense, q = r.turning[rows], r.q[rows]
     dynamics = dynamics_of_chain(r.chain)
-    Y = over_rows(dynamics.regressor_function, np.hstack([r.q[rows], v, a]))[0][:, :, j]
-    carried = Y @ dynamics.inertial.ravel()
-    speed = np.sqrt(np.abs(v[:, j]))
-    own = [sense, v[:, j], speed * sense, np.abs(carried) * sense, a[:, j], q, np.ones(len(q))]
-    X = np.column_stack([Y, *own])
-    X = X[:, np.abs(X).max(axis=0) > 0.0]
-    basis, sizes, _ = np.linalg.svd(X / np.linalg.norm(X, axis=0), full_matrices=False)
-    basis = basis[:, sizes > 1e-6 * sizes[0]]
+    Y = over_rows(dynamics.regressor_function, np.hstack([q, v, a]))[0]
+    found = []
+    for j in range(r.chain.n):
+        turned, carried = sense[:, j], Y[:, :, j] @ dynamics.inertial.ravel()
+        speed = np.sqrt(np.abs(v[:, j]))
+        own = [turned, v[:, j], speed * turned, np.abs(carried) * turned, a[:, j], q[:, j]]
+        found.append(basis_of(np.column_stack([Y[:, :, j], *own, np.ones(len(q))])))
+    return found
+
+
+def _left_over(r: Recording, rows: NDArray[np.integer], basis: Array, j: int) -> float:
+    """What a generous straight-line fit leaves of joint j's effort, robustly [N m or N]."""
+    effort = r.measured[rows, j]
     freedom = len(rows) - basis.shape[1]
     if freedom < max(FEWEST_EFFORTS, basis.shape[1]):
-        left, freedom = effort - carried, len(rows)
+        left, freedom = effort - nominal_efforts(r.select(rows))[:, j], len(rows)
     else:
         left = effort - basis @ (basis.T @ effort)
     square = (

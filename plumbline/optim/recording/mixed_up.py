@@ -6,7 +6,13 @@ What joint i was told or its model foretells, :math:`a_i`, and what was read in 
 .. math:: c_{ij} = a_i^T b_j / (|a_i|\,|b_j|)
 
 A column with its sign turned, or two that are exchanged, are refused where they run with the joint
-so much better than as they stand that no gap or friction could make it. Late by half a period a
+so much better than as they stand that no gap or friction could make it. Of two joints that carry
+the same weight sizes tell which is which, too: with :math:`s = |a_i| / |b_j|` columns are apart by
+
+.. math:: d_{ij} = \tfrac12 \frac{|a_i - b_j|^2}{|a_i|\,|b_j|}
+          = 1 - c_{ij} + \tfrac12 \left(s + \tfrac1s\right) - 1
+
+ Late by half a period a
 joint runs against one sine as well, so a sign is told only where no delay does as much.
 """
 
@@ -53,7 +59,7 @@ def refuse_mixed_up(
         found = f"{name}{j + 1} against {told}{j + 1} (cosine {c[j, j]:.2f})"
         mend = "turn the sign of this column"
         raise fault(origin.at(f"{name}{j + 1}"), found, "columns that run together", mend)
-    off = 1.0 - c
+    off = _apart(expected, read, c)
     for i, j in combinations(range(len(c)), 2):
         crossed = max(off[i, j], off[j, i])
         # Joints that all do the same run with each other as with themselves.
@@ -61,6 +67,13 @@ def refuse_mixed_up(
             found = f"{name}{i + 1} with {told}{j + 1}, and {name}{j + 1} with {told}{i + 1}"
             mend = "exchange these columns"
             raise fault(origin.at(f"{name}{i + 1}"), found, "each with its own joint", mend)
+
+
+def _apart(expected: Array, read: Array, c: Array) -> Array:
+    """How far columns (n, n) are apart, by direction and by size; one where a column is zero."""
+    a, b = (np.linalg.norm(x, axis=0) for x in (expected, read))
+    both, mean = np.outer(a, b), np.add.outer(a**2, b**2) / 2.0
+    return np.asarray(np.divide(mean, both, out=np.ones_like(both), where=both > 0.0) - c)
 
 
 def latest_cosine(expected: Array, read: Array, latest: int) -> float:

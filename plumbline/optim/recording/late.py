@@ -1,0 +1,106 @@
+r"""Channels of one log that are read late: what is found of a motion by how it runs with another.
+
+What a channel should read is a combination of columns, :math:`y_j(t + d) = X_j(t)\,\theta_j`, and
+how late it is the same for all joints. Of rows k later, noise in readings and all, the logarithm
+of the likelihood is
+
+.. math:: L(k) = -\sum_j \frac{n}{2 \tau_j} \log \min_\theta |y_j(t + k h) - X_j \theta_j|^2
+
+with the correlation time :math:`\tau_j` of what is left. Between rows each joint's squares run by
+the parabola through the best three. A channel is late where that is by :data:`SURE` more probable
+than that it is not, whichever joint is not asked: one alone may have friction with a memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from plumbline.optim.recording.constants import EFFORT_ROWS, FEWEST_EFFORTS
+from plumbline.optim.recording.derivatives import stretches
+from plumbline.optim.recording.origin import Array
+
+Rows = NDArray[np.intp]
+LATEST = 0.2  # [s]: filters of drives and loggers' queues take less
+# Nats of likelihood: one channel in twenty is late (3), by some hundredth of the latest either way
+# (5). Noise and smoothing made at most 4 of 48 that were not.
+SURE = 10.0
+
+
+LEAST = 0.05  # of a row: less is of the smoothing and of the parabola
+FINE = 401  # places between the rows before and after the best: 0.1 ms of rows 20 ms apart
+
+
+def late_by(time: Array, read: Array, designs: Callable[[Rows], Sequence[Array]]) -> float:
+    """How much later than its rows a channel is read [s]; zero where that is not sure.
+
+    Args:
+        time: Time of the rows (N,) [s].
+        read: What was read of each joint (N, n).
+        designs: Of some rows (k,), orthonormal columns (k, p) that each joint's reading is a
+            combination of.
+    """
+    step = usual_step(time)
+    most = round(LATEST / step)
+    parts = [s[most : len(s) - most] for s in stretches(time, step)]
+    rows = np.concatenate(parts)
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), EFFORT_ROWS)).astype(int)]
+    if most < 1 or len(rows) < FEWEST_EFFORTS:
+        return 0.0
+    return step * _rows_late(read, rows, designs(rows), most)
+
+
+def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> float:
+    """The same in rows, so many at most."""
+    shifts = np.arange(-most, most + 1)
+    left = np.array([_left(read[rows + k], designs) for k in shifts])
+    past = left[np.argmin(np.log(left[..., 0]).sum(axis=-1)), :, 1]
+    effective = len(rows) * (1.0 - past) / (1.0 + past)
+    best = int(np.clip(np.argmin(np.log(left[..., 0]) @ effective), 1, len(shifts) - 2))
+    before, there, after = left[best - 1 : best + 2, :, 0]
+    off = np.linspace(-1.0, 1.0, FINE)[:, None]
+    between = there + off * (after - before) / 2.0 + off**2 * (before - 2.0 * there + after) / 2.0
+    log = np.log(np.maximum(between, 1e-300)) * effective / 2.0
+    found = int(np.argmin(log.sum(axis=1)))
+    gains = np.log(left[most, :, 0]) * effective / 2.0 - log[found]
+    late = float(shifts[best] + off[found, 0])
+    sure = gains.sum() - gains.max() > SURE and abs(late) > LEAST
+    return late if sure else 0.0
+
+
+def at_other_time(time: Array, columns: Array, by: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Columns (N, k) so much later [s], and which rows (N,) have any."""
+    found, there = columns.copy(), np.zeros(len(columns), bool)
+    for s in stretches(time, usual_step(time)):
+        t, first = np.unique(time[s], return_index=True)
+        later = time[s] + by
+        there[s] = (later >= t[0]) & (later <= t[-1]) & (len(t) > 1)
+        if len(t) > 1:
+            found[s] = CubicSpline(t, columns[s][first])(np.clip(later, t[0], t[-1]))
+    return found, there
+
+
+def usual_step(time: Array) -> float:
+    """Time from row to row [s]; without end where a clock never goes on."""
+    step = np.diff(time)
+    return float(np.median(step[step > 0])) if (step > 0).any() else np.inf
+
+
+def basis_of(X: Array) -> Array:
+    """Orthonormal columns (k, p) of the directions of columns that differ."""
+    X = X[:, np.abs(X).max(axis=0) > 0.0]
+    basis, sizes, _ = np.linalg.svd(X / np.linalg.norm(X, axis=0), full_matrices=False)
+    return np.asarray(basis[:, sizes > 1e-6 * sizes[0]])
+
+
+def _left(read: Array, designs: Sequence[Array]) -> Array:
+    """Mean squares of what designs leave of readings (k, n), and how those correlate (n, 2)."""
+    found = np.empty((len(designs), 2))
+    for j, X in enumerate(designs):
+        left = read[:, j] - X @ (X.T @ read[:, j])
+        square = max(float(np.mean(left**2)), 1e-300)
+        found[j] = square, np.clip(np.mean(left[1:] * left[:-1]) / square, 0.0, 0.99)
+    return found

@@ -1,0 +1,147 @@
+"""Channels that are read late are taken back, ends of sensors left aside: neither is a cause."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.tree import tree_of
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.recording.building import build_recording
+from plumbline.optim.recording.constants import AT_ITS_END, ENDS_OFF, ENDS_WITHIN
+from plumbline.optim.recording.efforts import nominal_efforts, without_saturated
+from plumbline.optim.recording.late import LATEST, SURE
+from plumbline.optim.recording.mixed_up import refuse_mixed_up
+from plumbline.optim.recording.origin import Origin
+from tests.random_trees import Tree
+
+TIME = np.arange(0.0, 8.0, 0.02)
+NOISE = 0.02
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Robot.from_urdf(Tree(3, ("revolute",) * 4).urdf())
+
+
+def motion():
+    """Places, velocities and accelerations (N, 4): sums of sines, no two joints alike."""
+    rng = np.random.default_rng(1)
+    w, phase = 2 * np.pi * rng.uniform(0.1, 0.9, (3, 4)), rng.uniform(0, 6, (3, 4))
+    angle = w * TIME[:, None, None] + phase
+    waves = 0.4 * np.sin(angle), 0.4 * w * np.cos(angle), -0.4 * w**2 * np.sin(angle)
+    return tuple(x.sum(axis=1) for x in waves)
+
+
+def recorded(robot, *, efforts=0.0, velocities=0.0, changed=lambda tau: tau, noise=NOISE):
+    """A log whose channels are read so late [s]; ``changed`` makes what is read of torques."""
+    q, v, a = motion()
+    tau = tree_of(robot).dynamics.torques(q, v, a)
+    late, slow = (CubicSpline(TIME, x)(TIME - by) for x, by in ((tau, efforts), (v, velocities)))
+    read = changed(late + np.random.default_rng(0).normal(0.0, noise, tau.shape))
+    kept = slice(20, -20)  # what is late is known before the first row and after the last
+    return build_recording(
+        observation="joint_torque", robot=robot, time=TIME[kept], q=q[kept], velocity=slow[kept],
+        measured=read[kept], noise_by_joint=np.full(4, noise),
+    )  # fmt: skip
+
+
+def told(recording):
+    return [note for note in recording.notes if "taken back" in note]
+
+
+@pytest.mark.parametrize("late", [0.06, 0.01, -0.03])
+def test_efforts_that_are_read_late_are_taken_back_and_are_no_cause(robot, late):
+    rec = recorded(robot, efforts=late)
+    (note,) = told(rec)
+    assert float(note.split()[3]) == pytest.approx(1e3 * late, abs=1.0)
+    assert rec.measured - nominal_efforts(rec) == pytest.approx(0.0, abs=8 * NOISE)
+    assert diagnose(rec).verdict.causes == ()
+
+
+@pytest.mark.parametrize("late", [0.03, 0.01])
+def test_velocities_that_are_read_late_are_taken_back_and_are_no_cause(robot, late):
+    rec = recorded(robot, velocities=late)
+    assert f"velocities are read {1e3 * late:.3g} ms after positions" in told(rec)[0]
+    assert rec.measured - nominal_efforts(rec) == pytest.approx(0.0, abs=8 * NOISE)
+    assert diagnose(rec).verdict.causes == ()
+
+
+def test_channels_that_are_in_time_are_left_as_they_are_whatever_their_drives_do(robot):
+    def rubbed(tau):
+        v = motion()[1]
+        way = np.zeros_like(v)  # dry friction that builds up over 20 mrad
+        for k in range(1, len(v)):
+            way[k] = np.clip(way[k - 1] + 0.02 * v[k], -0.02, 0.02)
+        return tau + 20.0 * way + 0.2 * v
+
+    for rec in (recorded(robot), recorded(robot, changed=rubbed)):
+        assert told(rec) == []
+        assert len(rec) == len(TIME) - 40
+
+
+@pytest.mark.parametrize(("late", "seen"), [(0.75 * LATEST, True), (1.5 * LATEST, False)])
+def test_no_channel_is_later_than_the_latest(robot, late, seen):
+    notes = told(recorded(robot, efforts=late))
+    assert (f"{1e3 * late:.3g}" in "".join(notes)) is seen
+
+
+@pytest.mark.parametrize(("noise", "seen"), [(0.75, True), (1.5, False)])
+def test_a_channel_is_late_where_that_is_surely_more_probable(robot, noise, seen):
+    """At 0.45 N m of noise half a row is as much: a likelihood falls with the square of it."""
+    assert SURE == 10.0
+    assert bool(told(recorded(robot, efforts=0.01, noise=0.45 * noise))) is seen
+
+
+def test_two_joints_that_carry_one_weight_are_told_apart_by_size():
+    """Where their efforts run together by more than 0.99, directions alone say nothing."""
+    own = np.sin(0.7 * TIME) + 0.3 * np.sin(2.3 * TIME + 1.0)
+    tau = np.column_stack([own, 0.6 * own + 0.02 * np.sin(1.7 * TIME), np.cos(1.1 * TIME)])
+    assert np.corrcoef(tau.T)[0, 1] > 0.99
+    letters = ("the model's effort", "effort")
+    refuse_mixed_up(tau, tau * [0.9, 1.1, 1.0], letters, Origin())
+    with pytest.raises(PlumblineError, match="effort1 with the model's effort2"):
+        refuse_mixed_up(tau, tau[:, [1, 0, 2]] * [0.95, 1.05, 1.0], letters, Origin())
+
+
+def at_its_end(robot, rows, joint=2, off=0.0):
+    """Efforts of a joint cut where so many rows are beyond."""
+    return lambda tau: np.minimum(
+        tau, np.where(np.arange(4) == joint - 1, np.sort(tau[20:-20], axis=0)[-rows] + off, np.inf)
+    )
+
+
+@pytest.mark.parametrize(("share", "left"), [(0.75, False), (1.5, True), (8.0, True)])
+def test_rows_in_which_a_sensor_reads_its_end_are_left_aside(robot, share, left):
+    rows = round(share * AT_ITS_END)
+    rec = recorded(robot, changed=at_its_end(robot, rows))
+    assert (len(rec) == len(TIME) - 40 - rows) is left
+    assert any("a sensor's end" in note for note in rec.notes) is left
+    if share > 2:
+        assert diagnose(rec).verdict.causes == ()
+
+
+@pytest.mark.parametrize("step", [0.2, 1.0])
+def test_a_coarse_sensor_has_no_end(robot, step):
+    """A slow crest reads its last step more often than the next ones, not twice as often."""
+    assert ENDS_WITHIN == 3.5
+    rec = recorded(robot, changed=lambda tau: np.round(tau / step) * step)
+    assert len(rec) == len(TIME) - 40
+
+
+@pytest.mark.parametrize(("share", "left"), [(0.75, False), (1.5, True)])
+def test_where_the_model_hardly_changes_a_load_is_held(robot, share, left):
+    """A sensor that reads one value for long has an end only if the model goes beyond it."""
+    rec = recorded(robot)
+    model, end = nominal_efforts(rec)[:, 1], 40.0
+    spread = share * ENDS_OFF * end
+    middle = np.median(model)
+    at = np.abs(model - middle) < spread / 2
+    at[np.argmin(np.abs(model - middle - spread / 2))] = True
+    read = rec.measured.copy()
+    read[at, 1] = end
+    found = without_saturated(replace(rec, measured=read))
+    assert (len(found) < len(rec)) is left
