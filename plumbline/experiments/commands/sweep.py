@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv as csv_module
 import io
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -18,9 +17,7 @@ from plumbline.experiments.console.outputs import STDOUT, Json, Overwrite, Quiet
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
-    from rich.console import JustifyMethod
-    from rich.table import Table
-
+    from plumbline.experiments.report.page.page import Grid
     from plumbline.experiments.sweep.outcome import Crossed, Outcome, Sweep
 
 WORDS = ("held_out", "without", "verdict", "causes", "truth", "effect", "kind", "arm")
@@ -155,12 +152,10 @@ def _cell(value: Any) -> Any:
 
 def as_csv(found: Sweep) -> str:
     """The outcomes as a table of text."""
-    rows = as_rows(found)
-    out = io.StringIO()
-    writer = csv_module.DictWriter(out, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return out.getvalue()
+    import pandas as pd
+
+    text = pd.DataFrame(as_rows(found), dtype=object).to_csv(index=False, lineterminator="\n")
+    return str(text)
 
 
 class Tables:
@@ -211,46 +206,45 @@ def as_parquet(found: Sweep) -> bytes:
 def _print(found: Sweep, table: Crossed | None) -> None:
     from rich.console import Console
 
+    from plumbline.experiments.report.page.words import table_of
+
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=WIDTH)
-    console.print(_table(found) if table is None else _crossed(table))
+    title, grid = _table(found) if table is None else _crossed(table)
+    console.print(title, style="bold", markup=False)
+    console.print(table_of(grid))
     console.print(found.agreement[:1].upper() + found.agreement[1:] + ".", markup=False)
     for reason in dict.fromkeys(o.reason for o in found.outcomes if o.reason):
         console.print(f"refused: {reason}", markup=False, soft_wrap=True)
 
 
-def _headed(title: str) -> Table:
-    from rich import box
-    from rich.table import Table
+def _crossed(crossed: Crossed) -> tuple[str, Grid]:
+    """A table by two factors, with what it is of."""
+    from plumbline.experiments.report.page.page import Grid
 
-    title = title.replace("[", "\\[")
-    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
-
-
-def _crossed(crossed: Crossed) -> Table:
-    table = _headed(f"{crossed.of}; in brackets: cases")
-    table.add_column(f"{crossed.rows} \\ {crossed.columns}")
-    for name in crossed.across:
-        table.add_column(name, justify="right")
-    for name, values, counts in zip(crossed.down, crossed.values, crossed.cases, strict=True):
-        cells = (f"{v:.4g} ({n})" if n else "-" for v, n in zip(values, counts, strict=True))
-        table.add_row(name, *cells)
-    return table
+    rows = [
+        (name, *(f"{v:.4g} ({n})" if n else "-" for v, n in zip(values, counts, strict=True)))
+        for name, values, counts in zip(crossed.down, crossed.values, crossed.cases, strict=True)
+    ]
+    columns = (f"{crossed.rows} \\ {crossed.columns}", *crossed.across)
+    return f"{crossed.of}; in brackets: cases", Grid(columns, rows, range(1, len(columns)))
 
 
-def _table(found: Sweep) -> Table:
-    table = _headed(f"Sweep over {found.recording}")
+def _table(found: Sweep) -> tuple[str, Grid]:
+    """A line a case, with what the table is of."""
+    from plumbline.experiments.report.page.page import Grid
+
     shown = [n for n in as_rows(found)[0] if n not in {*found.varied, *HIDDEN}]
     told = [n for n in shown if n not in found.outcomes[0].case.to_dict()]
-    for name in (*found.varied, *told):
-        justify: JustifyMethod = "left" if name in WORDS else "right"
-        table.add_column(name.replace("_", " "), justify=justify, overflow="fold")
+    names, rows = (*found.varied, *told), []
     for outcome in found.outcomes:
         options = outcome.case.to_dict()
         cells = (_option(options[name]) for name in found.varied)
-        table.add_row(*cells, *(_told(outcome, name) for name in told))
-    return table
+        rows.append((*cells, *(_told(outcome, name) for name in told)))
+    numbers = [k for k, name in enumerate(names) if name not in WORDS]
+    grid = Grid([name.replace("_", " ") for name in names], rows, numbers)
+    return f"Sweep over {found.recording}", grid
 
 
 def _option(value: Any) -> str:

@@ -12,17 +12,18 @@ from plumbline.experiments.report.dh_fit.pictures import correlations, rows_pict
 from plumbline.experiments.report.diagnosis.causes import staircase
 from plumbline.experiments.report.diagnosis.motion import MAKERS as OF_A_MOTION
 from plumbline.experiments.report.diagnosis.pictures import MAKERS
-from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
+from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.diagnosis.turned import turned
 from plumbline.experiments.report.hand_eye.pictures import bows, residuals
 from plumbline.experiments.report.hand_eye.scan import scan_picture
 from plumbline.experiments.report.pointing.figures import angle_map, joint_path
 from plumbline.experiments.report.registration.figures import misfits_and_targets
+from plumbline.optim.diagnosis.answer import Diagnosis
 
 Drawers: TypeAlias = Mapping[str, Callable[[], Any]]
 
 
-def of_diagnosis(answer: Diagnosed) -> Drawers:
+def of_diagnosis(answer: Diagnosis) -> Drawers:
     """Those of its report, and the scene that turns."""
     return _made(MAKERS, Subject.of(answer)) | {"scene": partial(turned, answer)}
 

@@ -21,9 +21,10 @@ from plumbline.experiments.report.diagnosis.pictures import pictures
 from plumbline.experiments.report.diagnosis.ranks import picture as ranks_picture
 from plumbline.experiments.report.diagnosis.rows import nuisances, worst_rows
 from plumbline.experiments.report.diagnosis.scene import scene
-from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
+from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.page.page import Grid, Page, Part, Parts, Picture, Tile, View
 from plumbline.optim.core.quantities import chance, counted, measured, percent, quantity
+from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.findings import Cause, Verdict
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -35,7 +36,7 @@ MOST_CAUSES = 6  # that are shown at once with their values: what a screen holds
 MOST_RIVALS = 5  # candidates that are told beside the causes
 MOST_LINES, MOST_ROWS = 12, 3  # that a terminal shows of what cannot be told, of rows to come
 LIKELY = 0.01  # probability below which a rival is not worth a line
-Answered: TypeAlias = Diagnosed | MotionDiagnosis | Sections
+Answered: TypeAlias = Diagnosis | MotionDiagnosis | Sections
 
 
 def page(
@@ -212,7 +213,7 @@ def _rivals(verdict: Verdict) -> Iterator[Part]:
         yield Part("Considered, and not in the verdict", points=lines)
 
 
-def _drawn(answer: Diagnosed | MotionDiagnosis) -> Iterator[Any]:
+def _drawn(answer: Diagnosis | MotionDiagnosis) -> Iterator[Any]:
     """Pictures, scene and worst rows; a motion has samples in place of rows, and no scene."""
     if isinstance(answer, MotionDiagnosis):
         yield from motion_pictures(answer)
@@ -275,7 +276,7 @@ def _next(verdict: Verdict) -> Iterator[Part]:
         yield Part("What to record next", points=lines, most=MOST_ROWS)
 
 
-def _about(answer: Diagnosed | MotionDiagnosis) -> str:
+def _about(answer: Diagnosis | MotionDiagnosis) -> str:
     """What was recorded, on which robot."""
     recording = answer.recording
     if isinstance(recording, MotionRecording):

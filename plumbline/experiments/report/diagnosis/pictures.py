@@ -6,9 +6,10 @@ import numpy as np
 
 from plumbline.experiments.report.diagnosis import causes, figures, parts, ripples, torques
 from plumbline.experiments.report.diagnosis.arm import arm
-from plumbline.experiments.report.diagnosis.subject import Array, Diagnosed, Subject, running
+from plumbline.experiments.report.diagnosis.subject import Array, Subject, running
 from plumbline.experiments.report.page.page import Picture
 from plumbline.optim.core.quantities import counted, percent, significant
+from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.verdict.words import held_words, noise_words, place_words
 
@@ -19,7 +20,7 @@ def pictures(subject: Subject) -> tuple[Picture, ...]:
     return tuple(picture for picture in found if picture is not None)
 
 
-def of_diagnosis(diagnosis: Diagnosed) -> dict[str, Picture]:
+def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Picture]:
     """The same of a diagnosis, by their keys."""
     return {picture.key: picture for picture in pictures(Subject.of(diagnosis))}
 

@@ -5,52 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.quantities import scaled
+from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.findings import Verdict
-from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 
 Array = NDArray[np.float64]
 RUNS = 24  # of rows whose middles make a line
 ENOUGH = 15  # rows that a running median takes on either side, at least
-
-
-class Diagnosed(Protocol):
-    """A finished diagnosis; residuals are predicted minus measured, held out, in the gap's unit."""
-
-    @property
-    def recording(self) -> Recording:
-        """The recording."""
-
-    @property
-    def verdict(self) -> Verdict:
-        """What it says."""
-
-    @property
-    def options(self) -> DiagnosisOptions:
-        """How it was asked for."""
-
-    @property
-    def residual_before(self) -> Array:
-        """Residuals (N, m) with the nuisances alone."""
-
-    @property
-    def residual_after(self) -> Array:
-        """Residuals (N, m) with the causes."""
-
-    @property
-    def trusted(self) -> NDArray[np.bool_]:
-        """Rows (N,) that are not taken for gross errors."""
-
-    @property
-    def places(self) -> Array:
-        """Tip positions (N, 3) in the base frame [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +35,7 @@ class Subject:
     rows: NDArray[np.int64]  # numbers (N,) of the rows in the whole recording, from 1
 
     @classmethod
-    def of(cls, diagnosis: Diagnosed) -> Subject:
+    def of(cls, diagnosis: Diagnosis) -> Subject:
         """The subject of a diagnosis."""
         factor, unit = scaled(diagnosis.verdict.gap.unit)
         keep = np.asarray(diagnosis.trusted, dtype=bool)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.report.diagnosis.scene import scene
-from plumbline.experiments.report.diagnosis.subject import Diagnosed, Subject
+from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.page.page import environment
+from plumbline.optim.diagnosis.answer import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Turned:
         return f'<iframe sandbox="allow-scripts" srcdoc="{given}" style="{style}"></iframe>'
 
 
-def turned(answer: Diagnosed) -> Turned:
+def turned(answer: Diagnosis) -> Turned:
     """The arm, its tips, what is left of each row and the parts that account for it, in 3-D.
 
     Args:
