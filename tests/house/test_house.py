@@ -103,6 +103,18 @@ def test_a_broken_law_is_seen(law, source):
     assert list(law(ast.parse(source)))
 
 
+def test_simulators_loops_and_sweeps_refuse_by_the_one_class_of_errors():
+    rooms = {"reality", "mpc", "sweep"}
+    raised = [
+        f"{label(path)}: {ast.unparse(node)[:60]}"
+        for path in SOURCES
+        if rooms & set(path.parts)
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.Raise) and ast.unparse(node).startswith("raise ValueError(")
+    ]
+    assert not raised
+
+
 def test_half_of_all_functions_have_seven_lines_or_fewer():
     kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
     nodes = [n for path in SOURCES for n in ast.walk(tree_of(path)) if isinstance(n, kinds)]

@@ -19,6 +19,7 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.measured import tell
 from plumbline.experiments.console.outputs import Json
 from plumbline.experiments.mpc.closed_loop import judged, obstacles_at, statement_of
@@ -115,7 +116,7 @@ def path(seed: int, count: int) -> Array:
         touch = _scenario(wanted, seed).touch()
         if NEAR[0] <= touch.least(np.concatenate([ends, ball], axis=1)).clearance <= NEAR[1]:
             return wanted
-    raise ValueError(f"seed {seed}: no path keeps {NEAR[0]:g} to {NEAR[1]:g} mm; take another")
+    raise PlumblineError(f"seed {seed}: no path keeps {NEAR[0]:g} to {NEAR[1]:g} mm; take another")
 
 
 def _scenario(wanted: Array, seed: int) -> Scenario:

@@ -9,6 +9,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.cases import Plan, draw_case
 from plumbline.experiments.reality.gap import scaled
 from plumbline.experiments.reality.joint_effects import TransmissionRipple
@@ -25,7 +26,7 @@ def bench_case() -> Case:
     ripple = TransmissionRipple(0.0, 2, once=(1.0, 0.6))
     sized = scaled(case.scene, ripple, GAP * NOISE, case.observation)
     if sized is None:
-        raise ValueError(f"no ripple gives a gap of {GAP * NOISE} m: take another seed")
+        raise PlumblineError(f"no ripple gives a gap of {GAP * NOISE} m: take another seed")
     return replace(
         case,
         kind="single",

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, placed, rotations
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.draws import ORDER, SIGNED, draw, offered, outside_offered
@@ -41,14 +42,14 @@ class Plan:
         """Refuse names that mean nothing."""
         for value, known in ((self.kind, KINDS), (self.observation, OBSERVATIONS)):
             if value not in known:
-                raise ValueError(f"{value!r} not recognised; known: {', '.join(known)}")
+                raise PlumblineError(f"{value!r} not recognised; known: {', '.join(known)}")
 
 
 def draw_case(plan: Plan, name: str, seed: int) -> Case:
     """Draw one case.
 
     Raises:
-        ValueError: No strength of the drawn effects gives the gap asked for in any of many scenes.
+        PlumblineError: No strength of the drawn effects gives the gap asked for in many scenes.
     """
     rng = np.random.default_rng([seed, 3])
     names = _names(plan, rng)
@@ -64,7 +65,7 @@ def draw_case(plan: Plan, name: str, seed: int) -> Case:
             thermometer=lag,
         )  # fmt: skip
     wanted = " and ".join(names)
-    raise ValueError(f"{wanted}: no scene of {TRIES} gives a gap of {plan.gap}: widen it")
+    raise PlumblineError(f"{wanted}: no scene of {TRIES} gives a gap of {plan.gap}: widen it")
 
 
 def _names(plan: Plan, rng: np.random.Generator) -> tuple[str, ...]:

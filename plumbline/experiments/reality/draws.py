@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality import body_effects as body
 from plumbline.experiments.reality import joint_effects as joint
 from plumbline.experiments.reality import outside_effects as outside
@@ -254,9 +255,9 @@ def draw(name: str, scene: Scene, rng: np.random.Generator) -> Mechanism:
     """Draw a mechanism by name; strength 0, but for its sign.
 
     Raises:
-        ValueError: There is no mechanism of that name.
+        PlumblineError: There is no mechanism of that name.
     """
     known = LIBRARY | OUTSIDE | UNSEEN
     if name not in known:
-        raise ValueError(f"Mechanism {name!r} not recognised; known: {', '.join(known)}")
+        raise PlumblineError(f"Mechanism {name!r} not recognised; known: {', '.join(known)}")
     return known[name](scene, rng)

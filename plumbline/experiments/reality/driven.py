@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.cases import Plan
 from plumbline.experiments.reality.drives import Array, Plane, Wrong, follow
 from plumbline.experiments.reality.recorder import Recording, numbered, write
@@ -62,7 +63,7 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     """Draw a case, write its recording into a folder, and return the truth about it.
 
     Raises:
-        ValueError: What was drawn makes no gap to speak of.
+        PlumblineError: What was drawn makes no gap to speak of.
     """
     rng = np.random.default_rng(seed)
     plane = Plane(tuple(rng.uniform(0.2, 0.5, 2)), tuple(rng.uniform(0.5, 4.0, 2)))
@@ -81,7 +82,7 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     ratio = float(np.exp(rng.uniform(*np.log(plan.gap))))
     noise = min(gaps) / ratio if gaps else float(np.exp(rng.uniform(np.log(1e-4), np.log(5e-3))))
     if gaps and not noise > 1e-5:
-        raise ValueError(f"{named}: a gap of {min(gaps):.2g} rad")
+        raise PlumblineError(f"{named}: a gap of {min(gaps):.2g} rad")
     drawn = rng.normal(0.0, noise, q.shape)
     _write(folder, plane, name, t, u, q + drawn, noise if plan.known_noise else None)
     effects = [

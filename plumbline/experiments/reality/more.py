@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.recorder import Case, Recording, simulate
 from plumbline.experiments.reality.scene import Scene, Session
@@ -44,10 +45,10 @@ def extended(
         sockets: Socket of each row from 0 (M,), for fixed points.
 
     Raises:
-        ValueError: Fixed points come without sockets.
+        PlumblineError: Fixed points come without sockets.
     """
     if case.sockets is not None and sockets is None:
-        raise ValueError("fixed points without sockets: give one number for each row")
+        raise PlumblineError("fixed points without sockets: give one number for each row")
     old, still = case.scene.session, np.zeros_like(q)
     rest = np.zeros(len(q)) if wait is None else wait
     time, warmth = _clock(old, rest)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array
 from plumbline.experiments.reality.mujoco_arm import STEP, Drive, mjcf
 
@@ -84,12 +85,12 @@ def engine() -> Any:
     """MuJoCo's module.
 
     Raises:
-        ValueError: It is not installed.
+        PlumblineError: It is not installed.
     """
     try:
         return import_module("mujoco")
     except ImportError:
-        raise ValueError("moving cases need MuJoCo: pip install 'plumbline[mujoco]'") from None
+        raise PlumblineError("moving cases need MuJoCo: pip install 'plumbline[mujoco]'") from None
 
 
 def move(arm: Arm, tool: Array, course: Course, trouble: Trouble) -> Motion:
@@ -124,7 +125,9 @@ def move(arm: Arm, tool: Array, course: Course, trouble: Trouble) -> Motion:
         data.qfrc_applied[place.motor] += tau
         mujoco.mj_step(model, data)
     if any(warning.number for warning in data.warning) or not np.isfinite(seen).all():
-        raise ValueError(f"{arm.name}: the motion is unstable; take another arm or a shorter step")
+        raise PlumblineError(
+            f"{arm.name}: the motion is unstable; take another arm or a shorter step"
+        )
     q, velocity, effort = np.moveaxis(seen[wanted], 1, 0)
     return Motion(q, velocity, effort, old[late, :n], old[late, n:], push)
 

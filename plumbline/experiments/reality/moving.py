@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, load_torque, point_torque
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import Plan, looking_at
@@ -167,16 +168,16 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     """Move an arm, take the readings, write the recording; returns the truth.
 
     Raises:
-        ValueError: Two causes, an observation or an effect that moving cases do not have.
+        PlumblineError: Two causes, an observation or an effect that moving cases do not have.
     """
     if plan.kind == "pair" or plan.observation not in OBSERVATIONS:
-        raise ValueError("moving cases: one cause, tip_position or joint_position")
+        raise PlumblineError("moving cases: one cause, tip_position or joint_position")
     rng = np.random.default_rng([seed, 5])
     allowed = (BEYOND if plan.kind == "outside" else INSIDE)[plan.observation]
     names = [n for n in allowed if not plan.effects or n in plan.effects]
     if not names:
         known = ", ".join(allowed) or "nothing"
-        raise ValueError(f"moving cases know {known} of this kind for {plan.observation}")
+        raise PlumblineError(f"moving cases know {known} of this kind for {plan.observation}")
     arm = ARMS[str(rng.choice([a for a in ARM_NAMES if not plan.arms or a in plan.arms]))]()
     real = arm.with_mass(arm.mass * rng.uniform(0.9, 1.1, arm.joints))
     rows = int(rng.integers(plan.rows[0], plan.rows[1] + 1))
@@ -192,7 +193,7 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     found = _scored(real, tool, course, trouble, plan.observation, rng)
     sigma = found.gap / ratio if mechanisms else float(np.exp(rng.uniform(-10.8, -8.5)))
     if not LEAST_NOISE <= sigma <= MOST_NOISE:
-        raise ValueError(f"{name}: a gap of {found.gap:.2g} asks for a noise of {sigma:.2g}")
+        raise PlumblineError(f"{name}: a gap of {found.gap:.2g} asks for a noise of {sigma:.2g}")
     case = Case(
         name=name,
         kind=plan.kind,

@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array
 from plumbline.experiments.reality.gap import gap
 from plumbline.experiments.reality.scene import Mechanism, Scene, built, measured
@@ -103,7 +104,7 @@ def _pose(case: Case, rng: np.random.Generator) -> Readings:
 def _fixed_point(case: Case, rng: np.random.Generator) -> Readings:
     """Move the joints until the true tip rests in its socket, give or take the touch."""
     if case.sockets is None:
-        raise ValueError("a fixed_point case without sockets: give one number for each row")
+        raise PlumblineError("a fixed_point case without sockets: give one number for each row")
     noise = _noise(case, rng)
     goal, gross = _gross(case, case.scene.pose_in_world()[0] + noise, rng)
     scene, effects = case.scene, case.effects

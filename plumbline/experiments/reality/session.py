@@ -8,6 +8,7 @@ unevenly, and the arm warms up.
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, point_torque
 from plumbline.experiments.reality.scene import Session
 
@@ -141,7 +142,7 @@ def boxed(arm: Arm, rows: int, tool: Array, rng: np.random.Generator) -> Array:
     """Poses (N, n) whose tips lie in a box of 0.2 to 0.4 m, needle directions varying.
 
     Raises:
-        ValueError: No box was found that the arm fills for the better part.
+        PlumblineError: No box was found that the arm fills for the better part.
     """
     side = rng.uniform(0.2, 0.4)
     for _ in range(50):
@@ -150,7 +151,7 @@ def boxed(arm: Arm, rows: int, tool: Array, rng: np.random.Generator) -> Array:
         q, good = reach(arm, starts(arm, centre, 0.5, 3 * rows, rng), goal, tool)
         if good.sum() >= rows:
             return q[good][:rows]
-    raise ValueError(f"no box of {side:.2f} m within reach of {arm.name}: take a smaller one")
+    raise PlumblineError(f"no box of {side:.2f} m within reach of {arm.name}: take a smaller one")
 
 
 def socketed(
@@ -159,7 +160,7 @@ def socketed(
     """Poses that touch two to four sockets: joints (N, n), and the socket of each row (N,) from 0.
 
     Raises:
-        ValueError: No sockets were found that the arm reaches from many sides.
+        PlumblineError: No sockets were found that the arm reaches from many sides.
     """
     count = int(rng.integers(2, 5))
     for _ in range(50):
@@ -170,4 +171,4 @@ def socketed(
         chosen = number[good][:rows]
         if good.sum() >= rows and len(np.unique(chosen)) == count:
             return q[good][:rows], chosen
-    raise ValueError(f"no sockets within reach of {arm.name}: shorten the tool")
+    raise PlumblineError(f"no sockets within reach of {arm.name}: shorten the tool")

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.scene import Mechanism, Scene
 
 Vector = tuple[float, ...]
@@ -66,7 +67,7 @@ class NeedleBending(Mechanism):
 
     def _body(self, scene: Scene) -> Scene:
         if scene.session.force is None:
-            raise ValueError("needle_bending without forces: record them")
+            raise PlumblineError("needle_bending without forces: record them")
         axis, force = np.array(self.axis), scene.session.force
         across = self.size * (force - np.outer(force @ axis, axis))
         length = float(np.linalg.norm(scene.tool[0]))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.cases import Plan
 from plumbline.experiments.reality.recorder import Recording, numbered, write
 from plumbline.experiments.reality.torque_arm import (
@@ -164,16 +165,16 @@ def _summed(weights: Array, basis: Array) -> Array:
 
 def _changed_link(build: Build, i: int, share: float, shift: Array, strength: float) -> Build:
     if not -0.8 < strength * share < 3.0:
-        raise ValueError(f"link {i + 1} would weigh {1 + strength * share:.2g} times its mass")
+        raise PlumblineError(f"link {i + 1} would weigh {1 + strength * share:.2g} times its mass")
     if np.abs(strength * shift).max() > build.links[i].length:
-        raise ValueError(f"link {i + 1}: its centre would leave it")
+        raise PlumblineError(f"link {i + 1}: its centre would leave it")
     return build.with_link(i, strength * share, strength * shift)
 
 
 def _tilted(build: Build, weights: Array, strength: float) -> Build:
     x, y = strength * weights
     if np.hypot(x, y) > 0.5:
-        raise ValueError(f"a base tilted by {np.hypot(x, y):.2g} rad")
+        raise PlumblineError(f"a base tilted by {np.hypot(x, y):.2g} rad")
     down = np.array([x, y, -1.0]) * G / np.sqrt(1.0 + x**2 + y**2)
     return replace(build, gravity=(down[0], down[1], down[2]))
 
@@ -210,7 +211,7 @@ def simulate_torques(folder: Path, plan: Plan, name: str, seed: int) -> dict[str
     """Move an arm, read its efforts, write the recording; returns the truth.
 
     Raises:
-        ValueError: A mechanism would have to exert more than any drive does.
+        PlumblineError: A mechanism would have to exert more than any drive does.
     """
     rng = np.random.default_rng([seed, 13])
     build = draw_build(rng)
@@ -235,7 +236,7 @@ def simulate_torques(folder: Path, plan: Plan, name: str, seed: int) -> dict[str
             gap = bench.of(mechanism.rebuilt(strength))
             ratio = float(np.sqrt(np.mean((gap / sigma)[:, busy] ** 2)))
         if (np.abs(gap).max(axis=0) > MOST * most).any():
-            raise ValueError(f"{name}: {effect} of {np.abs(gap).max():.2g} N m")
+            raise PlumblineError(f"{name}: {effect} of {np.abs(gap).max():.2g} N m")
         total += gap
         found.append(mechanism)
         gaps.append(ratio)

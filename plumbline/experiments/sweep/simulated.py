@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import KINDS, OBSERVATIONS
 from plumbline.experiments.reality.draws import LIBRARY
@@ -209,7 +210,9 @@ def _ranges(folder: Path, o: Options) -> Truth:
             continue
         causes = frozenset([(name, drawn.element)] if name else [])
         return Truth(causes, name not in room_flaws.BEYOND, beam=drawn.beam)
-    raise ValueError(f"seed {o['seed']}: no room in which the arm reaches all boards; take another")
+    raise PlumblineError(
+        f"seed {o['seed']}: no room in which the arm reaches all boards; take another"
+    )
 
 
 def _fiducials(folder: Path, o: Options) -> Truth:

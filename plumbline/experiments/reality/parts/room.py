@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, rotations
 
 HALF = 0.45  # half side of a board [m]
@@ -98,7 +99,7 @@ def plan(room: Room, rows: int, rng: np.random.Generator) -> tuple[Array, NDArra
     """Postures (rows, n) whose beams meet boards, as many on each, and the boards from 0.
 
     Raises:
-        ValueError: The arm reaches too few.
+        PlumblineError: The arm reaches too few.
     """
     q = rng.uniform(room.arm.lower, room.arm.upper, (60 * rows, room.arm.joints))
     start, way = rays(room, forward(room.arm, q)[:, -1])
@@ -111,7 +112,7 @@ def plan(room: Room, rows: int, rng: np.random.Generator) -> tuple[Array, NDArra
         good &= np.linalg.norm(slope, axis=1) < np.tan(STEEPEST)
         mine = np.flatnonzero(good)[: rows // len(room.middles)]
         if len(mine) < 12:
-            raise ValueError(f"board {k + 1} is met by {len(mine)} beams, at least 12 needed")
+            raise PlumblineError(f"board {k + 1} is met by {len(mine)} beams, at least 12 needed")
         found_q.append(q[mine])
         found_board.append(board[mine])
     order = rng.permutation(sum(map(len, found_q)))

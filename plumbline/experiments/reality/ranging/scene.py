@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, rotations
 from plumbline.experiments.reality.arms import vs060
 from plumbline.experiments.reality.ranging.aim import Cone, each_reached, tilted, together
@@ -141,7 +142,7 @@ def plan(scene: Scene, rng: np.random.Generator) -> Programme:
     """The paper's programme: on each board three groups of translations and one that turns.
 
     Raises:
-        ValueError: The boards stand where the arm cannot reach all patches.
+        PlumblineError: The boards stand where the arm cannot reach all patches.
     """
     parts = []
     for k, board in enumerate(scene.boards):
@@ -163,7 +164,7 @@ def calibration(
     """The readings of a programme, of a fresh one by default.
 
     Raises:
-        ValueError: The boards are out of reach, or a beam misses its board.
+        PlumblineError: The boards are out of reach, or a beam misses its board.
     """
     p = programme or plan(scene, rng)
     distance = measure(scene, p.q, p.plane, rng)
@@ -195,7 +196,7 @@ def translations(scene: Scene, board: Board, group: int, rng: np.random.Generato
         q = together(scene.arm, NOMINAL, points, -board.normal, seen, stand, rng)
         if q is not None:
             return q
-    raise ValueError("a board out of reach: no orientation visits all of its patches")
+    raise PlumblineError("a board out of reach: no orientation visits all of its patches")
 
 
 def turning(scene: Scene, board: Board, rng: np.random.Generator) -> Array:
@@ -204,7 +205,7 @@ def turning(scene: Scene, board: Board, rng: np.random.Generator) -> Array:
     inward = np.tile(-board.normal, (len(points), 1))
     q, good = each_reached(scene.arm, NOMINAL, points, inward, _cone(scene), rng)
     if not good.all():
-        raise ValueError(f"a board out of reach: {int((~good).sum())} patches of {len(points)}")
+        raise PlumblineError(f"a board out of reach: {int((~good).sum())} patches of {len(points)}")
     return q
 
 
@@ -224,7 +225,7 @@ def measure(scene: Scene, q: Array, plane: NDArray[np.int64], rng: np.random.Gen
     """Ranges (N,) [m] at encoder readings q (N, n) on boards (N,) from 1.
 
     Raises:
-        ValueError: A beam misses its board or is out of the finder's range.
+        PlumblineError: A beam misses its board or is out of the finder's range.
     """
     origins, beams = scene.finder.beams(true_flange(scene, q, rng))
     distance, cosine = np.empty(len(q)), np.empty(len(q))
@@ -235,7 +236,7 @@ def measure(scene: Scene, q: Array, plane: NDArray[np.int64], rng: np.random.Gen
         cosine[rows] = -np.sum(normal * beams[rows], axis=1)
     met &= scene.finder.reaches(distance)
     if not met.all():
-        raise ValueError(f"{int((~met).sum())} beams miss their board or are out of range")
+        raise PlumblineError(f"{int((~met).sum())} beams miss their board or are out of range")
     return scene.finder.read(distance, cosine, rng)
 
 
@@ -259,7 +260,7 @@ def marks(
             if good.all():
                 break
         else:
-            raise ValueError("a board out of reach: no mark can be seen from all sides")
+            raise PlumblineError("a board out of reach: no mark can be seen from all sides")
         found_q.append(q)
         found_at.append(point)
     q = np.concatenate(found_q)
