@@ -72,7 +72,7 @@ class SelectionProblem(TermProblem):
         return numbers_of([c.key for c in self.candidates])
 
     @cached_property
-    def kinds(self) -> list[Hashable]:
+    def dependences(self) -> list[Hashable]:
         """What each candidate depends on, and where."""
         effects = [c.effect for c in self.candidates]
         return [(e.stage, e.element, e.depends_on) for e in effects]
@@ -111,10 +111,10 @@ def _pairs_again(selection: SelectionProblem, chosen: list[SelectedTerm]) -> lis
 
     Three forms of a friction may do what two others are, and no exchange of one leads there.
     """
-    kinds = Counter(selection.kinds[t.index] for t in chosen)
-    for kind in (kind for kind, count in kinds.items() if count > 1):
-        rest = [t for t in chosen if selection.kinds[t.index] != kind]
-        chosen = _better_pair(selection, chosen, rest, kind)
+    alike = Counter(selection.dependences[t.index] for t in chosen)
+    for dependence in (dependence for dependence, count in alike.items() if count > 1):
+        rest = [t for t in chosen if selection.dependences[t.index] != dependence]
+        chosen = _better_pair(selection, chosen, rest, dependence)
     return chosen
 
 
@@ -122,17 +122,17 @@ def _better_pair(
     selection: SelectionProblem,
     chosen: list[SelectedTerm],
     rest: list[SelectedTerm],
-    kind: Hashable = None,
+    dependence: Hashable = None,
 ) -> list[SelectedTerm]:
     """Start again from some terms and the best pair, where that leads to a better model.
 
-    The first of the pair is of a kind, if one is given.
+    The first of the pair depends on the same as is given, if anything is.
     """
     singles, scores = selection.odds(selection.reduce(rest))
-    of_kind = [kind in (None, own) for own in selection.kinds]
+    alike = [dependence in (None, own) for own in selection.dependences]
     own = [t for t in chosen if t not in rest]
     best, pair = added_evidence(selection, rest, own[:2]), None
-    for i in _best_variants(selection, np.where(of_kind, singles, -np.inf)):
+    for i in _best_variants(selection, np.where(alike, singles, -np.inf)):
         # Alone it may seem tiny; with its partner it may have its usual size.
         first = SelectedTerm(i, max(float(scores.scale[i]), 1.0))
         seconds, found = selection.odds(selection.reduce([*rest, first]))
