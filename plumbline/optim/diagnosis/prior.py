@@ -106,9 +106,9 @@ LEAST_SPREAD = 0.05  # of the noise's variance that one axis has [mean]
 
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
-# Listed effects beside an unlisted mechanism, at its place or of which it is no small share, are
-# parts of it with this probability: it need not be one term of ours. What its place cannot move may
-# speak against that (posterior/parts.py; test_joint_posterior.py).
+# Listed effects beside an unlisted mechanism, which need not be one term of ours, are parts of it
+# with this probability though their place, or what drives them, is another; of both, its square.
+# What its place cannot move may speak against that (posterior/parts.py; test_joint_posterior.py).
 PART_OF_UNLISTED = 0.4
 RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_resembling.py)
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares

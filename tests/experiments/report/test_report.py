@@ -571,10 +571,11 @@ def test_what_leaves_the_gap_after_is_told_with_what_has_no_name(bench):
     assert held_words(replace(shown, causes=())) == "4 unnamed effects"
 
 
-def test_one_probability_of_many_causes_says_where_it_comes_from():
-    causes = [SimpleNamespace(probability=p) for p in (0.6, 0.6001, 0.599, 0.99)]
-    told = SimpleNamespace(causes=causes, outside_probability=0.99)
-    assert shared_words(told).startswith("3 causes stand at 60 %: something unlisted is at work")
+@pytest.mark.parametrize("most", [0.6, 0.84])
+def test_one_probability_of_many_causes_says_where_it_comes_from(most):
+    causes = [SimpleNamespace(probability=p) for p in (most, most + 1e-4, most - 1e-3, 0.99)]
+    told, said = SimpleNamespace(causes=causes, outside_probability=0.99), f"{100 * most:.0f} %"
+    assert shared_words(told).startswith(f"3 causes stand at {said}: something unlisted is at work")
     assert shared_words(SimpleNamespace(causes=causes[1:], outside_probability=0.99)) == ""
     assert shared_words(SimpleNamespace(causes=causes, outside_probability=0.01)) == ""
 

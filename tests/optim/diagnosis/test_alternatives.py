@@ -16,7 +16,6 @@ from plumbline.optim.diagnosis.discrepancy import design
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     GrossRow,
     Unlisted,
-    _drivers,
     _log_shares,
     _not_listed,
     _shared_shift,
@@ -29,6 +28,7 @@ from plumbline.optim.diagnosis.discrepancy.dependences import FULLEST, Dependenc
 from plumbline.optim.diagnosis.discrepancy.functions import GRID, nearness
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
+from plumbline.optim.diagnosis.posterior.parts import apart
 from plumbline.optim.diagnosis.prior import MOST_FAMILIES, REACHES, UNLISTED
 from plumbline.optim.measurement.observation import build_model
 from tests.explained import searched
@@ -265,22 +265,26 @@ def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, ask
 
 
 @pytest.mark.parametrize(
-    ("on", "other", "shared"),
+    ("on", "other", "beside", "elsewhere"),
     [
-        ("own angle", "two angles", False),
-        ("own angle", "own angle and direction", False),
-        ("another joint's angle", "own angle", False),
-        ("nothing", "angle", False),
-        ("direction", "own angle and direction", True),
-        ("velocity", "direction", True),
-        ("history", "direction", True),
-        ("temperature", "time", True),
-        ("load", "own angle and load", True),
-        ("load", "time", False),
+        ("own angle", "two angles", 0, 2),
+        ("own angle", "own angle and direction", 0, 2),
+        ("another joint's angle", "own angle", 1, 2),
+        ("nothing", "angle", 1, 2),
+        ("direction", "own angle and direction", 0, 1),
+        ("velocity", "direction", 0, 1),
+        ("history", "direction", 0, 1),
+        ("temperature", "time", 0, 1),
+        ("place", "place, locally", 0, 1),
+        ("load", "own angle and load", 0, 1),
+        ("load", "time", 1, 2),
     ],
 )
-def test_a_joint_s_angle_is_its_own_and_what_drives_it_else_may_drive_others(on, other, shared):
-    assert bool(_drivers(on) & _drivers(other)) == shared
+def test_mechanisms_differ_in_place_and_in_what_drives_them(on, other, beside, elsewhere):
+    """A joint's angle is its own; what drives it else may drive others."""
+    one, near, far = (("joint", j, word, None) for j, word in ((1, on), (1, other), (2, other)))
+    assert apart([one, near, far])[0].tolist() == [0, beside, elsewhere]
+    assert (apart([one, near, far]) == apart([one, near, far]).T).all()
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3])

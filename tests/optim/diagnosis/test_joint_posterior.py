@@ -6,16 +6,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.special import logsumexp
+from scipy.special import logit, logsumexp
 
 import plumbline.optim.diagnosis.posterior.one_by_one as one_by_one_module
 from plumbline.optim.diagnosis.discrepancy.alternatives import GrossRow
 from plumbline.optim.diagnosis.posterior import joint
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
-from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
+from plumbline.optim.diagnosis.posterior.joint_problem import (
+    JointProblem,
+    Parts,
+    log_slot,
+    stated,
+)
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
-from plumbline.optim.diagnosis.posterior.parts import Parts
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import added_evidence
 from plumbline.optim.diagnosis.prior import (
@@ -107,23 +111,33 @@ def by_enumeration(asked, most=4):
         gross[[i for i in chosen if asked.gross[i]]] += weight
         for level, total in zip(asked.labels, found, strict=True):
             total[np.unique(level[mine])] += weight
-        for label in {asked.labels[0][i] for i in mine if _may_be_part(asked, i, mine)}:
-            found[0][label] -= asked.shared.prior * weight
+        for i in mine:
+            found[0][asked.labels[0][i]] -= _part(asked, i, mine) * weight
     return found, gross
 
 
-def _may_be_part(asked, term, mine):
-    """Whether a listed term is at an unlisted one's place, or these are no small share of it."""
+def _part(asked, term, mine):
+    """Of a listed term beside unlisted ones; none of one elsewhere than which they are far less."""
     if asked.unlisted is None or asked.unlisted[term]:
-        return False
+        return 0.0
     lacked = [i for i in mine if asked.unlisted[i]]
-    if any(asked.labels[1][i] == asked.labels[1][term] for i in lacked) or not lacked:
-        return bool(lacked)
+    if not lacked:
+        return 0.0
+    part = asked.shared.prior ** asked.shared.apart[term, lacked].min()
+    if any(asked.labels[1][i] == asked.labels[1][term] for i in lacked):
+        return part
     G, b = asked.linear.G[np.ix_(mine, mine)], asked.linear.b[mine]
     z = np.linalg.solve(G + SIGMA**2 * np.eye(len(mine)), b)
     of = [mine.index(term)], [mine.index(i) for i in lacked]
     own, whole = (z[k] @ G[np.ix_(k, k)] @ z[k] for k in of)
-    return np.sqrt(own) * DEVIATIONS[0] <= np.sqrt(whole)
+    return part * (np.sqrt(own) * DEVIATIONS[0] <= np.sqrt(whole))
+
+
+def parts(places, beyond=None, driven=False):
+    """What tells parts of terms at these places, each driven by its own or all of them alike."""
+    at, nothing = np.array(places), statistics(np.zeros((N, len(places))), np.zeros(N))
+    apart = (at[:, None] != at).astype(int) + (not driven)
+    return Parts(PART_OF_UNLISTED, apart, beyond or (lambda _: nothing))
 
 
 def _evidence(G, b, columns):
@@ -157,7 +171,7 @@ def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
 def test_beside_what_is_unlisted_a_listed_term_may_be_a_part_of_it(seed, of_place, first):
     """Chains and the sum of all sets take it for that with the same probability, and it matters."""
     plain = problem(*drawn(seed, strength=6.0), labels=[np.arange(7), of_place])
-    asked = replace(plain, unlisted=np.arange(7) % 2 == first, shared=Parts(PART_OF_UNLISTED))
+    asked = replace(plain, unlisted=np.arange(7) % 2 == first, shared=parts(of_place))
     found, expected = sample(asked, STARTS, seed), by_enumeration(asked)[0]
     for ours, theirs in zip(found.marginals, expected, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=0.01)
@@ -166,36 +180,32 @@ def test_beside_what_is_unlisted_a_listed_term_may_be_a_part_of_it(seed, of_plac
 
 @pytest.mark.parametrize("asked_how", [sample, one_by_one])
 @pytest.mark.parametrize(
-    ("places", "size", "sure"), [([0, 0], 8.0, False), ([0, 1], 2.0, False), ([0, 1], 8.0, True)]
-)
-def test_beside_one_only_what_is_far_larger_elsewhere_is_sure(asked_how, places, size, sure):
-    """However plain both are: what an unlisted mechanism leaves of itself other columns take up."""
-    start = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
-    labels = [np.arange(7), [*places, *range(2, 7)]]
-    X, _ = drawn(0, strength=40.0, mixed=0.1)
-    t = size * X[:, 0] + X[:, 1] + np.random.default_rng(0).normal(0.0, SIGMA, N)
-    plain = problem(X, t, labels=labels)
-    asked = replace(plain, unlisted=np.arange(7) == 1, shared=Parts(PART_OF_UNLISTED))
-    first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
-    least, most = (0.95, 1.01) if sure else (0.55, 0.65)
-    assert least < first.marginals[0][0] < most
-    assert first.marginals[1][0] > 0.95  # its place is as sure as ever
-
-
-@pytest.mark.parametrize("asked_how", [sample, one_by_one])
-@pytest.mark.parametrize(
-    ("moves", "drivers", "sure"),
+    ("places", "driven", "size", "part"),
     [
-        ("elsewhere", "", True),
-        ("there", "", False),
-        ("elsewhere", "load", False),
-        ("hardly elsewhere", "", False),
+        ([0, 0], True, 8.0, 1.0),
+        ([0, 0], False, 8.0, PART_OF_UNLISTED),
+        ([0, 1], True, 2.0, PART_OF_UNLISTED),
+        ([0, 1], False, 2.0, PART_OF_UNLISTED**2),
+        ([0, 1], True, 8.0, 0.0),
     ],
 )
-def test_what_speaks_for_a_cause_where_the_unlisted_moves_nothing_makes_it_no_part(
-    asked_how, moves, drivers, sure
+def test_the_more_a_term_shares_with_what_is_unlisted_the_more_it_is_a_part_of_it(
+    asked_how, places, driven, size, part
 ):
-    """Not of one driven by what drives the unlisted too: that may be at work in several joints."""
+    """However plain both are, unless it is far larger elsewhere; its place is as sure as ever."""
+    start = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
+    places = [*places, *range(2, 7)]
+    X, _ = drawn(0, strength=40.0, mixed=0.1)
+    t = size * X[:, 0] + X[:, 1] + np.random.default_rng(0).normal(0.0, SIGMA, N)
+    plain = problem(X, t, labels=[np.arange(7), places])
+    asked = replace(plain, unlisted=np.arange(7) == 1, shared=parts(places, None, driven))
+    first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
+    assert first.marginals[0][0] == pytest.approx(1.0 - part, abs=0.05)
+    assert first.marginals[1][0] > 0.95
+
+
+def elsewhere(moves, driven=False):
+    """A listed term and an unlisted one of another place, which moves half of the rows."""
     X, _ = drawn(0, strength=40.0, mixed=0.0)
     there = np.arange(N) < N // 2  # what the unlisted mechanism's place can move
     X[~there, 1] = 0.0
@@ -204,13 +214,38 @@ def test_what_speaks_for_a_cause_where_the_unlisted_moves_nothing_makes_it_no_pa
     if moves == "hardly elsewhere":  # where less is seen of it than chance may hide
         t[~there] -= X[~there, 0]
     plain = problem(X, t, labels=[np.arange(7), np.arange(7)])
-    drive = (frozenset({"load"}), frozenset({drivers}), *[frozenset[str]()] * 5)
-    parts = Parts(PART_OF_UNLISTED, lambda _: statistics(X[~there], t[~there]), drive)
-    asked = replace(plain, unlisted=np.arange(7) == 1, shared=parts)
-    start = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
+    rest = statistics(X[~there], t[~there])
+    shared = parts(np.arange(7), lambda _: rest, driven)
+    return replace(plain, unlisted=np.arange(7) == 1, shared=shared)
+
+
+@pytest.mark.parametrize("asked_how", [sample, one_by_one])
+@pytest.mark.parametrize(
+    ("moves", "driven", "part"),
+    [
+        ("elsewhere", False, 0.0),
+        ("elsewhere", True, 0.0),
+        ("there", False, PART_OF_UNLISTED**2),
+        ("there", True, PART_OF_UNLISTED),
+        ("hardly elsewhere", False, PART_OF_UNLISTED**2),
+    ],
+)
+def test_what_speaks_for_a_cause_where_the_unlisted_moves_nothing_makes_it_no_part(
+    asked_how, moves, driven, part
+):
+    asked, start = elsewhere(moves, driven), [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)]
     first = asked_how(asked, STARTS, 0) if asked_how is sample else asked_how(asked, start)
-    least, most = (0.99, 1.01) if sure else (0.55, 0.65)
-    assert least < first.marginals[0][0] < most
+    assert first.marginals[0][0] == pytest.approx(1.0 - part, abs=0.05)
+
+
+def test_what_the_rest_of_the_rows_says_counts_by_the_likelihood_s_power():
+    """As if all rows had been worth that share from the first on: then it is open again."""
+    asked, power = elsewhere("elsewhere"), 1e-4
+    rest = asked.shared.beyond(frozenset({1})).share(power)
+    log = asked.beside([0], rest)(frozenset({0}))
+    [part] = asked.share(power).parts([0, 1]).values()
+    assert logit(part) == pytest.approx(logit(PART_OF_UNLISTED**2) - max(log, 0.0))
+    assert asked.parts([0, 1])[0] < 1e-6 < 0.1 < part
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -29,8 +29,8 @@ from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, orthonormal
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
-from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
-from plumbline.optim.diagnosis.posterior.parts import Parts
+from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, Parts
+from plumbline.optim.diagnosis.posterior.parts import Mechanism, apart
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
@@ -49,11 +49,7 @@ from plumbline.optim.diagnosis.prior import (
 from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 
-Mechanism = tuple[str, int | None, str, str | None]  # stage, element, on what it depends, effect
 Names = tuple[tuple[Mechanism, ...], tuple[tuple[str, int | None], ...], tuple[str, ...]]
-# What a mechanism depends on that is of one joint, and what goes along with what in a recording.
-OWN_DRIVERS = frozenset({"own angle", "two angles", "another joint's angle", "angle", "nothing"})
-SAME_DRIVER = {"velocity": "direction", "history": "direction", "temperature": "time"}
 GROSS: Mechanism = ("", None, "", None)  # a row on its own, which has no place
 
 
@@ -226,12 +222,7 @@ def _parts(design: FamilyDesign, ports: Ports, names: Names) -> Parts:
         moved = np.concatenate([ports.at(*places[p]) for p in sorted(where)])
         return design.beyond(moved).with_more([])[0]
 
-    return Parts(PART_OF_UNLISTED, beyond, tuple(_drivers(on) for _, _, on, _ in mechanisms))
-
-
-def _drivers(on: str) -> frozenset[str]:
-    """What drives a mechanism that several joints share; a joint's angle is its own."""
-    return frozenset(SAME_DRIVER.get(word, word) for word in on.split(" and ")) - OWN_DRIVERS
+    return Parts(PART_OF_UNLISTED, apart(mechanisms), beyond)
 
 
 def _labels(terms: Sequence[AnyTerm]) -> tuple[Names, NDArray[np.intp]]:

@@ -13,7 +13,6 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.core.judged import STILL, Judged, Judgement
 from plumbline.optim.core.quantities import quantity
-from plumbline.optim.diagnosis.discrepancy.alternatives import Mechanism
 from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
@@ -41,6 +40,7 @@ from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.of_recordings import JointGap
+from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
 STAGE = "actuation"

@@ -11,14 +11,14 @@ where the noise variance and the widths weigh each other until both have settled
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, log_ndtr, logsumexp
+from scipy.special import expit, gammaln, log_ndtr, logit, logsumexp
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
@@ -26,11 +26,11 @@ from plumbline.optim.diagnosis.posterior.evidence import (
     NoisePrior,
     Term,
 )
-from plumbline.optim.diagnosis.posterior.parts import Evidence, Parts, State
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import TermProblem
 from plumbline.optim.diagnosis.prior import (
     ALIKE,
+    DEVIATIONS,
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     LOG_SCALE_WEIGHTS,
@@ -39,6 +39,8 @@ from plumbline.optim.diagnosis.prior import (
     SCALES,
 )
 
+State = frozenset[int]
+Evidence = Callable[[State], float]  # log of it, of some terms
 LOG_GROSS_ODDS = float(np.log(GROSS_ODDS / (1.0 - GROSS_ODDS)))
 
 
@@ -106,6 +108,11 @@ class JointProblem(TermProblem):
         """Labels of these terms that may be parts of what is unlisted, with the probability."""
         return self.shared.of(self, indices) if self.shared else {}
 
+    def share(self, of: float) -> JointProblem:
+        """The same where all rows together are worth a share of their number."""
+        shared = self.shared and self.shared.share(of)
+        return replace(self, linear=self.linear.share(of), shared=shared)
+
     def beside(self, indices: Sequence[int], linear: Linear) -> Evidence:
         """What tells the evidence of some of these terms beside the others, in another problem.
 
@@ -162,6 +169,88 @@ class JointProblem(TermProblem):
         (held, effects), base = self.distinct(mine), ALIKE * self.effect_shares
         drawn = gammaln(base + effects) - gammaln(base) - effects * np.log(base)
         return float(drawn.sum() - np.log1p(np.arange(len(held)) / ALIKE).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What tells parts of an unlisted mechanism from causes of their own.
+
+    Attributes:
+        prior: Probability that a listed term is a part though its place, or its driver, is another.
+        apart: Of every two labels of the first level (L, L), in how many of the two they differ.
+        beyond: The listed terms' problem in what no mechanism at some places could move.
+    """
+
+    prior: float
+    apart: NDArray[np.intp]
+    beyond: Callable[[State], Linear]
+    _found: dict[State, Mapping[int, float]] = field(default_factory=dict)
+    _rest: dict[State, Linear] = field(default_factory=dict)
+    _logs: dict[tuple[State, State], Evidence] = field(default_factory=dict)
+
+    def share(self, of: float) -> Parts:
+        """The same where all rows together are worth a share of their number."""
+        return replace(
+            self, beyond=lambda at: self.beyond(at).share(of), _found={}, _rest={}, _logs={}
+        )
+
+    def of(self, problem: JointProblem, indices: Iterable[int]) -> Mapping[int, float]:
+        """Labels of some terms, of the first level, that may be parts, with the probability."""
+        key = frozenset(i for i in indices if not problem.gross[i])
+        if key not in self._found:
+            self._found[key] = self._of(problem, sorted(key))
+        return self._found[key]
+
+    def _of(self, problem: JointProblem, indices: list[int]) -> Mapping[int, float]:
+        if problem.unlisted is None or not problem.unlisted[indices].any():
+            return {}
+        lacked = [i for i in indices if problem.unlisted[i]]
+        listed = frozenset(indices).difference(lacked)
+        label, place = problem.labels[:2]
+        places, found, elsewhere = frozenset(place[lacked].tolist()), {}, {}
+        for k in set(label[list(listed)].tolist()):
+            own = frozenset(i for i in listed if label[i] == k)
+            found[k] = self.prior ** float(self.apart[k, label[lacked]].min())
+            if places.isdisjoint(place[list(own)].tolist()):
+                elsewhere[k] = own
+        moved = moved_by(problem, indices) if elsewhere else None
+        for k, own in elsewhere.items():
+            log = np.inf  # of what is far larger
+            if moved and DEVIATIONS[0] ** 2 * moved(sorted(own)) <= moved(lacked):
+                log = self._beside(problem, listed, places)(own)
+            found[k] = float(expit(logit(found[k]) - max(log, 0.0)))
+        return found
+
+    def _beside(self, problem: JointProblem, listed: State, places: State) -> Evidence:
+        """Of listed terms, by what no mechanism at some places could move."""
+        if places not in self._rest:
+            self._rest[places] = self.beyond(places)
+        if (listed, places) not in self._logs:
+            self._logs[listed, places] = problem.beside(sorted(listed), self._rest[places])
+        return self._logs[listed, places]
+
+
+def moved_by(problem: JointProblem, indices: Sequence[int]) -> Callable[[Sequence[int]], float]:
+    """The square that some of these terms move, at their fit together and usual widths."""
+    linear, noise = problem.linear, problem.noise
+    columns = np.concatenate([problem.candidates[i].columns for i in indices])
+    ends = np.cumsum([0, *(len(problem.candidates[i].columns) for i in indices)])
+    own = {i: np.arange(a, z) for i, (a, z) in zip(indices, pairwise(ends), strict=True)}
+    G = linear.G[np.ix_(columns, columns)]
+    values, Q = np.linalg.eigh(G)  # once for all variances
+    values, c = np.maximum(values, 0.0), Q.T @ linear.b[columns]
+
+    def left(variance: float | Array) -> tuple[float, float]:
+        z = c / (values + variance)
+        return max(float(linear.tt - 2.0 * z @ c + values @ z**2), 0.0), linear.n
+
+    z = Q @ (c / (values + noise.settled(left, noise.variance(linear.tt, linear.n))))
+
+    def square(some: Sequence[int]) -> float:
+        k = np.concatenate([own[i] for i in some])
+        return float(z[k] @ G[np.ix_(k, k)] @ z[k])
+
+    return square
 
 
 def weighed(problem: JointProblem) -> tuple[float, list[float], float]:

@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, shares_of
-from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, log_slot, stated
+from plumbline.optim.diagnosis.posterior.joint_problem import (
+    JointProblem,
+    Parts,
+    log_slot,
+    stated,
+)
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import climbed, extended
 from plumbline.optim.diagnosis.prior import LEAST_ASKED, LONG_MOVES, ROUNDS, TILT
@@ -48,7 +53,7 @@ def coarsened(
     its gross rows upwards. Chains that do not cross count by their starts. What is next to
     nothing in all places of these is not asked again.
     """
-    problem = replace(problem, linear=problem.linear.share(power))
+    problem = problem.share(power)
     gross = [t for t in state if problem.gross[t.index]]
     none = problem.unlisted
     listed = state if none is None else [t for t in state if not none[t.index]]
@@ -164,21 +169,32 @@ def _marginals(
     found = [_any(_summed(shares, *of)) for of in zip(problem.labels, problem.sizes, strict=True)]
     if problem.unlisted is None or problem.shared is None:
         return tuple(found)
-    # What a listed label holds beside an unlisted term may be a part of that: one of its place, and
-    # any that the state does not show to be far larger.
-    lacked = np.where(problem.unlisted, shares, 0.0)
-    place = problem.labels[1]
-    own = _elsewhere(_summed(lacked, place, problem.sizes[1]))[:, place]
-    all_ = _elsewhere(lacked.sum(axis=1, keepdims=True))
-    part = np.full(problem.sizes[0], problem.shared.prior)
-    parts = replace(problem, widths=held).parts(held)
-    part[list(parts)] = list(parts.values())
-    large = set(problem.labels[0][list(held)].tolist()) - set(parts)
-    far_larger = np.isin(problem.labels[0], list(large))
-    apart = shares * (1.0 - np.where(far_larger, own, all_))
-    alone = _any(_summed(apart, problem.labels[0], problem.sizes[0]))
-    found[0] = np.where(problem.listed, (1.0 - part) * found[0] + part * alone, found[0])
+    lacked = _summed(np.where(problem.unlisted, shares, 0.0), problem.labels[0], problem.sizes[0])
+    own = 1.0 - _parts(problem, problem.shared, lacked, held)
+    alone = _any(own * _summed(shares, problem.labels[0], problem.sizes[0]))
+    found[0] = np.where(problem.listed, alone, found[0])
     return tuple(found)
+
+
+def _parts(problem: JointProblem, shared: Parts, lacked: Array, held: Mapping[int, float]) -> Array:
+    """Probability (K, L) that a label in a slot is a part of what is unlisted in the others (K, L).
+
+    What the state has told of its own labels, beside what other places have, stays so.
+    """
+    labels, size = problem.labels[0], problem.sizes[0]
+    at = np.zeros(size, dtype=np.intp)
+    at[labels] = problem.labels[1]
+
+    def beside(related: NDArray[np.bool_]) -> Array:
+        return _elsewhere(np.minimum(lacked @ related.T, 1.0))
+
+    same, one, every = (beside(shared.apart <= k) for k in range(3))
+    found = same + shared.prior * (one - same) + shared.prior**2 * (every - one)
+    there = same + shared.prior * (beside(at[:, None] == at) - same)
+    told, parts = np.zeros(size), replace(problem, widths=held).parts(held)
+    told[list(parts)] = list(parts.values())
+    own = np.isin(np.arange(size), labels[list(held)])
+    return np.where(own, np.maximum(told * every, there), found)
 
 
 def _elsewhere(shares: Array) -> Array:

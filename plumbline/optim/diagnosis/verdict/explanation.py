@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     Alternatives,
-    Mechanism,
     Unlisted,
     alternatives,
     key_of,
@@ -22,8 +21,9 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, sample
+from plumbline.optim.diagnosis.posterior.joint_problem import moved_by
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
-from plumbline.optim.diagnosis.posterior.parts import moved_by
+from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, fit, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import restricted

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from plumbline.optim.diagnosis.discrepancy.alternatives import Mechanism
+from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.prior import LEAST_TOLD
 
 Place = tuple[str, int | None]

@@ -249,13 +249,14 @@ def _inclusion(branch: dict[str, Any]) -> float:
 
 def shared_words(verdict: Verdict) -> str:
     """Why many causes are named with one probability, where something unlisted sets it."""
-    most = 1.0 - PART_OF_UNLISTED
-    alike = [c for c in verdict.causes if abs(c.probability - most) < SHOWN]
-    if len(alike) < LISTED or verdict.outside_probability < most:
+    most = [1.0 - PART_OF_UNLISTED**apart for apart in (1, 2)]
+    found = ([c for c in verdict.causes if abs(c.probability - p) < SHOWN] for p in most)
+    alike = max(found, key=len)
+    if len(alike) < LISTED or verdict.outside_probability < most[0]:
         return ""
     return (
-        f"{len(alike)} causes stand at {chance(most)}: something unlisted is at work as well, and "
-        "each of them may be a part of it"
+        f"{len(alike)} causes stand at {chance(alike[0].probability)}: something unlisted is at "
+        "work as well, and each of them may be a part of it"
     )
 
 
