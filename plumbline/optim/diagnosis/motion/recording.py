@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from plumbline.errors import fault, shown
 from plumbline.kinematics.drive import Law
@@ -39,6 +39,10 @@ from plumbline.optim.recording.table import Table, as_integers
 OBSERVATION, TRACKING = "motion", "tracking"
 LEVER = 0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
 LEAP = 10.0  # times what readings usually are off the line of their neighbours: no noise is that
+USUAL = 0.99  # of steps, which a motion in fifty rows at most leaves out
+SPEEDS_UP = 3.0  # times the largest of a motion's own steps: no joint moves so for one row
+ROUNDED = 0.01  # of a step: stamps of a tenth of a millisecond at 100 Hz
+MENDED = 4.0  # times in mean square that an even clock is smoother by: twice in root mean square
 LISTED = 5  # rows that a note names
 LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
 OPTIONAL = ("velocity", "effort")  # read by other programs: positions alone are fitted
@@ -288,7 +292,54 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
-    return _without_leaps(r)
+    return _without_leaps(_evenly(_run_by_run(r)))
+
+
+def _run_by_run(r: MotionRecording) -> MotionRecording:
+    """Logs back to back are motions of their own: joints are elsewhere from a row to the next.
+
+    A joint that follows positions gets there at once only if it is told so in that very row.
+    """
+    begins = _elsewhere(r.q) & (_elsewhere(r.command) if r.law.follows else True)
+    begins[:-1] &= ~begins[1:]  # away and back is a reading's error
+    if not begins.any():
+        return r
+    group = np.zeros(len(r), np.int64) if r.group is None else r.group
+    anew = np.cumsum(np.append(False, begins | (np.diff(group) != 0)))
+    rows = ", ".join(map(str, np.flatnonzero(begins)[:LISTED] + FIRST_ROW + 1))
+    note = f"joints are elsewhere at once from rows {rows} on: motions of their own, as by 'group'"
+    return replace(r, group=anew.astype(np.int64), notes=(*r.notes, note))
+
+
+def _elsewhere(places: Array) -> NDArray[np.bool_]:
+    """Rows (N - 1,) after which places (N, n) are as far as no other steps are by far."""
+    step = np.abs(np.diff(places, axis=0))
+    size = np.max(step / np.maximum(np.quantile(step, USUAL, axis=0), 1e-12), axis=1)
+    order = np.sort(size)[::-1][: len(size) // LEAST_ROWS + 2]
+    apart = np.flatnonzero(order[:-1] > SPEEDS_UP * order[1:])
+    return np.asarray(size >= order[apart[-1]] if len(apart) else np.zeros(len(size), bool))
+
+
+def _evenly(r: MotionRecording) -> MotionRecording:
+    """By an even clock, where its stamps only jitter about one by which all runs more smoothly."""
+    even, group = r.time.copy(), np.zeros(len(r)) if r.group is None else r.group
+    runs = np.split(np.arange(len(r)), np.flatnonzero(np.diff(group) != 0) + 1)
+    for run in (run for run in runs if len(run) > 2):
+        even[run] = np.polyval(np.polyfit(run, r.time[run], 1), run)
+    off, step = np.abs(even - r.time).max(), np.median(np.diff(even))
+    if not ROUNDED * step < off < step or MENDED * _rough(r, even) > _rough(r, r.time):
+        return r
+    note = f"stamps jitter by up to {1e3 * off:.3g} ms about an even clock, which rows are taken by"
+    return replace(r, time=even, notes=(*r.notes, note))
+
+
+def _rough(r: MotionRecording, time: Array) -> float:
+    """Mean square of how far commands and places are off the line of both their neighbours."""
+    apart = time[2:] - time[:-2]
+    share = ((time[1:-1] - time[:-2]) / np.where(apart > 0.0, apart, 1.0))[:, None]
+    places = np.hstack([r.command, r.q])
+    off = places[1:-1] - (1.0 - share) * places[:-2] - share * places[2:]
+    return float(np.sum(np.median(off**2, axis=0)))
 
 
 def _without_leaps(r: MotionRecording) -> MotionRecording:

@@ -1,0 +1,106 @@
+"""Rows as a log has them: back to back, by stamps that jitter; drives are told all the same."""
+
+import numpy as np
+import pytest
+
+from plumbline import build_motion, diagnose
+from plumbline.kinematics.drive import Law
+from plumbline.optim.diagnosis.motion.recording import MENDED, ROUNDED, SPEEDS_UP, USUAL
+from plumbline.optim.diagnosis.motion.signals import signals_of
+from tests.motions import arm, multisine, servo
+
+NOISE, DT = 2e-4, 0.02
+
+
+def made(t, u, q, **given):
+    q = q + np.random.default_rng(5).normal(0.0, NOISE, q.shape)
+    return build_motion(robot=arm(), time=t, command=u, q=q, noise_std=NOISE, **given)
+
+
+def driven(t, u, *effects):
+    return np.column_stack([servo(t, u[:, j], **e) for j, e in enumerate(effects)])
+
+
+def runs(*effects, apart=0.4, count=3, seconds=12.0):
+    """Commands and places (N, 2) of logs that lie back to back, each elsewhere."""
+    u, q = [], []
+    for k in range(count):
+        t, told = multisine(seconds, DT, seed=k)
+        told = told - told[0] + (u[-1][-1] if k else 0.0) + apart
+        u.append(told)
+        q.append(driven(t, told, *effects))
+    u, q = np.vstack(u), np.vstack(q)
+    return DT * np.arange(len(u)), u, q
+
+
+def found(answer):
+    return [(c.effect, c.element) for c in answer.verdict.causes]
+
+
+def test_logs_back_to_back_are_motions_of_their_own():
+    """What is late in each was told as play of 12 mrad, and something unlisted."""
+    r = made(*runs({"delay": 0.04}, {}))
+    assert len(np.unique(r.group)) == 3
+    assert any("rows 602, 1202 on: motions of their own" in note for note in r.notes)
+    assert len(np.unique(signals_of(r).first)) == 3
+    answer = diagnose(r)
+    assert found(answer) == [("actuation_delay", 1)]
+    assert answer.verdict.outside_probability < 0.05
+    assert answer.verdict.gap.held_out_by == "groups"
+
+
+@pytest.mark.parametrize(("share", "apart"), [(0.75, False), (1.5, True)])
+def test_only_what_no_joint_moves_by_is_a_log_s_end(share, apart):
+    t, u = multisine(24.0, DT)
+    half = len(t) // 2
+    jump = share * SPEEDS_UP * np.abs(np.diff(u, axis=0)).max(axis=0)
+    u[half:] += u[half - 1] - u[half] + jump
+    assert (made(t, u, u).group is not None) is apart
+    assert made(t, u, np.cumsum(DT * u, axis=0), kind="velocity").group is None  # told, not there
+
+
+def test_steps_are_no_ends_of_a_log_and_nor_are_readings_that_leap():
+    t = DT * np.arange(2000)
+    u = np.repeat(np.array([0.0, 0.3, -0.2, 0.5, 0.1]), 400)[:, None] * [1.0, 0.7]
+    assert made(t, u, driven(t, u, {"lag": 0.05}, {"delay": 0.04})).group is None
+    t, u = multisine(24.0, DT)
+    q = u.copy()
+    q[700] += 1.0
+    assert made(t, u, q).group is None
+    assert USUAL == 0.99
+
+
+def jittered(jitter, seed=0):
+    t, u = multisine(30.0, DT)
+    stamps = t + np.random.default_rng(seed).uniform(-jitter, jitter, len(t)) * DT
+    return stamps, t, u
+
+
+def test_stamps_that_jitter_about_an_even_clock_make_no_servo():
+    """Read by their stamps, rows had a servo of second order (0.99) in a delay's place."""
+    stamps, t, u = jittered(0.3)
+    r = made(stamps, u, driven(t, u, {"delay": 0.04}, {}))
+    assert any("stamps jitter by up to 6" in note for note in r.notes)
+    assert np.ptp(np.diff(r.time)) == pytest.approx(0.0, abs=1e-9)
+    answer = diagnose(r)
+    assert found(answer) == [("actuation_delay", 1)]
+    assert answer.verdict.causes[0].parameters["delay"].value == pytest.approx(0.04, abs=1e-4)
+
+
+def test_rows_that_were_read_when_their_stamps_say_keep_them():
+    stamps, t, u = jittered(0.3)
+    there = np.column_stack([np.interp(stamps, t, x) for x in u.T])
+    r = made(stamps, there, there)
+    np.testing.assert_array_equal(r.time, stamps)
+    assert made(t, u, u).notes == ()
+
+
+@pytest.mark.parametrize(("share", "even"), [(0.7, False), (1.6, True)])
+def test_stamps_that_are_rounded_are_left(share, even):
+    """To a hundredth of a step, as four digits of a second are at 100 Hz."""
+    stamps, t, u = jittered(share * ROUNDED)
+    ramps = np.outer(t, [0.1, -0.05])  # which show how even a clock is, however little it jitters
+    r = build_motion(robot=arm(), time=stamps, command=np.zeros_like(u), q=ramps, kind="torque")
+    assert (len(r.notes) == 1) is even
+    assert r.law is Law.TORQUE
+    assert MENDED == 4.0
