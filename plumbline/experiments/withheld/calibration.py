@@ -6,7 +6,8 @@ Hauskrecht, 2015) is
 
 .. math:: ECE = \sum_b \frac{n_b}{n} |a_b - p_b|.
 
-Statements of one case are not independent, so its interval is a bootstrap over cases.
+Statements of one case are not independent, so its interval is a bootstrap over cases. Of few
+statements it is large though each is right as often as it says: so large as that is expected.
 """
 
 from collections.abc import Sequence
@@ -42,6 +43,7 @@ class Calibration:
     low: float | None  # lower end of its 95 % interval
     high: float | None  # upper end
     curve: tuple[Bin, ...]  # bins that hold statements
+    chance: float | None = None  # error that is expected where every probability is right
 
 
 def calibration(cases: Sequence[Said], seed: int = 0) -> Calibration:
@@ -60,7 +62,17 @@ def calibration(cases: Sequence[Said], seed: int = 0) -> Calibration:
     drawn = _error(np.tensordot(weights, sums, axes=1))
     low, high = np.nanquantile(drawn, [0.025, 0.975])
     curve = tuple(_bin(b, *total[b]) for b in range(BINS) if total[b, 0])
-    return Calibration(count, float(_error(total)), float(low), float(high), curve)
+    stated = np.array([probability for said in cases for probability, _ in said])
+    chance = _chance(total, stated, rng)
+    return Calibration(count, float(_error(total)), float(low), float(high), curve, chance)
+
+
+def _chance(total: Array, stated: Array, rng: np.random.Generator) -> float:
+    """Mean error of as many statements (n,), each as often right as it says."""
+    own = np.eye(BINS)[np.minimum((stated * BINS).astype(int), BINS - 1)]
+    drawn = np.tile(total, (REPEATS, 1, 1))
+    drawn[..., 2] = (rng.random((REPEATS, len(stated))) < stated) @ own
+    return float(_error(drawn).mean())
 
 
 def _error(sums: Array) -> Array:

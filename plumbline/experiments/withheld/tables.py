@@ -58,7 +58,7 @@ def error_words(name: str, found: Calibration) -> str:
         return f"{name}: nothing stated"
     return (
         f"{name}: ECE {found.ece:.3f} ({found.low:.3f}-{found.high:.3f}), "
-        f"{found.statements} statements"
+        f"{found.statements} statements ({found.chance:.3f} by chance)"
     )
 
 

@@ -23,7 +23,7 @@ from plumbline.experiments.withheld.measures import names_dependence
 from plumbline.experiments.withheld.picture import page, write_picture
 from plumbline.experiments.withheld.scoring import score, score_run
 from plumbline.experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
-from plumbline.experiments.withheld.tables import median
+from plumbline.experiments.withheld.tables import error_words, median
 from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
 from plumbline.optim.core.shares import Median, Share
 from tests.simulated_cases import contents
@@ -510,6 +510,18 @@ def test_perfect_probabilities_have_no_calibration_error_in_the_limit() -> None:
     errors = [calibration(said(rng, n, 0.0)).ece for n in (30, 3000)]
     assert errors[1] < 0.02
     assert errors[1] < 0.3 * errors[0]
+
+
+def test_of_few_statements_an_error_is_expected_though_each_is_as_often_right_as_it_says() -> None:
+    """Which is told beside it: of 15 it is what draws of them have, of 9,000 next to nothing."""
+    rng = np.random.default_rng(4)
+    found = [calibration(said(rng, 5, 0.0)) for _ in range(100)]
+    assert np.mean([f.chance for f in found]) == pytest.approx(
+        np.mean([f.ece for f in found]), rel=0.1
+    )
+    assert np.mean([f.chance for f in found]) > 0.1
+    assert calibration(said(rng, 3000, 0.1)).chance < 0.02
+    assert f"15 statements ({found[0].chance:.3f} by chance)" in error_words("named", found[0])
 
 
 def test_probabilities_that_are_off_by_a_tenth_have_that_error() -> None:
