@@ -27,13 +27,8 @@ from numpy.typing import NDArray
 Mechanism = tuple[str, int | None, str, str | None]  # stage, element, on what it depends, effect
 # What drives a mechanism of one place alone, and what goes along with what else in a recording.
 OWN_DRIVERS = frozenset({"own angle", "another joint's angle", "angle", "nothing"})
-SAME_DRIVER = {
-    "velocity": "direction",
-    "history": "direction",
-    "temperature": "time",
-    "two angles": "own angle",
-    "place, locally": "place",
-}
+SAME_DRIVER = {"velocity": "direction", "history": "direction", "temperature": "time"}
+SAME_DRIVER |= {"two angles": "own angle", "place, locally": "place"}
 
 
 def apart(mechanisms: Sequence[Mechanism]) -> NDArray[np.intp]:
@@ -43,15 +38,11 @@ def apart(mechanisms: Sequence[Mechanism]) -> NDArray[np.intp]:
     """
     places = [m[:2] for m in mechanisms]
     at = np.array([places.index(place) for place in places])
+    words = [[SAME_DRIVER.get(word, word) for word in m[2].split(" and ")] for m in mechanisms]
     drivers = [
-        [(word, place if word in OWN_DRIVERS else None) for word in _drivers(m[2])]
-        for m, place in zip(mechanisms, places, strict=True)
+        [(word, place if word in OWN_DRIVERS else None) for word in own]
+        for own, place in zip(words, places, strict=True)
     ]
     every = dict.fromkeys(one for own in drivers for one in own)
     driven = np.array([[one in own for one in every] for own in drivers], dtype=np.intp)
     return (at[:, None] != at).astype(np.intp) + (driven @ driven.T == 0)
-
-
-def _drivers(on: str) -> set[str]:
-    """What drives a mechanism; what goes along with another in a recording is that."""
-    return {SAME_DRIVER.get(word, word) for word in on.split(" and ")}
