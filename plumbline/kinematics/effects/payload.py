@@ -49,7 +49,10 @@ class Payload(Effect):
     acts_at = Stage.JOINT
     observations = (*ALL_OBSERVATIONS, *TORQUES)
     needs_gravity = True
-    words = "the arm carries a mass at its tip that the model does not know of"
+    words = (
+        "the arm carries a mass at its tip that the model does not know of, or its drives yield as "
+        "if it did"
+    )
     reference = "Dumas et al. (2011), Robotics and Computer-Integrated Manufacturing 27(4), eq. 9"
     source = (
         "by hand: grippers and tools, a tenth to a half of what arms of 3 to 500 kg are rated for"
@@ -95,7 +98,7 @@ class CarriedMass(Effect):
     name = "payload"
     stage = Stage.TOOL
     observations = TORQUES
-    words = Payload.words
+    words = "the arm carries a mass at its tip that the model does not know of"
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (payload)"
     source = (
         "makers rate arms for .17 to .47 of their own mass; by hand: grippers and tools are a "
