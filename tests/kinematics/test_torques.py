@@ -124,6 +124,10 @@ def test_creeping_and_thinning_friction_are_their_formulas(two):
     thinning = REGISTRY["viscous_friction"](joint=1, power=0.5)
     expected = 1.7 * np.sqrt(np.abs(v[:, 0])) * sign
     np.testing.assert_allclose(predicted(rec, [thinning], [1.7])[:, 0] - bare, expected, atol=1e-9)
+    greased = REGISTRY["coulomb_friction"](joint=1, creep=0.05)
+    expected = 1.7 * np.tanh(v[:, 0] / 0.05)
+    np.testing.assert_allclose(predicted(rec, [greased], [1.7])[:, 0] - bare, expected, atol=1e-9)
+    assert "over 0.05 rad/s" in greased.variant
 
 
 def test_dry_friction_with_a_way_changes_sides_over_it_and_remembers_where_it_was():

@@ -2,13 +2,16 @@ r"""Dry friction of a drive: as much torque more, whichever way it turns.
 
 .. math:: \tau_i \leftarrow \tau_i + c\,\sigma(\dot q_i) \qquad\text{or}\qquad
           \tau_i \leftarrow \tau_i + c\, z_k, \quad
-          z_k = \max(-1, \min(1, z_{k-1} + 2 (q_{i,k} - q_{i,k-1}) / w))
+          z_k = \max(-1, \min(1, z_{k-1} + 2 (q_{i,k} - q_{i,k-1}) / w)) \qquad\text{or}\qquad
+          \tau_i \leftarrow \tau_i + c \tanh(\dot q_i / v_s)
 
 :math:`\sigma` is the sign of the velocity, softened where the velocity is not surely one or the
 other: the reading of a joint that stands still does not say which way friction holds it. Teeth and
 balls yield before they slip, so after a turn friction changes sides over a way w, which is tried on
-a grid: a joint that creeps a little remembers which way it came. In a motion it takes no more
-speed than there is; the form ``soft`` gives way below its limit, as simulators' does.
+a grid: a joint that creeps a little remembers which way it came. Grease lets it creep at less
+than that, up to a speed :math:`v_s`, tried as a share of the largest that was recorded. In a motion
+friction takes no more speed than there is; the form ``soft`` gives way below its limit, as
+simulators' does.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +22,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.drive import Drive, Law
-from plumbline.kinematics.effects.drive import DriveEffect
+from plumbline.kinematics.effects.drive import DriveEffect, largest_speed
 from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.effects.hysteresis import lag_of_play
 from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
@@ -28,13 +31,18 @@ from plumbline.kinematics.parameters import Parameter
 
 WAYS = (0.006, 0.02, 0.06)  # rad or m: gears' play and twist together, 5 to 50 times an arc minute
 LONGEST = 0.1  # rad or m, of a search about them: no gear yields further
+SHARES = (0.01, 0.03, 0.1)  # of the largest speed: from next to none to what is half viscous
 
 
 @dataclass(frozen=True)
 class CoulombFriction(DriveEffect):
-    """Friction that does not depend on the speed; ``way`` [rad or m] is where it changes sides."""
+    """Friction that does not depend on the speed, but where it changes sides.
+
+    That is over ``way`` [rad or m], or over speeds of some ``creep`` [rad/s or m/s], if any.
+    """
 
     way: float = field(default=0.0, metadata={"unit": "rad"})
+    creep: float = field(default=0.0, metadata={"unit": "rad/s"})
 
     depends_on = "velocity"
     name = "coulomb_friction"
@@ -48,22 +56,35 @@ class CoulombFriction(DriveEffect):
 
     @property
     def variant(self) -> str:
-        """Over which way it changes sides, if any."""
+        """Over which way, or which speeds, it changes sides, if any."""
+        if self.creep:
+            return f"changes sides over {self.creep:.2g} rad/s"
         return f"changes sides over {self.way:.2g} rad" if self.way else ""
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Self]:
-        """Every joint; every way that is a small part of its travel."""
-        return [found for e in super().forms(scope) for found in (e, *e._over(scope, WAYS))]
+        """Every joint; every way that is a small part of its travel, and speed of its speeds."""
+        every = super().forms(scope)
+        return [f for e in every for f in (e, *e._over(scope, WAYS), *e._creeping(scope))]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Over less and over more of a way."""
-        ways = (self.way * f for f in (0.5, 0.7, 1.4, 2.0))
+        """Over less and over more of a way, or of speeds."""
+        factors = (0.5, 0.7, 1.4, 2.0)
+        if self.creep:
+            most = SHARES[-1] * largest_speed(scope, self.joint)
+            speeds = (self.creep * f for f in factors)
+            return [replace(self, creep=speed) for speed in speeds if speed <= most]
+        ways = (self.way * f for f in factors)
         return self._over(scope, [way for way in ways if 0.0 < way <= LONGEST])
 
     def _over(self, scope: Scope, ways: Sequence[float]) -> list[Self]:
         low, high = scope.span[f"q{self.joint}"]
         return [replace(self, way=way) for way in ways if way < (high - low) / 4]
+
+    def _creeping(self, scope: Scope) -> list[Self]:
+        fastest = largest_speed(scope, self.joint)
+        speeds = [float(f"{share * fastest:.2g}") for share in SHARES]
+        return [replace(self, creep=speed) for speed in speeds if speed > 0.0]
 
     @property
     def _column(self) -> str:
@@ -80,6 +101,8 @@ class CoulombFriction(DriveEffect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         side = state.row[self._column] if self.way else state.row["turning"][self.joint - 1]
+        if self.creep:
+            side = cs.tanh(state.row["velocity"][self.joint - 1] / self.creep)
         return state.add_torque(self.joint, values[0] * side)
 
 

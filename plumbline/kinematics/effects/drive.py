@@ -53,3 +53,8 @@ def usual_load(scope: Scope, joint: int) -> float:
     """Half of the largest effort measured of a joint (from 1), to two digits [N m or N]."""
     low, high = scope.span.get(f"effort{joint}", (-2.0, 2.0))
     return float(f"{max(0.5 * max(abs(low), abs(high)), LEAST_LOAD):.2g}")
+
+
+def largest_speed(scope: Scope, joint: int) -> float:
+    """The largest speed of a joint (from 1) [rad/s or m/s]."""
+    return max(map(abs, scope.span.get(f"velocity{joint}", (1.0, 1.0))))

@@ -11,7 +11,7 @@ from typing import Self
 
 import casadi as cs
 
-from plumbline.kinematics.effects.drive import DriveEffect
+from plumbline.kinematics.effects.drive import DriveEffect, largest_speed
 from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
@@ -39,7 +39,7 @@ class StribeckFriction(DriveEffect):
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Self]:
         """Every joint that moves, at several speeds."""
-        moving = [(e, fast) for e in super().forms(scope) if (fast := _fastest(scope, e.joint)) > 0]
+        moving = [(e, fast) for e in super().forms(scope) if (fast := largest_speed(scope, e.joint)) > 0]
         return [replace(e, speed=float(f"{s * fast:.2g}")) for e, fast in moving for s in SHARES]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
@@ -50,8 +50,3 @@ class StribeckFriction(DriveEffect):
         creeping = cs.exp(-((state.row["velocity"][self.joint - 1] / self.speed) ** 2))
         turning = state.row["turning"][self.joint - 1]
         return state.add_torque(self.joint, values[0] * creeping * turning)
-
-
-def _fastest(scope: Scope, joint: int) -> float:
-    """The largest speed of a joint (from 1) [rad/s or m/s]."""
-    return max(map(abs, scope.span.get(f"velocity{joint}", (1.0, 1.0))))

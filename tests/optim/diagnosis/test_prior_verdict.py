@@ -119,6 +119,14 @@ def test_what_is_there_beside_a_cause_is_no_rival_however_likely(alike):
     assert bool(rivals(asked, asked.reduce(own), own)) == alike
 
 
+def test_what_the_rows_ask_for_whether_a_cause_is_there_or_not_is_no_rival_of_a_faint_one():
+    """Two columns that have nothing to do with each other; the first is hardly more than noise."""
+    X = SIGMA * 20.0 * np.linalg.qr(np.random.default_rng(0).normal(size=(N, 2)))[0]
+    asked = selection(X, X @ [0.05, 1.0], SIGMA)
+    own = [SelectedTerm(0, 1.0)]
+    assert not rivals(asked, asked.reduce(own), own)
+
+
 @pytest.mark.parametrize(("square", "seen"), [(0.6, False), (1.6, True)])
 def test_an_effect_whose_whole_signal_is_below_the_noise_cannot_be_seen(square, seen):
     X = np.sqrt(square) * SIGMA * np.ones((N, 1)) / np.sqrt(N)

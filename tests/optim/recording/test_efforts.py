@@ -327,6 +327,23 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     assert [len(found.plot(name).figures) for name in ("friction", "torques")] == [1, 3]
 
 
+@pytest.mark.parametrize(("share", "dry"), [(0.007, True), (0.06, True), (0.8, False)])
+def test_dry_friction_may_need_some_speed_to_hold(robot, share, dry):
+    """Up to a tenth of the largest speed; what needs more is viscous for the most part."""
+    rng = np.random.default_rng(8)
+    bare = recorded(robot)
+    sigma = 0.02 * np.abs(bare.measured).max() * np.array([1, 0.5, 0.3, 0.2])
+    tau, v = bare.measured + rng.normal(0, sigma, bare.measured.shape), bare.velocity[:, 1]
+    size = 20 * sigma[1]
+    tau[:, 1] += size * np.tanh(v / (share * np.abs(v).max()))
+    found = diagnose(recorded(robot, measured=tau, noise_by_joint=sigma))
+    named = [c.label for c in found.causes if c.probability > 0.95]
+    assert (named == ["coulomb_friction of drive 2"]) == dry
+    if dry:
+        assert found.verdict.outside_probability < 0.1
+        assert found.causes[0].parameters["dry"].value == pytest.approx(size, rel=0.1)
+
+
 def test_a_joint_that_creeps_to_and_fro_has_friction_that_remembers_its_way(robot):
     rng = np.random.default_rng(7)
     t, q, v, a = swing(4)

@@ -2,8 +2,8 @@ r"""What a recording cannot tell apart, and what it cannot see at all.
 
 A rival is confounded with a cause if in the cause's place, all others kept, its posterior odds are
 less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app. B), than the
-cause's and than nothing's, and the cause's own are no evidence once the other is there: so each is
-confounded with the other, and neither is sure. What is fitted without a name and is worth no more
+cause's and than nothing's, and the one's presence takes evidence from the other, such that the
+cause's own is none: so each is confounded with the other, and neither is sure. What is fitted without a name and is worth no more
 beside all that is there, it may be instead: it goes.
 An effect is unobservable if the nuisances swallow it, or if at its usual size it moves the readings
 by less than the noise: alone, or beside what is named, whose values then hold what both do.
@@ -48,7 +48,8 @@ def rivals(
     in_place, beside = _by_cause(selection, in_place), _by_cause(selection, beside)
     least = max(added, in_place[own].max(), 0.0) - NO_EVIDENCE
     # What is as likely beside the cause leaves it beyond doubt, and is no rival.
-    may_be = (in_place > least) & (added + beside < in_place + NO_EVIDENCE)
+    taken = in_place - np.maximum(beside, -np.finfo(float).max)
+    may_be = (in_place > least) & (taken > max(added - NO_EVIDENCE, NO_EVIDENCE))
     may_be[own] = False
     effects = {k: c.effect for k, c in zip(selection.causes, selection.candidates, strict=True)}
     ranked, found = np.argsort(-in_place, kind="stable"), []
