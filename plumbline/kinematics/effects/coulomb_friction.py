@@ -87,6 +87,11 @@ class CoulombFriction(DriveEffect):
         return [replace(self, creep=speed) for speed in speeds if speed > 0.0]
 
     @property
+    def sliding(self) -> Self:
+        """The same once it has changed sides."""
+        return replace(self, way=0.0, creep=0.0)
+
+    @property
     def _column(self) -> str:
         return f"side{self.joint}_{self.way:g}"
 

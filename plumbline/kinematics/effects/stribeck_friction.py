@@ -39,7 +39,8 @@ class StribeckFriction(DriveEffect):
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Self]:
         """Every joint that moves, at several speeds."""
-        moving = [(e, fast) for e in super().forms(scope) if (fast := largest_speed(scope, e.joint)) > 0]
+        speeds = [(e, largest_speed(scope, e.joint)) for e in super().forms(scope)]
+        moving = [(e, fast) for e, fast in speeds if fast > 0]
         return [replace(e, speed=float(f"{s * fast:.2g}")) for e, fast in moving for s in SHARES]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:

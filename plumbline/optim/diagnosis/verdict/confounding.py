@@ -3,8 +3,8 @@ r"""What a recording cannot tell apart, and what it cannot see at all.
 A rival is confounded with a cause if in the cause's place, all others kept, its posterior odds are
 less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app. B), than the
 cause's and than nothing's, and the one's presence takes evidence from the other, such that the
-cause's own is none: so each is confounded with the other, and neither is sure. What is fitted without a name and is worth no more
-beside all that is there, it may be instead: it goes.
+cause's own is none: so each is confounded with the other, and neither is sure. What is fitted
+without a name and is worth no more beside all that is there, it may be instead: it goes.
 An effect is unobservable if the nuisances swallow it, or if at its usual size it moves the readings
 by less than the noise: alone, or beside what is named, whose values then hold what both do.
 """

@@ -71,7 +71,7 @@ def _speeds(recording: Recording, joint: int) -> Array:
 def _basis(recording: Recording, effect: Effect, velocity: Array, load: Array) -> Array:
     """What each parameter of a friction, at one, adds to its joint's torque as it slides (K, p)."""
     if isinstance(effect, CoulombFriction):
-        effect = replace(effect, way=0.0)
+        effect = effect.sliding
     n, j = recording.chain.n, int(effect.element or 1) - 1
     v, theta = cs.SX.sym("v"), cs.SX.sym("theta", len(effect.parameters))
     all_at = cs.repmat(v, n, 1)

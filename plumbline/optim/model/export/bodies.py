@@ -7,6 +7,7 @@ An effect on bodies counts if what it does to them is the same whatever the row 
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import casadi as cs
 import numpy as np
@@ -14,6 +15,7 @@ import pinocchio as pin
 
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.cable_spring import CableSpring
+from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.torque import BODIES
 from plumbline.optim.model.arm import Arm
@@ -49,7 +51,7 @@ def drives_of(arm: Arm, names: Mapping[str, str]) -> dict[int, dict[str, float]]
         value = max(float(arm.values[first]), 0.0) if effect.parameters else 0.0
         if attribute and effect.element is not None:
             own = found.setdefault(effect.element, {})
-            own[attribute] = value
+            own[attribute] = own.get(attribute, 0.0) + value
             if isinstance(effect, CableSpring) and value:
                 own["springref"] = effect.middle - float(arm.values[first + 1]) / value
         first += len(effect.parameters)
@@ -67,6 +69,12 @@ def held_by(arm: Arm, names: Mapping[str, str], *, gravity: bool) -> Arm:
     kept = [k for k, e in enumerate(arm.effects)
             if attribute_of(e, names) or _on_bodies(arm, k, gravity=gravity)]  # fmt: skip
     return arm.of(kept)
+
+
+def sliding(arm: Arm) -> Arm:
+    """The arm with its dry friction as it slides: a file has one number for it."""
+    slides = [e.sliding if isinstance(e, CoulombFriction) else e for e in arm.effects]
+    return replace(arm, effects=tuple(slides))
 
 
 def _on_bodies(arm: Arm, k: int, *, gravity: bool) -> bool:

@@ -15,7 +15,13 @@ from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.efforts import MOTION, tau
-from plumbline.optim.model.export.bodies import URDF, bodies_of, drives_of, held_by
+from plumbline.optim.model.export.bodies import (
+    URDF,
+    bodies_of,
+    drives_of,
+    held_by,
+    sliding,
+)
 from plumbline.optim.model.export.exported import (
     Exported,
     head,
@@ -86,7 +92,7 @@ def _with_efforts(held: Arm, text: str, tip: str) -> str:
     )
     q, context = samples_of(held)
     v, a = (context.get(name, np.zeros_like(q)) for name in MOTION[1:])
-    said = tau(held, q, v, a, {})
+    said = tau(sliding(held), q, v, a, {})
     worst = float(np.abs(torques_by_pinocchio(_chain(held, made, tip), q, v, a) - said).max())
     worst /= float(np.abs(said).max())
     must_agree(held.recording, "URDF's torques miss the model's", worst, " of the largest")
