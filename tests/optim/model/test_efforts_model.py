@@ -1,6 +1,7 @@
 """A model of efforts that is taken home says what drives read, and its files say the same."""
 
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -137,6 +138,17 @@ def test_pinocchio_s_inverse_dynamics_of_the_urdf_agree(model, recording):
     tau = [pin.rnea(read, read.createData(), chain.configuration(x), y, z)
            for x, y, z in zip(q, v, a, strict=True)]  # fmt: skip
     np.testing.assert_allclose(np.array(tau) + friction, held.tau(q, v, a), atol=1e-9)
+
+
+def test_files_have_dry_friction_as_it_slides_of_all_its_forms_together(recording):
+    rubs = REGISTRY["coulomb_friction"]
+    forms = {rubs(joint=2): [0.2], rubs(joint=2, creep=0.05): [0.3], rubs(joint=2, way=0.02): [0.4]}
+    made = found(recording, forms)
+    read = Robot.from_urdf(made.as_urdf().text).model
+    np.testing.assert_allclose(read.friction, [0.0, 0.9, 0.0, 0.0])
+    joints = ElementTree.fromstring(made.as_mjcf().text).iter("joint")
+    lost = [float(joint.get("frictionloss", "0")) for joint in joints]
+    np.testing.assert_allclose(lost, [0.0, 0.9, 0.0, 0.0])
 
 
 def test_the_commands_take_efforts_home(model, recording, tmp_path, capsys):
