@@ -99,8 +99,17 @@ def test_rows_that_were_read_when_their_stamps_say_keep_them():
 def test_stamps_that_are_rounded_are_left(share, even):
     """To a hundredth of a step, as four digits of a second are at 100 Hz."""
     stamps, t, u = jittered(share * ROUNDED)
-    ramps = np.outer(t, [0.1, -0.05])  # which show how even a clock is, however little it jitters
-    r = build_motion(robot=arm(), time=stamps, command=np.zeros_like(u), q=ramps, kind="torque")
+    slow = 0.5 * np.sin(np.outer(0.2 * t, [1.0, 0.7]))  # which shows the least that a clock jitters
+    r = build_motion(robot=arm(), time=stamps, command=np.zeros_like(u), q=slow, kind="torque")
     assert (len(r.notes) == 1) is even
     assert r.law is Law.TORQUE
     assert MENDED == 4.0
+
+
+def test_readings_in_coarse_steps_say_nothing_of_a_clock():
+    """At rest they are off no line: by which clock is the same."""
+    stamps, _, u = jittered(0.05)
+    u = np.repeat(u[::100], 100, axis=0)  # steps that are held
+    q = np.round(driven(DT * np.arange(len(u)), u, {"lag": 0.1}, {"lag": 0.1}) / 2e-2) * 2e-2
+    r = build_motion(robot=arm(), time=stamps, command=u, q=q)
+    np.testing.assert_array_equal(r.time, stamps)

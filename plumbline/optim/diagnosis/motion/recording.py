@@ -292,7 +292,7 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
-    return _without_leaps(_evenly(_run_by_run(r)))
+    return _evenly(_without_leaps(_run_by_run(r)))
 
 
 def _run_by_run(r: MotionRecording) -> MotionRecording:
@@ -334,12 +334,22 @@ def _evenly(r: MotionRecording) -> MotionRecording:
 
 
 def _rough(r: MotionRecording, time: Array) -> float:
-    """Mean square of how far commands and places are off the line of both their neighbours."""
+    """Mean square of how far readings are off the line of both their neighbours.
+
+    Commands may be even in rows whatever the clock: only what moves by itself tells.
+    """
     apart = time[2:] - time[:-2]
     share = ((time[1:-1] - time[:-2]) / np.where(apart > 0.0, apart, 1.0))[:, None]
-    places = np.hstack([r.command, r.q])
-    off = places[1:-1] - (1.0 - share) * places[:-2] - share * places[2:]
-    return float(np.sum(np.median(off**2, axis=0)))
+    off = r.q[1:-1] - (1.0 - share) * r.q[:-2] - share * r.q[2:]
+    rounded = _encoder_step(r.q) ** 2 / 8  # variances of three rounded readings, 1, 1/4 and 1/4
+    return float(np.sum(np.mean(off**2, axis=0) + rounded))
+
+
+def _encoder_step(q: Array) -> Array:
+    """The least that readings (N, n) of each joint ever change by (n,); none where they do not."""
+    step = np.abs(np.diff(q, axis=0))
+    least = np.where(step > 0.0, step, np.inf).min(axis=0, initial=np.inf)
+    return np.asarray(np.where(np.isfinite(least), least, 0.0))
 
 
 def _without_leaps(r: MotionRecording) -> MotionRecording:
@@ -347,10 +357,9 @@ def _without_leaps(r: MotionRecording) -> MotionRecording:
 
     These are then off the line of their own neighbours by half as much, the other way.
     """
-    q, off, step = r.q.copy(), np.zeros_like(r.q), np.abs(np.diff(r.q, axis=0))
+    q, off = r.q.copy(), np.zeros_like(r.q)
     off[1:-1] = q[1:-1] - (q[:-2] + q[2:]) / 2
-    least = np.where(step > 0.0, step, np.inf).min(axis=0, initial=np.inf)  # an encoder's step
-    leaps = np.abs(off) > LEAP * np.maximum(np.abs(off).mean(axis=0), least)
+    leaps = np.abs(off) > LEAP * np.maximum(np.abs(off).mean(axis=0), _encoder_step(r.q))
     for side in (-1, 1):
         leaps &= np.abs(np.roll(off, side, axis=0) + off / 2) < np.abs(off) / 4
     rows, columns = np.nonzero(leaps)
