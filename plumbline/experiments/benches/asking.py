@@ -9,8 +9,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import typer
 
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.recorder import Recording as Tables
 from plumbline.experiments.reality.recorder import write
 from plumbline.experiments.sources import fetch
@@ -35,12 +34,12 @@ def asking(seed: int) -> Asked:
 def run_bench(found: Callable[[Asked, int, int], Found], words: str, arms: int) -> None:
     """Run a bench of drawn arms as a command: so many by default, and these words as its help."""
 
+    @as_command
     def bench(
         count: Annotated[int, typer.Option(min=1, help="Arms, of each kind if there are.")] = arms,
         seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
-        json: Json = None,
-    ) -> None:
-        tell(lambda: found(asking(seed), count, seed), json)
+    ) -> Found:
+        return found(asking(seed), count, seed)
 
     bench.__doc__ = words
     typer.run(bench)

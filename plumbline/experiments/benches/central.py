@@ -18,8 +18,7 @@ import pandas as pd
 import typer
 
 from plumbline.experiments.benches.asking import loaded
-from plumbline.experiments.console.measured import Found, tell, timed
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command, timed
 from plumbline.experiments.reality import Plan, draw_case, simulate
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.recording import Recording
@@ -71,20 +70,16 @@ def costs(counts: Sequence[int]) -> tuple[Cost, ...]:
     return tuple(found)
 
 
+@as_command
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Leave out what takes minutes.")] = False,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Measure time and memory of a whole diagnosis.
 
     Hoped for: ten times as long for ten times the rows at most, 100 rows in 2 s.
     """
-
-    def measure() -> Found:
-        counts = [n for n in RUNS if not quick or n <= 10_000]
-        return {"diagnosis": pd.DataFrame(costs(counts))}
-
-    tell(measure, json)
+    counts = [n for n in RUNS if not quick or n <= 10_000]
+    return {"diagnosis": pd.DataFrame(costs(counts))}
 
 
 if __name__ == "__main__":

@@ -35,8 +35,7 @@ from plumbline.experiments.benches.asking import (
     probability_of,
     thinned,
 )
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.sources import list_sources
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.diagnosis.findings import Key
@@ -195,17 +194,16 @@ def measured(names: tuple[str, ...], ask: Asked, rows: int) -> Found:
     return tables(tuple(pairs))
 
 
+@as_command
 def bench(
     robot: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="This robot; may be repeated.")
     ] = None,
     rows: Annotated[int, typer.Option(min=0, help="Most rows of a recording; 0 for all.")] = 1500,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the diagnosis.")] = 0,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Hold the verdicts on recordings of the same robot against each other."""
-    names = tuple(robot or ROBOTS)
-    tell(lambda: measured(names, asking(seed), rows), json)
+    return measured(tuple(robot or ROBOTS), asking(seed), rows)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.arm import Arm
 from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Crooked, Reality, draw_crooked
@@ -90,28 +89,24 @@ def measured(
     }, sums  # fmt: skip
 
 
+@as_command
 def coverage(
     draws: Annotated[int, typer.Option(min=1, help="Recordings a case.")] = 300,
     rows: Annotated[int, typer.Option(min=15, help="Rows a recording.")] = 60,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Measure how often intervals hold the truth, in realities unlike the model."""
-
-    def measure() -> Found:
-        norms = [(arm, n, s, "norms") for arm in (ur5(), bh7()) for n in REALITIES for s in (0, 1)]
-        # Squares take gross rows at their word: they are judged without.
-        plain = [(ur5(), "as the model has it", s, "squares") for s in (0, 1)]
-        found = [
-            measured(arm, name, bool(s), loss, draws, rows, seed)
-            for arm, name, s, loss in (*norms, *plain)
-        ]
-        return {
-            "intervals of 95 % that hold the truth, %": pd.DataFrame([case for case, _ in found]),
-            "sum by sum": pd.concat([sums for _, sums in found]),
-        }
-
-    tell(measure, json)
+    norms = [(arm, n, s, "norms") for arm in (ur5(), bh7()) for n in REALITIES for s in (0, 1)]
+    # Squares take gross rows at their word: they are judged without.
+    plain = [(ur5(), "as the model has it", s, "squares") for s in (0, 1)]
+    found = [
+        measured(arm, name, bool(s), loss, draws, rows, seed)
+        for arm, name, s, loss in (*norms, *plain)
+    ]
+    return {
+        "intervals of 95 % that hold the truth, %": pd.DataFrame([case for case, _ in found]),
+        "sum by sum": pd.concat([sums for _, sums in found]),
+    }
 
 
 if __name__ == "__main__":

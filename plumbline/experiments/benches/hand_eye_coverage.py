@@ -15,8 +15,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.console.measured import tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.ranging.finder import Finder
 from plumbline.experiments.reality.ranging.scene import (
     Instrument,
@@ -101,10 +100,11 @@ def errors(truth: Finder, found: Calibration) -> Array:
     return np.stack([np.concatenate([axes @ r, across @ v]), stated])
 
 
-def main(json: Json = None, seed: int = 0, count: int = DRAWS) -> None:
+@as_command
+def coverage(seed: int = 0, count: int = DRAWS) -> Found:
     """Measure how often the truth lies within the stated errors."""
-    tell(lambda: {"set-ups unlike the model": measure(seed, count)}, json)
+    return {"set-ups unlike the model": measure(seed, count)}
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    typer.run(coverage)

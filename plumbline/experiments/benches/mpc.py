@@ -26,8 +26,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json, check_output
+from plumbline.experiments.console.measured import Found, as_command
+from plumbline.experiments.console.outputs import check_output
 from plumbline.experiments.mpc.arm_loop import run_arms
 from plumbline.experiments.mpc.closed_loop import point
 from plumbline.experiments.reality.touch import Touch, all_pairs
@@ -277,21 +277,17 @@ def picture(growth: pd.DataFrame) -> Figure:
     return figure
 
 
+@as_command
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer steps and sizes.")] = False,
     plot: Annotated[Path | None, typer.Option(help="A picture of how times grow.")] = None,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Measure time and quality, and print them beside what is asked."""
-
-    def measure() -> Found:
-        check_output(plot, "--plot", overwrite=True)
-        found = measured(quick=quick)
-        if plot is not None:
-            picture(found["growth"]).savefig(plot, facecolor="white", dpi=150)
-        return found
-
-    tell(measure, json)
+    check_output(plot, "--plot", overwrite=True)
+    found = measured(quick=quick)
+    if plot is not None:
+        picture(found["growth"]).savefig(plot, facecolor="white", dpi=150)
+    return found
 
 
 if __name__ == "__main__":

@@ -18,9 +18,9 @@ import numpy as np
 import pandas as pd
 import typer
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.benches.asking import counted, label, loaded
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality import Case, Plan, draw_case, simulate
 from plumbline.experiments.reality.more import extended, read_on
 from plumbline.optim.diagnosis.answer import Diagnosis
@@ -139,6 +139,7 @@ def summary(outcomes: pd.DataFrame, seed: int = 0) -> Found:
     }
 
 
+@as_command
 def bench(
     cases: Annotated[int, typer.Option(min=1, help="How many cases to try.")] = 60,
     first: Annotated[int, typer.Option(min=0, help="Seed of the first case.")] = 1000,
@@ -146,8 +147,7 @@ def bench(
     rows: Annotated[tuple[int, int], typer.Option(help="Rows of a recording.")] = (30, 60),
     readings: Annotated[int, typer.Option(min=1, help="Readings of each choice of rows.")] = 3,
     csv: Annotated[Path | None, typer.Option(help="Kept up to date; resumed from.")] = None,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Measure what designed rows are worth."""
     plan = Plan(gap=gap, rows=rows)
     there = csv is not None and csv.exists()
@@ -159,9 +159,8 @@ def bench(
             pd.DataFrame(done).to_csv(csv, index=False)
     outcomes = pd.DataFrame(done)
     if "before" not in outcomes:
-        typer.echo("no case left anything to separate")
-        raise typer.Exit(1)
-    tell(lambda: summary(outcomes.dropna(subset="before").astype({"listed": bool})), json)
+        raise PlumblineError(f"--cases {cases}: none left anything to separate; take more")
+    return summary(outcomes.dropna(subset="before").astype({"listed": bool}))
 
 
 if __name__ == "__main__":

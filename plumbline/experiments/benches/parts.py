@@ -21,8 +21,7 @@ import typer
 
 from plumbline.errors import best_matches, fault
 from plumbline.experiments.benches.asking import SURE, Asked, asking, counted, key_of, label, surest
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.arms import arm
 from plumbline.experiments.reality.parts import head, room_flaws
 from plumbline.experiments.reality.parts.drawing import (
@@ -124,22 +123,18 @@ def _chosen(option: str, asked: str, every: str, known: Iterable[str]) -> list[s
     return list(known) if asked == every else [asked]
 
 
-def main(
+@as_command
+def bench(
     kind: Annotated[str, typer.Option(help="ranges, fiducials, or both.")] = "both",
     count: Annotated[int, typer.Option(min=1, help="Cases of each sort.")] = 40,
     seed: Annotated[int, typer.Option(min=0, help="Of all cases.")] = 0,
     sort: Annotated[str, typer.Option(help="single, clean, outside, or all.")] = "all",
-    json: Json = None,
-) -> None:
+) -> Found:
     """Diagnose simulated ranges and fiducials, and count what is right."""
-
-    def measure() -> Found:
-        kinds, sorts = _chosen("--kind", kind, "both", KINDS), _chosen("--sort", sort, "all", SORTS)
-        asked = asking(0)
-        return tables(pd.concat([cases_of(k, s, count, seed, asked) for k in kinds for s in sorts]))
-
-    tell(measure, json)
+    kinds, sorts = _chosen("--kind", kind, "both", KINDS), _chosen("--sort", sort, "all", SORTS)
+    asked = asking(0)
+    return tables(pd.concat([cases_of(k, s, count, seed, asked) for k in kinds for s in sorts]))
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    typer.run(bench)

@@ -20,8 +20,7 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.shares import Share
 from plumbline.optim.registration import MarkerNoise, build_fiducials, register
@@ -165,19 +164,15 @@ def measured(name: str, n: int, stated: str, draws: int, seed: int) -> dict[str,
     }  # fmt: skip
 
 
+@as_command
 def coverage(
     draws: Annotated[int, typer.Option(min=1, help="Phantoms a cell.")] = 300,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Measure how often a target lies in its region, in realities unlike the model."""
-
-    def measure() -> Found:
-        cells = product(STATED, REALITIES, MARKERS)
-        lines = [measured(name, n, stated, draws, seed) for stated, name, n in cells]
-        return {f"targets inside their region of 95 %, {draws} draws": pd.DataFrame(lines)}
-
-    tell(measure, json)
+    cells = product(STATED, REALITIES, MARKERS)
+    lines = [measured(name, n, stated, draws, seed) for stated, name, n in cells]
+    return {f"targets inside their region of 95 %, {draws} draws": pd.DataFrame(lines)}
 
 
 if __name__ == "__main__":

@@ -20,8 +20,7 @@ import pandas as pd
 import typer
 
 from plumbline.experiments.benches.asking import SURE, fetched, label, loaded, thinned
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality import Plan, draw_case, simulate
 from plumbline.experiments.reality.draws import draw
 from plumbline.experiments.reality.gap import scaled
@@ -95,19 +94,15 @@ def series(rows: int) -> pd.DataFrame:
     ])  # fmt: skip
 
 
+@as_command
 def bench(
     sessions: Annotated[int, typer.Option(min=0, help="Drawn sessions.")] = 20,
     rows: Annotated[int, typer.Option(min=0, help="Rows of each UR10 series; 0: none.")] = 150,
     seed: Annotated[int, typer.Option(min=0, help="Of the first drawn session.")] = 0,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Ask recordings one by one and all at once."""
-
-    def measure() -> Found:
-        found = {"drawn sessions": scored(sessions, seed)} if sessions else {}
-        return found | ({"RMS of rows left out [mm]": series(rows)} if rows else {})
-
-    tell(measure, json)
+    found = {"drawn sessions": scored(sessions, seed)} if sessions else {}
+    return found | ({"RMS of rows left out [mm]": series(rows)} if rows else {})
 
 
 if __name__ == "__main__":

@@ -22,8 +22,7 @@ import pandas as pd
 import typer
 
 from plumbline.experiments.benches.asking import counted, fetched, label, loaded
-from plumbline.experiments.console.measured import Found, tell, timed
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command, timed
 from plumbline.experiments.reality import Plan, draw_case, simulate
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.draws import draw
@@ -261,28 +260,24 @@ def so101(folder: Path) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
+@as_command
 def bench(
     arms: Annotated[int, typer.Option(min=0, help="Simulated arms; ten chains of each.")] = 20,
     rows: Annotated[int, typer.Option(min=60, help="Rows of each of their recordings.")] = 200,
     real: Annotated[bool, typer.Option(help="The UR10 and the SO-101 too.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of the first arm.")] = 0,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Take home what was found, and try it."""
-
-    def measure() -> Found:
-        found: dict[str, pd.DataFrame] = {}
-        if arms:
-            drawn = [taken_home(s, rows) for s in counted(range(seed, seed + arms), "arm")]
-            found["simulated arms"] = pd.DataFrame([arm for arm, _ in drawn])
-            found["shares of a chain"] = pd.DataFrame([c for _, chains in drawn for c in chains])
-        with tempfile.TemporaryDirectory() as folder:
-            if real:
-                found["SO-101, RMS of six joints [mrad]"] = so101(Path(folder))
-                found["UR10, RMS of the tip [mm]"] = ur10()
-        return found
-
-    tell(measure, json)
+    found: dict[str, pd.DataFrame] = {}
+    if arms:
+        drawn = [taken_home(s, rows) for s in counted(range(seed, seed + arms), "arm")]
+        found["simulated arms"] = pd.DataFrame([arm for arm, _ in drawn])
+        found["shares of a chain"] = pd.DataFrame([c for _, chains in drawn for c in chains])
+    with tempfile.TemporaryDirectory() as folder:
+        if real:
+            found["SO-101, RMS of six joints [mrad]"] = so101(Path(folder))
+            found["UR10, RMS of the tip [mm]"] = ur10()
+    return found
 
 
 if __name__ == "__main__":

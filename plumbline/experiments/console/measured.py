@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass
+from functools import wraps
+from inspect import Parameter, signature
 from time import perf_counter
 from typing import Any, TypeVar
 
@@ -9,7 +11,7 @@ import pandas as pd
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import check_output, talks, write_json
+from plumbline.experiments.console.outputs import Json, check_output, talks, write_json
 
 T = TypeVar("T")
 Found = Mapping[str, Any]  # tables and figures by name
@@ -38,6 +40,21 @@ def tell(measure: Callable[[], Found], json: str | None, command: str = "bench")
         raise typer.Exit(2) from None
     if talks(json, quiet=False):
         typer.echo("\n\n".join(printed(name, value) for name, value in found.items()))
+
+
+def as_command(measure: Callable[..., Found]) -> Callable[..., None]:
+    """What measures as a command: its options and ``--json``, its words as help."""
+
+    @wraps(measure)
+    def command(*, json: str | None = None, **options: Any) -> None:
+        tell(lambda: measure(**options), json, measure.__name__)
+
+    own = signature(measure, eval_str=True)
+    more = Parameter("json", Parameter.KEYWORD_ONLY, default=None, annotation=Json)
+    every = [*own.parameters.values(), more]
+    vars(command)["__signature__"] = own.replace(parameters=every, return_annotation=None)
+    command.__annotations__ = {one.name: one.annotation for one in every}
+    return command
 
 
 def plain(value: Any) -> Any:

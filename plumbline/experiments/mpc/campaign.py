@@ -25,8 +25,8 @@ import pandas as pd
 import typer
 
 from plumbline.errors import PlumblineError, fault
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json, check_output
+from plumbline.experiments.console.measured import Found, as_command
+from plumbline.experiments.console.outputs import check_output
 from plumbline.experiments.console.workers import done_by
 from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, run, statement_of
 from plumbline.experiments.reality.mpc_scenarios import FAMILIES, draw
@@ -197,26 +197,22 @@ def _known(names: list[str]) -> list[str]:
     return names
 
 
+@as_command
 def campaign(
     count: Annotated[int, typer.Option(min=1, help="Tasks in all.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
     out: Annotated[Path, typer.Option(help="The table, which is continued.")] = Path("mpc.csv"),
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     controller: Annotated[list[str] | None, typer.Option(help="Who does them; all do.")] = None,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Run random tasks, or go on with them, and print what came of them."""
-
-    def measure() -> Found:
-        check_output(out, "--out", overwrite=True)
-        names = _known(controller or list(CONTROLLERS))
-        for line in go_on(out, count, seed, names, jobs):
-            if line.number % 100 == 99 and line.controller == names[-1]:
-                typer.echo(f"{line.number + 1} tasks", err=True)
-        lines = [line for line in read(out) if line.number < count]
-        return {"random tasks, judged at every ms": table(lines), **figures(lines)}
-
-    tell(measure, json, "campaign")
+    check_output(out, "--out", overwrite=True)
+    names = _known(controller or list(CONTROLLERS))
+    for line in go_on(out, count, seed, names, jobs):
+        if line.number % 100 == 99 and line.controller == names[-1]:
+            typer.echo(f"{line.number + 1} tasks", err=True)
+    lines = [line for line in read(out) if line.number < count]
+    return {"random tasks, judged at every ms": table(lines), **figures(lines)}
 
 
 if __name__ == "__main__":

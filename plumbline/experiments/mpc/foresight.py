@@ -21,8 +21,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from plumbline.experiments.console.measured import Found, tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.mpc.campaign import done
 from plumbline.experiments.reality.instruments import Mismatch
 from plumbline.experiments.reality.mpc_scenarios import STATED, draw
@@ -134,18 +133,14 @@ def cells(found: Sequence[Tried]) -> list[tuple[str, ...]]:
 HEADS = ("family", "horizon, guide", "one step, guide", "horizon alone", "one step alone")
 
 
+@as_command
 def foresight(
     count: Annotated[int, typer.Option(min=1, help="Tasks of a family.")] = 40,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is drawn.")] = 0,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Compare the horizon with one step, family by family."""
-
-    def measure() -> Found:
-        found = compared(count, seed)
-        return {"done, and contacts": pd.DataFrame(cells(found), columns=HEADS), **figures(found)}
-
-    tell(measure, json, "foresight")
+    found = compared(count, seed)
+    return {"done, and contacts": pd.DataFrame(cells(found), columns=HEADS), **figures(found)}
 
 
 if __name__ == "__main__":

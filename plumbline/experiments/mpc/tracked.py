@@ -20,8 +20,7 @@ import typer
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.measured import tell
-from plumbline.experiments.console.outputs import Json
+from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.mpc.closed_loop import judged, obstacles_at, statement_of
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
 from plumbline.experiments.reality.task import Scenario, Swing
@@ -156,11 +155,11 @@ def track(seed: int, planner: Planner, seconds: float = FOLLOWED) -> Tracked:
     return Tracked(answer, *runs)
 
 
+@as_command
 def bench(
     seed: Annotated[int, typer.Option(min=0, help="Of the first plant.")] = 0,
     count: Annotated[int, typer.Option(min=1, help="Plants.")] = 5,
-    json: Json = None,
-) -> None:
+) -> Found:
     """Compare closed loops whose controller knows its plant with some that do not."""
 
     def line(name: str, planner: Planner, number: int) -> dict[str, object]:
@@ -170,10 +169,12 @@ def bench(
         return {"planner": name, "plant": number, **errors, "gone": t.gone, "clearance": least}
 
     planners: dict[str, Planner] = {"one step": OneStep(), "horizon": RealTime()}
-    tell(lambda: {"errors and least clearance [mm]": pd.DataFrame([
+    lines = [
         line(name, planner, number)
-        for name, planner in planners.items() for number in range(seed, seed + count)
-    ])}, json)  # fmt: skip
+        for name, planner in planners.items()
+        for number in range(seed, seed + count)
+    ]
+    return {"errors and least clearance [mm]": pd.DataFrame(lines)}
 
 
 if __name__ == "__main__":
