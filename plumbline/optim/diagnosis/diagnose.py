@@ -175,7 +175,8 @@ def _explained(
     before, about = np.inf, selected
     for left in reversed(range(ROUNDS)):
         told = explain(about, options.seed, options.unlisted)
-        fitted = with_terms(about, worth_while(about, told.terms), task, bad, tried=told.terms)
+        terms = worth_while(about, told.terms, told.named)
+        fitted = with_terms(about, terms, task, bad, tried=told.terms)
         wrong = foretold_wrongly(fitted)
         if told.compared:
             wrong *= told.compared / len(task.recording)

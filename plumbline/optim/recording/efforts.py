@@ -336,11 +336,11 @@ def _designs(r: Recording, rows: NDArray[np.integer]) -> list[Array]:
 def _left_over(r: Recording, rows: NDArray[np.integer], basis: Array, j: int) -> float:
     """What a generous straight-line fit leaves of joint j's effort, robustly [N m or N]."""
     effort = r.measured[rows, j]
+    # Of few rows the main directions alone, no more than half as many: the rest must tell noise.
+    basis = basis[:, : len(rows) // 2]
+    left = effort - nominal_efforts(r.select(rows))[:, j]
+    left = left - basis @ (basis.T @ left)
     freedom = len(rows) - basis.shape[1]
-    if freedom < max(FEWEST_EFFORTS, basis.shape[1]):
-        left, freedom = effort - nominal_efforts(r.select(rows))[:, j], len(rows)
-    else:
-        left = effort - basis @ (basis.T @ effort)
     square = (
         float(np.median(left**2))
         / (2.0 * float(gammaincinv(0.5, 0.5)))

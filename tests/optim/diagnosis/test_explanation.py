@@ -282,8 +282,19 @@ def test_what_is_named_is_fitted_as_the_best_state_has_it():
 
     assert named(SCALE) == [(0, 1.0)]
     assert named(SCALE, OFFSET) == [(0, 1.0), (1, 3.0)]
-    assert named() == []
-    assert named(OFFSET) == [(1, 9.0)] or named(OFFSET) == [(1, 3.0)]
+    assert named() == [(0, 1.0)]
+    assert named(OFFSET) == [(0, 1.0), (1, 3.0)]
+
+
+@pytest.mark.parametrize(("lacking", "fitted"), [(2, [(1, 9.0)]), (3, [])])
+def test_what_the_library_lacks_is_fitted_by_what_the_search_took_for_it(lacking, fitted):
+    """At its own place: else what is fitted, told of and left would be without it."""
+    alt, found = sampled()
+    found = replace(found, states=((3.0, (SelectedTerm(lacking, 1.0),)), *found.states))
+    selection = SimpleNamespace(candidates=alt.problem.candidates[:2])
+    selected = SimpleNamespace(selection=selection, chosen=(SelectedTerm(1, 9.0),))
+    terms = _terms(selected, alt, found, frozenset())
+    assert [(t.index, t.scale) for t in terms] == fitted
 
 
 # One recording
@@ -537,6 +548,14 @@ def test_confounded_terms_that_foretell_rows_are_not_called_no_explanation(judge
     assert [(p.stage, p.element) for p in outside.where] == [("joint", 2)]
     nothing = replace(outside, gap=replace(outside.gap, shrink_ci95=(0.0, 0.0)))
     assert nothing.meaning == MEANING[Outcome.OUTSIDE]
+
+
+def test_what_foretells_rows_is_a_gap_even_where_nothing_is_sure_of_it(judged):
+    told = {"named": frozenset(), "probabilities": {SCALE: 0.4}}
+    assert kind(judged, told=told).verdict == Outcome.OUTSIDE
+    recording, selected, seen, *rest = judged
+    chance = (recording, selected, replace(seen, interval=(-0.1, 0.3)), *rest)
+    assert kind(chance, told=told).verdict == Outcome.NO_GAP
 
 
 def test_a_gap_lies_at_the_places_of_all_that_may_do_the_same(judged):

@@ -13,7 +13,7 @@ MANY = 30_000  # residuals
 TOGETHER = 1.01  # ratio of the held-out RMS up to which what is spared is not missed
 
 
-def worthy(rises, monkeypatch, count=MANY, both=(), gone_before=()):
+def worthy(rises, monkeypatch, count=MANY, both=(), gone_before=(), named=()):
     """Which causes stay, and the RMS then, if each multiplies the RMS by its rise when it goes.
 
     Of ``both`` it does so only once all of them have gone; some may have gone before.
@@ -39,7 +39,8 @@ def worthy(rises, monkeypatch, count=MANY, both=(), gone_before=()):
     found = SimpleNamespace(
         selection=selection, pool=None, chosen=chosen, best=SimpleNamespace(gram=gram)
     )
-    kept = negligible.worth_while(found, [c for c in chosen if c.index not in gone_before])
+    named = [("some", k) for k in named]
+    kept = negligible.worth_while(found, [c for c in chosen if c.index not in gone_before], named)
     return {c.index for c in kept}, np.sqrt(square(None, kept, None))
 
 
@@ -64,6 +65,12 @@ def test_of_two_that_are_confounded_one_stays(monkeypatch):
     kept, _ = worthy([1.2, 1.2], monkeypatch, both=(1, 2))
     assert len(kept) == 2
     assert 0 in kept
+
+
+@pytest.mark.parametrize("named", [1, 2])
+def test_what_is_named_stays_where_what_is_not_does_the_same(named, monkeypatch):
+    kept, _ = worthy([1.2, 1.2], monkeypatch, both=(1, 2), named=(0, named))
+    assert kept == {0, named}
 
 
 def test_what_the_figure_does_not_need_goes_even_where_it_is_poor_already(monkeypatch):

@@ -294,6 +294,20 @@ def test_noise_that_is_not_stated_is_estimated_joint_by_joint(robot):
     np.testing.assert_allclose(rec.noise_by_joint, sigma, rtol=0.35)
 
 
+@pytest.mark.parametrize("rows", [26, 40])
+def test_the_noise_of_a_few_postures_is_not_what_the_model_misses(robot, rows):
+    """Twice the gravity that is stated: every joint misses by all that it carries."""
+    rng = np.random.default_rng(7)
+    q = rng.uniform(-2.0, 2.0, (rows, 4))
+    still = np.zeros_like(q)
+    tau = 2.0 * tree_of(robot).dynamics.torques(q, still, still)
+    sigma = 0.01 * np.abs(tau).max(axis=0)
+    given = {"q": q, "velocity": still, "acceleration": still, "time": None}
+    rec = recorded(robot, **given, measured=tau + rng.normal(0, sigma, tau.shape))
+    ratio = rec.noise_by_joint[:3] / sigma[:3]  # the last joint carries nothing
+    assert (np.maximum(ratio, 1.0 / ratio) < 3.0).all()
+
+
 def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     rng = np.random.default_rng(6)
     bare = recorded(robot)

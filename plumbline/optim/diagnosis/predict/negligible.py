@@ -6,7 +6,7 @@ stated share is there, perhaps, but is not why the robot misses: it is listed, n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
@@ -19,20 +19,23 @@ from plumbline.optim.diagnosis.prior import (
 )
 
 
-def worth_while(selected: SelectedModel, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
-    """The terms without negligible effects.
+def worth_while(
+    selected: SelectedModel, chosen: Sequence[SelectedTerm], named: Collection[Key]
+) -> list[SelectedTerm]:
+    """The terms without negligible effects: of those that are not named, then of all.
 
-    Of these the slighter half goes at a time: two that are confounded must not both go because
-    each is dispensable while the other is there. And together they must be negligible:
-    of small causes each of which can be spared, but not all, as many stay as the figure needs.
+    The slighter half goes at a time: two that are confounded must not both go because each is
+    dispensable while the other is there. And together they must be negligible: of small causes
+    each of which can be spared, but not all, as many stay as the figure needs.
     """
     variance = selected.selection.variance(chosen)
     limit = (1 + NEGLIGIBLE_RISE) ** 2 * square_with(selected.pool, chosen, variance)
     kept = list(chosen)
-    while negligible := _negligible(selected, kept, variance):
-        before, kept = kept, _spared(selected, kept, negligible, variance, limit)
-        if kept == before:
-            break
+    for settled in (named, ()):
+        while keys := [k for k in _negligible(selected, kept, variance) if k not in settled]:
+            before, kept = kept, _spared(selected, kept, keys, variance, limit)
+            if kept == before:
+                break
     return kept
 
 

@@ -288,23 +288,33 @@ def _of_many(
     agreed: Sequence[SelectedTerm],
     named: frozenset[Key],
 ) -> tuple[SelectedTerm, ...]:
-    """Listed terms of a state of many causes, and confounded ones, which are fitted, not named.
+    """Terms of a state of many causes.
+
+    Of a long recording only some rows are compared, so what these do not show stays as all rows
+    have it. What is named beside is of the state that blocks of rows agree on.
+    """
+    long = len(selected.pool.model.recording) > MOST_COMPARED_ROWS
+    terms = selected.chosen if long else _fitted(selected, alt, state)
+    untold = named - selected.selection.keys(terms)
+    keys = [c.key for c in selected.selection.candidates]
+    more = [t for t in agreed if t.index < alt.library and keys[t.index] in untold]
+    return _joined(alt, terms, more, long=long)
+
+
+def _fitted(
+    selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm]
+) -> tuple[SelectedTerm, ...]:
+    """Listed terms of a state, and confounded ones, which are fitted, not named.
 
     Where something that the library lacks is more probable at a place, the effect that the search
-    took for it still foretells better than nothing does. Of a long recording only some rows are
-    compared, so what these do not show stays as all rows have it. What is named beside is of the
-    state that blocks of rows agree on.
+    took for it still foretells better than nothing does.
     """
-    chosen, key = selected.chosen, [c.key for c in selected.selection.candidates]
-    long = len(selected.pool.model.recording) > MOST_COMPARED_ROWS
     mine = tuple(t for t in state if t.index < alt.library)
-    held = selected.selection.keys(mine)
+    key = [c.key for c in selected.selection.candidates]
+    held = {key[t.index] for t in mine}
     lacked = {_place(alt, t.index) for t in state if isinstance(alt.term(t.index), Unlisted)}
-    confounded = (t for t in chosen if _place(alt, t.index) in lacked)
-    terms = chosen if long else (*mine, *(t for t in confounded if key[t.index] not in held))
-    untold = named - selected.selection.keys(terms)
-    more = [t for t in agreed if t.index < alt.library and key[t.index] in untold]
-    return _joined(alt, terms, more, long=long)
+    confounded = (t for t in selected.chosen if _place(alt, t.index) in lacked)
+    return (*mine, *(t for t in confounded if key[t.index] not in held))
 
 
 def _joined(
@@ -329,12 +339,11 @@ def _dependence(alt: Alternatives, index: int) -> tuple[str, int | None, str]:
 def _terms(
     selected: SelectedModel, alt: Alternatives, found: Sampled, named: frozenset[Key]
 ) -> tuple[SelectedTerm, ...]:
-    """Terms of the library in the best state that holds all that is named, nothing else."""
+    """Terms of the best state that holds all that is named."""
     candidates = selected.selection.candidates
     for _, state in (*found.states, (0.0, selected.chosen)):
-        mine = [t for t in state if t.index < alt.library and candidates[t.index].key in named]
-        if {candidates[t.index].key for t in mine} == named:
-            return tuple(mine)
+        if named <= {candidates[t.index].key for t in state if t.index < alt.library}:
+            return _fitted(selected, alt, state)
     mine = [t for t in selected.chosen if candidates[t.index].key in named]
     missing = named - {candidates[t.index].key for t in mine}
     first = {c.key: i for i, c in reversed(list(enumerate(candidates)))}

@@ -91,7 +91,9 @@ def judge(
     known = noise.source != "fit" and not noisier
     earned = max(told.beside, left) < UNLISTED and known
     earned = earned and _is_earned(gap, causes, judged, least)
-    kind = _kind(bool(causes), max(beyond, left) > 0.5, earned)
+    # What foretells rows that no fit has seen is a gap, whatever it is to be called.
+    foretold = bool(selected.chosen) and gap.shrink_ci95[0] > 0.0
+    kind = _kind(bool(causes), foretold or max(beyond, left) > 0.5, earned)
     words = told.words or noisiest_joint(recording, selected)
     return Verdict(
         verdict=kind,
