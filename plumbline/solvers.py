@@ -5,39 +5,20 @@ A :class:`Problem` is stated once and :class:`Mapped` evaluates it; a :class:`So
 solver cannot take. What a method says is an :class:`Answer`, judged, shown and stored.
 """
 
-from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.judged import Judged, Judgement, judged
-from plumbline.optim.core.mapped import Gram, Mapped
-from plumbline.optim.core.problem import Problem
-from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.solvers import (
-    ALL,
-    Fatrop,
-    Ipopt,
-    LevenbergMarquardt,
-    Slsqp,
-    Solver,
-    Sqp,
-    TrustRegion,
-)
-from plumbline.optim.core.solvers.solver import refuse
-
-__all__ = [
-    "ALL",
-    "Answer",
-    "Fatrop",
-    "Gram",
-    "Ipopt",
-    "Judged",
-    "Judgement",
-    "LevenbergMarquardt",
-    "Mapped",
-    "Problem",
-    "Slsqp",
-    "Solution",
-    "Solver",
-    "Sqp",
-    "TrustRegion",
-    "judged",
-    "refuse",
-]
+from plumbline.optim.core.answer import Answer as Answer
+from plumbline.optim.core.judged import Judged as Judged
+from plumbline.optim.core.judged import Judgement as Judgement
+from plumbline.optim.core.judged import judged as judged
+from plumbline.optim.core.mapped import Gram as Gram
+from plumbline.optim.core.mapped import Mapped as Mapped
+from plumbline.optim.core.problem import Problem as Problem
+from plumbline.optim.core.solution import Solution as Solution
+from plumbline.optim.core.solvers import ALL as ALL
+from plumbline.optim.core.solvers import Fatrop as Fatrop
+from plumbline.optim.core.solvers import Ipopt as Ipopt
+from plumbline.optim.core.solvers import LevenbergMarquardt as LevenbergMarquardt
+from plumbline.optim.core.solvers import Slsqp as Slsqp
+from plumbline.optim.core.solvers import Solver as Solver
+from plumbline.optim.core.solvers import Sqp as Sqp
+from plumbline.optim.core.solvers import TrustRegion as TrustRegion
+from plumbline.optim.core.solvers.solver import refuse as refuse

@@ -7,44 +7,28 @@ every step; :mod:`.nonlinear` solves the whole statement, as a reference. :mod:`
 a loop calls. Lengths are in mm throughout.
 """
 
-from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.banded_qp import BandedQp
-from plumbline.optim.capsule_mpc.bodies import Body, EndsInstrument, TipInstrument
-from plumbline.optim.capsule_mpc.controller import Controller
-from plumbline.optim.capsule_mpc.events import Command, Event, Mode, Trouble
-from plumbline.optim.capsule_mpc.guide import Guide
-from plumbline.optim.capsule_mpc.library_qp import LibraryQp
-from plumbline.optim.capsule_mpc.nonlinear import Nonlinear
-from plumbline.optim.capsule_mpc.planning import OneStep, Plan, Planner, RealTime, shifted
-from plumbline.optim.capsule_mpc.plant import Plant, Safety
-from plumbline.optim.capsule_mpc.scene import Obstacle
-from plumbline.optim.capsule_mpc.settings import Confidence, Noise, Settings
-from plumbline.optim.capsule_mpc.statement import Statement
-
-__all__ = [
-    "BandedQp",
-    "Body",
-    "Command",
-    "Confidence",
-    "Controller",
-    "EndsInstrument",
-    "Event",
-    "Guide",
-    "LibraryQp",
-    "Mode",
-    "Noise",
-    "Nonlinear",
-    "Obstacle",
-    "OneStep",
-    "Plan",
-    "Planner",
-    "Plant",
-    "PlumblineError",
-    "RealTime",
-    "Safety",
-    "Settings",
-    "Statement",
-    "TipInstrument",
-    "Trouble",
-    "shifted",
-]
+from plumbline.errors import PlumblineError as PlumblineError
+from plumbline.optim.capsule_mpc.banded_qp import BandedQp as BandedQp
+from plumbline.optim.capsule_mpc.bodies import Body as Body
+from plumbline.optim.capsule_mpc.bodies import EndsInstrument as EndsInstrument
+from plumbline.optim.capsule_mpc.bodies import TipInstrument as TipInstrument
+from plumbline.optim.capsule_mpc.controller import Controller as Controller
+from plumbline.optim.capsule_mpc.events import Command as Command
+from plumbline.optim.capsule_mpc.events import Event as Event
+from plumbline.optim.capsule_mpc.events import Mode as Mode
+from plumbline.optim.capsule_mpc.events import Trouble as Trouble
+from plumbline.optim.capsule_mpc.guide import Guide as Guide
+from plumbline.optim.capsule_mpc.library_qp import LibraryQp as LibraryQp
+from plumbline.optim.capsule_mpc.nonlinear import Nonlinear as Nonlinear
+from plumbline.optim.capsule_mpc.planning import OneStep as OneStep
+from plumbline.optim.capsule_mpc.planning import Plan as Plan
+from plumbline.optim.capsule_mpc.planning import Planner as Planner
+from plumbline.optim.capsule_mpc.planning import RealTime as RealTime
+from plumbline.optim.capsule_mpc.planning import shifted as shifted
+from plumbline.optim.capsule_mpc.plant import Plant as Plant
+from plumbline.optim.capsule_mpc.plant import Safety as Safety
+from plumbline.optim.capsule_mpc.scene import Obstacle as Obstacle
+from plumbline.optim.capsule_mpc.settings import Confidence as Confidence
+from plumbline.optim.capsule_mpc.settings import Noise as Noise
+from plumbline.optim.capsule_mpc.settings import Settings as Settings
+from plumbline.optim.capsule_mpc.statement import Statement as Statement

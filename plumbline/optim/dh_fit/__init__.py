@@ -3,39 +3,24 @@
 ``fit_dh(recording)`` is the entry; :mod:`plumbline.optim.dh_fit.statement` states the problem.
 """
 
-from plumbline.errors import PlumblineError
-from plumbline.optim.dh_fit.answer import DHFit
-from plumbline.optim.dh_fit.export import as_toml, as_urdf
-from plumbline.optim.dh_fit.fit import fit_dh
-from plumbline.optim.dh_fit.local import HeldOut, Space, held_out, local_and_global
-from plumbline.optim.dh_fit.losses import Norms, Squares
-from plumbline.optim.dh_fit.poses import reachable
-from plumbline.optim.dh_fit.quantities import DHParameter, Misfit, Quantity, Status
-from plumbline.optim.dh_fit.solvers import BY_NAME, SOLVERS
-from plumbline.optim.dh_fit.statement import Readings
-from plumbline.optim.dh_fit.sums import Pass
-from plumbline.optim.dh_fit.task import DHOptions
-
-__all__ = [
-    "BY_NAME",
-    "SOLVERS",
-    "DHFit",
-    "DHOptions",
-    "DHParameter",
-    "HeldOut",
-    "Misfit",
-    "Norms",
-    "Pass",
-    "PlumblineError",
-    "Quantity",
-    "Readings",
-    "Space",
-    "Squares",
-    "Status",
-    "as_toml",
-    "as_urdf",
-    "fit_dh",
-    "held_out",
-    "local_and_global",
-    "reachable",
-]
+from plumbline.errors import PlumblineError as PlumblineError
+from plumbline.optim.dh_fit.answer import DHFit as DHFit
+from plumbline.optim.dh_fit.export import as_toml as as_toml
+from plumbline.optim.dh_fit.export import as_urdf as as_urdf
+from plumbline.optim.dh_fit.fit import fit_dh as fit_dh
+from plumbline.optim.dh_fit.local import HeldOut as HeldOut
+from plumbline.optim.dh_fit.local import Space as Space
+from plumbline.optim.dh_fit.local import held_out as held_out
+from plumbline.optim.dh_fit.local import local_and_global as local_and_global
+from plumbline.optim.dh_fit.losses import Norms as Norms
+from plumbline.optim.dh_fit.losses import Squares as Squares
+from plumbline.optim.dh_fit.poses import reachable as reachable
+from plumbline.optim.dh_fit.quantities import DHParameter as DHParameter
+from plumbline.optim.dh_fit.quantities import Misfit as Misfit
+from plumbline.optim.dh_fit.quantities import Quantity as Quantity
+from plumbline.optim.dh_fit.quantities import Status as Status
+from plumbline.optim.dh_fit.solvers import BY_NAME as BY_NAME
+from plumbline.optim.dh_fit.solvers import SOLVERS as SOLVERS
+from plumbline.optim.dh_fit.statement import Readings as Readings
+from plumbline.optim.dh_fit.sums import Pass as Pass
+from plumbline.optim.dh_fit.task import DHOptions as DHOptions

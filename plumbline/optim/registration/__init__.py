@@ -17,43 +17,24 @@
 Lengths in m, angles in rad; ``T_RC`` maps CT's coordinates to the robot's.
 """
 
-from plumbline.optim.registration.answer import Registration
-from plumbline.optim.registration.checks import Condition, condition_of
-from plumbline.optim.registration.fiducials import Fiducials, build_fiducials
-from plumbline.optim.registration.least_squares import Anisotropic, Kabsch
-from plumbline.optim.registration.markers import MarkerNoise
-from plumbline.optim.registration.method import Fit, Method
-from plumbline.optim.registration.registering import (
-    METHODS,
-    RegistrationOptions,
-    rank_triples,
-    register,
-)
-from plumbline.optim.registration.robust import Robust
-from plumbline.optim.registration.target import TargetError
-from plumbline.optim.registration.three_point import ThreePoint, localisation, three_point
-from plumbline.optim.registration.triples import BestTriple, CombinedTriples
-
-__all__ = [
-    "METHODS",
-    "Anisotropic",
-    "BestTriple",
-    "CombinedTriples",
-    "Condition",
-    "Fiducials",
-    "Fit",
-    "Kabsch",
-    "MarkerNoise",
-    "Method",
-    "Registration",
-    "RegistrationOptions",
-    "Robust",
-    "TargetError",
-    "ThreePoint",
-    "build_fiducials",
-    "condition_of",
-    "localisation",
-    "rank_triples",
-    "register",
-    "three_point",
-]
+from plumbline.optim.registration.answer import Registration as Registration
+from plumbline.optim.registration.checks import Condition as Condition
+from plumbline.optim.registration.checks import condition_of as condition_of
+from plumbline.optim.registration.fiducials import Fiducials as Fiducials
+from plumbline.optim.registration.fiducials import build_fiducials as build_fiducials
+from plumbline.optim.registration.least_squares import Anisotropic as Anisotropic
+from plumbline.optim.registration.least_squares import Kabsch as Kabsch
+from plumbline.optim.registration.markers import MarkerNoise as MarkerNoise
+from plumbline.optim.registration.method import Fit as Fit
+from plumbline.optim.registration.method import Method as Method
+from plumbline.optim.registration.registering import METHODS as METHODS
+from plumbline.optim.registration.registering import RegistrationOptions as RegistrationOptions
+from plumbline.optim.registration.registering import rank_triples as rank_triples
+from plumbline.optim.registration.registering import register as register
+from plumbline.optim.registration.robust import Robust as Robust
+from plumbline.optim.registration.target import TargetError as TargetError
+from plumbline.optim.registration.three_point import ThreePoint as ThreePoint
+from plumbline.optim.registration.three_point import localisation as localisation
+from plumbline.optim.registration.three_point import three_point as three_point
+from plumbline.optim.registration.triples import BestTriple as BestTriple
+from plumbline.optim.registration.triples import CombinedTriples as CombinedTriples
