@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.verdicts import Outputs, refuse
 from plumbline.experiments.console.outputs import talks, write_json, write_text
 from plumbline.experiments.console.progress_bar import progress_bar
@@ -64,21 +63,19 @@ def next_motion(
     """Propose motions that part what a motion leaves open, and write their commands.
 
     Raises:
-        PlumblineError: The recording cannot be used, or its commands are no positions.
+        PlumblineError: The recording cannot be used.
     """
     from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion as diagnosed
     from plumbline.optim.diagnosis.motion.tracking import load_drives
     from plumbline.optim.diagnosis.options import DiagnosisOptions
 
     recording = load_drives(folder)
-    if not recording.law.follows:
-        raise PlumblineError(
-            f"{recording.name}: commands of {recording.law}, positions expected to propose more of"
-        )
     with progress_bar(quiet=quiet or json == "-") as progress:
         found = diagnosed(recording, DiagnosisOptions(seed=seed), progress=progress)
-    moved = (recording.time, recording.command)
-    _propose(recording.name, list(found.verdict.next), moved, json, csv, quiet=quiet)
+    law = recording.law
+    moved = (recording.time, recording.command if law.follows else recording.q)
+    kind = "places" if law.pushes else "commands" if law.follows else "rates"
+    _propose(recording.name, list(found.verdict.next), moved, json, csv, kind=kind, quiet=quiet)
 
 
 def next_efforts(
@@ -100,9 +97,12 @@ def next_efforts(
 
 def _propose(
     name: str, rows: list[dict[str, Any]], moved: tuple[Any, Any], json: str | None,
-    csv: Path | None, *, quiet: bool,
+    csv: Path | None, *, kind: str = "commands", quiet: bool,
 ) -> None:  # fmt: skip
-    """Hand out the motions of these rows, after what was moved: times (N,), commands (N, n)."""
+    """Hand out the motions of these rows, after what was moved: times (N,), places (N, n).
+
+    As commands, as the rates of them, or as places that a controller of torques is to follow.
+    """
     import numpy as np
     import pandas as pd
 
@@ -112,7 +112,8 @@ def _propose(
     if csv is not None and rows:
         wanted = dict.fromkeys((int(r["joint"]), str(r["motion"]).split(",")[0]) for r in rows)
         time, command = commanded(list(wanted), *moved)
-        names = [f"u{j + 1}" for j in range(command.shape[1])]
+        command = np.gradient(command, time, axis=0) if kind == "rates" else command
+        names = [f"{'q' if kind == 'places' else 'u'}{j + 1}" for j in range(command.shape[1])]
         table = pd.DataFrame(np.column_stack([time, command]), columns=["time", *names])
         write_text(csv, table.to_csv(index=False, float_format="%.9g"), "--csv")
     if talks(json, quiet):

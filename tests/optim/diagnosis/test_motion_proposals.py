@@ -1,10 +1,12 @@
 """Motions that are proposed stay where the robot was, and no faster."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.optim.diagnosis.findings import Blame, Cause
@@ -16,6 +18,7 @@ from plumbline.optim.diagnosis.motion.proposals import (
     proposals,
     proposals_of_efforts,
 )
+from tests.motions import multisine
 
 TIME = np.arange(0.0, 20.0, 0.01)
 COMMAND = np.column_stack([0.5 * np.sin(2.0 * TIME), 0.2 + 0.0 * TIME])
@@ -74,3 +77,42 @@ def test_what_efforts_leave_open_has_a_motion(effect, element, rival, kind, join
     t, u = commanded([(joint, kind)], TIME, np.tile(COMMAND[:, :1], 5))
     assert np.ptp(u[:, joint - 1]) > 0.01
     assert len(t) == len(u)
+
+
+def test_what_rates_leave_open_has_a_motion_in_rates_within_what_the_joints_did(tmp_path):
+    t, places = multisine(25.0, fastest=0.12)
+    rate = np.gradient(places, t, axis=0)
+    late = np.column_stack([np.interp(t - 0.04, t, x) for x in rate.T])
+    q = np.concatenate([np.zeros((1, 2)), np.cumsum(0.02 * late[:-1], axis=0)])
+    q += np.random.default_rng(0).normal(0.0, 1e-3, q.shape)
+    place, table, told = tmp_path / "rates", tmp_path / "next.csv", tmp_path / "next.json"
+    place.mkdir()
+    np.savetxt(place / "samples.csv", np.column_stack([t, rate, q]), "%.9g", ",",
+               header="time,u1,u2,q1,q2", comments="")  # fmt: skip
+    toml = 'observation = "motion"\nnoise_std = 1e-3\n[motion]\ncommand = "rate"\n'
+    links = "".join(f"[[robot.dh]]\na = {a}\n" for a in (0.3, 0.2))
+    (place / "dataset.toml").write_text(toml + links)
+    assert run(["next", str(place), "--csv", str(table), "--json", str(told)]) == 0
+    rows = json.loads(told.read_text())["motions"]
+    assert {(r["joint"], r["motion"].split(",")[0]) for r in rows} >= {(1, "chirp"), (2, "chirp")}
+    new = np.genfromtxt(table, delimiter=",", names=True)
+    assert new.dtype.names == ("time", "u1", "u2")
+    for u, way in ((new["u1"], q[:, 0]), (new["u2"], q[:, 1])):
+        moved = np.cumsum(0.02 * u)
+        assert 0.05 * np.ptp(way) < np.ptp(moved) < np.ptp(way)
+
+
+@pytest.mark.parametrize(
+    ("pair", "kind"),
+    [
+        (("actuation_gain", "rotor_inertia"), "chirp"),
+        (("coulomb_friction", "viscous_friction"), "ramp"),
+        (("actuation_delay", "actuation_lag"), "chirp"),
+    ],
+)
+def test_what_torques_leave_open_has_a_motion(pair, kind):
+    joint = SimpleNamespace(
+        number=1, instead={pair[0]: {pair[1]: 0.4}}, fit=SimpleNamespace(effects=())
+    )
+    (row,) = proposals([joint])
+    assert row["motion"].split(",")[0] == kind

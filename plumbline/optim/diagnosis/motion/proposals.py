@@ -7,7 +7,7 @@ held, and without one in no motion, but under a hand; a limit shows in fast step
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ PARTED: dict[frozenset[str], tuple[str, str]] = {
     ),
     frozenset(("actuation_gain", "servo_stiffness")): ("hold", "5 s at postures of other loads"),
 }
-# The same where efforts are measured, by the first of these that has either effect.
+# The same of torques, measured or told, by the first of these that has either effect.
 PARTED_EFFORTS: tuple[tuple[str, str, frozenset[str]], ...] = (
     ("chirp", "0.1 to 5 Hz in 30 s", frozenset(("rotor_inertia",))),
     (
@@ -61,10 +61,18 @@ def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:
         parted = PARTED if lags(joint) else PARTED | {SAME: BY_HAND}
         for name, instead in joint.instead.items():
             for other, p in instead.items():
-                kind = parted.get(frozenset((name, other)))
+                kind = _parts(frozenset((name, other)), parted)
                 if kind is not None and p > LIKELY:
-                    motion = f"{kind[0]}, {kind[1]}"
-                    yield {"joint": joint.number, "motion": motion, "tells": f"{name} from {other}"}
+                    tells = f"{name} from {other}"
+                    yield {"joint": joint.number, "motion": ", ".join(kind), "tells": tells}
+
+
+def _parts(
+    pair: frozenset[str], parted: Mapping[frozenset[str], tuple[str, str]]
+) -> tuple[str, str] | None:
+    """What motion parts two effects, its kind and what it is in words."""
+    of_torques = ((kind, how) for kind, how, effects in PARTED_EFFORTS if pair & effects)
+    return parted[pair] if pair in parted else next(of_torques, None)
 
 
 def lags(joint: Joint) -> bool:
@@ -76,13 +84,11 @@ def proposals_of_efforts(causes: Sequence[Cause], joints: int) -> Iterator[dict[
     """The same for causes of an arm's efforts; a load is held by the last of so many joints."""
     for cause in causes:
         for other in cause.confounded_with:
-            either = {cause.effect, other.effect}
-            for kind, how, effects in PARTED_EFFORTS:
-                if either & effects:
-                    tells = f"{cause.label} from {other.label}"
-                    joint = cause.element or other.element or joints
-                    yield {"joint": joint, "motion": f"{kind}, {how}", "tells": tells}
-                    break
+            kind = _parts(frozenset((cause.effect, other.effect)), {})
+            if kind is not None:
+                tells = f"{cause.label} from {other.label}"
+                joint = cause.element or other.element or joints
+                yield {"joint": joint, "motion": ", ".join(kind), "tells": tells}
 
 
 def motion_of(kind: str, q: Array, dt: float, fastest: float) -> Array:
