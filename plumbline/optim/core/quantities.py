@@ -22,16 +22,25 @@ SHOWN = {
     "m/N^2": (1e9, "nm/N²"),
     "1/(N m^2)": (1e6, "×10⁻⁶/(N m²)"),
 }
+# A hobby servo yields a thousand times as far as an industrial arm: what is shown instead from a
+# thousand on.
+COARSER = {
+    "µrad/(N m)": (1e3, "mrad/(N m)"),
+    "µrad kg/(N m)": (1e3, "mrad kg/(N m)"),
+    "µm/N": (1e3, "mm/N"),
+    "µm kg/N": (1e3, "mm kg/N"),
+}
 
 
-def scaled(unit: str) -> tuple[float, str]:
-    """Factor to the unit that is shown, and its name; a unit not known here stays as it is."""
-    return SHOWN.get(unit, (1.0, unit))
+def scaled(unit: str, value: float = 0.0) -> tuple[float, str]:
+    """Factor to the unit that a value is shown in, and its name; one not known here stays."""
+    factor, name = SHOWN.get(unit, (1.0, unit))
+    return COARSER[name] if name in COARSER and abs(value) * factor >= 1e3 else (factor, name)
 
 
 def quantity(value: float, unit: str) -> str:
     """``0.824 mm``: a value [unit] to three significant digits."""
-    factor, name = scaled(unit)
+    factor, name = scaled(unit, value)
     return f"{significant(value * factor)} {name}".rstrip()
 
 
@@ -49,7 +58,7 @@ def significant(value: float, digits: int = 3) -> str:
 
 def measured(value: float, std: float, unit: str) -> str:
     """``0.2403 ± 0.0061 mm``: a value and its standard error [unit]."""
-    factor, name = scaled(unit)
+    factor, name = scaled(unit, value)
     value, std = value * factor, std * factor
     if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
         return f"{significant(value)} {name}".rstrip()

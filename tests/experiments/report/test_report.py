@@ -454,6 +454,7 @@ def test_a_ripple_s_amplitude_and_error_are_those_of_its_parts():
         (2.4031e-4, 6.1e-6, "rad", "0.2403 ± 0.0061 mrad"),
         (-1.2e-3, 3e-5, "m", "-1.200 ± 0.030 mm"),
         (8.4e-6, 4e-7, "rad/(N m)", "8.40 ± 0.40 µrad/(N m)"),
+        (0.084, 2.5e-3, "rad/(N m)", "84.0 ± 2.5 mrad/(N m)"),
         (12.0, 250.0, "kg", "12.0 ± 250 kg"),
         (1.0e-3, math.nan, "m", "1.00 mm"),
         (0.0, 0.0, "m", "0 mm"),
