@@ -187,20 +187,20 @@ def test_gravity_that_points_elsewhere_is_pinocchio_s(two):
     np.testing.assert_allclose(ours, rnea(model, q, v, a), atol=1e-9)
 
 
-def test_a_payload_is_a_point_mass_at_the_tip(two):
+def test_a_payload_is_a_ball_at_the_tip(two):
     robot, q, v, a, rec = two
     model = robot.dynamics().model.copy()
-    mass, moment = 2.0, np.array([0.1, -0.05, 0.2])
+    mass, moment, extent = 2.0, np.array([0.1, -0.05, 0.2]), 0.3
     T = pin.SE3(rec.chain.T_last_tip)
     place = T.act(moment / mass)
-    model.inertias[2] += pin.Inertia(mass, place, np.zeros((3, 3)))
-    ours = predicted(rec, [CarriedMass()], [mass, *moment])
+    model.inertias[2] += pin.Inertia(mass, place, extent * np.eye(3))
+    values = [mass, *moment, extent]
+    ours = predicted(rec, [CarriedMass()], values)
     # Its inertia is rounded by a hundredth of a kilogram, so that a payload may be none.
     np.testing.assert_allclose(ours, rnea(model, q, v, a), atol=10 * LIGHTEST * 0.25)
     still = recording(robot, q, 0 * v, 0 * a)
-    np.testing.assert_allclose(
-        predicted(still, [CarriedMass()], [mass, *moment]), rnea(model, q, 0 * v, 0 * a), atol=1e-9
-    )
+    ours = predicted(still, [CarriedMass()], values)
+    np.testing.assert_allclose(ours, rnea(model, q, 0 * v, 0 * a), atol=1e-9)
 
 
 def test_bodies_are_expected_to_err_by_the_weight_and_reach_of_their_arm(two):

@@ -9,7 +9,8 @@ under it (2e-5 rad/(N m) in arms that carry 10 kg). The mass hangs at the tip fr
 tool's tip, so that the wrist feels the tool as a lever.
 
 Where efforts are measured the mass shows itself, with the place of its centre: what is fitted are
-the mass and its first moment about the tip frame, in which torques are all but linear.
+the mass, its first moment about the tip frame, and the inertia of its extent, a ball's. In these
+torques are linear but for the centre's own square, :math:`|m c|^2 / m` about the tip frame.
 """
 
 from collections.abc import Sequence
@@ -34,6 +35,7 @@ from plumbline.kinematics.parameters import Parameter
 USUAL_TWIST = 2e-3  # rad, of a drive under the most that the bare arm asks of it
 SHORTEST_TOOL = 0.01  # m
 LIGHTEST = 1e-2  # kg: rounds the inertia of a mass that may be none
+BALL = cs.DM([1, 0, 1, 0, 0, 1])  # xx, xy, yy, xz, yz, zz of an inertia that is alike all around
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class Payload(Effect):
 
 @dataclass(frozen=True)
 class CarriedMass(Effect):
-    """The same where efforts are measured: mass and first moment at the tip frame.
+    """The same where efforts are measured: mass, first moment and extent at the tip frame.
 
     Declared for an arm of one kilogram that reaches one metre; on others it and its bounds are as
     large as the arm is heavy, ``arm`` [kg], and long, ``reach`` [m].
@@ -102,20 +104,22 @@ class CarriedMass(Effect):
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (payload)"
     source = (
         "makers rate arms for .17 to .47 of their own mass; by hand: grippers and tools are a "
-        "tenth to a half of that (geometric means: .06), a tenth of the reach off; the bounds are "
-        "ten arms"
+        "tenth to a half of that (geometric means: .06), a tenth of the reach off and in extent; "
+        "the bounds are ten arms"
     )
     mass = Parameter("kg", 0.0, 10.0, scale=0.06, doc="unknown mass")
     x, y, z = Parameter(
         "kg m", -10.0, 10.0, scale=6e-3, doc="mass times its centre's {} in the tip frame"
     ).each(*"xyz")
+    extent = Parameter("kg m^2", -10.0, 10.0, scale=6e-4, doc="inertia beyond a point's, a ball's")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """As wide as the arm is heavy, and long."""
-        mass, *moments = self.declared
+        mass, *moments, extent = self.declared
         heavy, far = self.arm, self.arm * self.reach
-        return (mass.of_width(heavy), *(moment.of_width(far) for moment in moments))
+        wide = (moment.of_width(far) for moment in moments)
+        return (mass.of_width(heavy), *wide, extent.of_width(far * self.reach))
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -124,12 +128,12 @@ class CarriedMass(Effect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         body, T = state.chain.body_of_tip, constant(state.chain.T_last_tip)
-        mass, place, away = values[0], T[:3, 3], T[:3, :3] @ cs.vertcat(*values[1:])
+        mass, place, away = values[0], T[:3, 3], T[:3, :3] @ cs.vertcat(*values[1:4])
         moment = mass * place + away
         # Of m c c^T with c = place + away / m, whose last part is rounded: the mass may be none.
         both = steiner(cs.SX(1), place + away) - steiner(cs.SX(1), place)
         own = (1 / (mass + LIGHTEST) - 1) * steiner(cs.SX(1), away)
-        inertia = steiner(mass, place) + both + own
+        inertia = steiner(mass, place) + both + own + values[4] * BALL
         inertial = cs.SX(state.inertial)
         inertial[body, :] += cs.vertcat(mass, moment, inertia).T
         return replace(state, inertial=inertial)
