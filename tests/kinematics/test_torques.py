@@ -211,12 +211,13 @@ def test_bodies_are_expected_to_err_by_the_weight_and_reach_of_their_arm(two):
     assert sum(body.mass for body in rec.chain.joints) == arm
     assert rec.chain.reach == pytest.approx(reach, abs=0.05)
     widths = [p.scale for p in (*load.parameters, *link.parameters)]
-    moment = 0.006 * arm * reach
-    np.testing.assert_allclose(widths, [0.06 * arm, *3 * [moment], 0.1, *3 * [0.02 * reach]])
+    wide = [0.06 * arm, *3 * [0.006 * arm * reach], 6e-4 * arm * reach**2]
+    np.testing.assert_allclose(widths, [*wide, 0.1, *3 * [0.02 * reach]])
     ends = [(p.lower, p.upper) for p in (*load.parameters, *link.parameters)]
     far = (-10 * arm * reach, 10 * arm * reach)
+    large = [(0, 10 * arm), *3 * [far], (-10 * arm * reach**2, 10 * arm * reach**2)]
     other = (-0.5 * reach, 0.5 * reach)
-    np.testing.assert_allclose(ends, [(0, 10 * arm), *3 * [far], (-0.9, 4.0), *3 * [other]])
+    np.testing.assert_allclose(ends, [*large, (-0.9, 4.0), *3 * [other]])
 
 
 @pytest.mark.parametrize(("friction", "side"), [(1.3, 0 * SIDE), (0.0, SIDE)])

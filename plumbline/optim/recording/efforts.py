@@ -165,7 +165,8 @@ def without_saturated(r: Recording) -> Recording:
         near = counts[values >= end - ENDS_WITHIN * step].sum() - counts[-1]
         at = side * read == end
         spread = np.ptp(model[at, j])
-        if counts[-1] >= AT_ITS_END and counts[-1] > 2 * near and spread > ENDS_OFF * abs(end):
+        ends = len(values) > 1 and counts[-1] >= max(AT_ITS_END, 2 * near + 1)
+        if ends and spread > ENDS_OFF * abs(end):
             beyond |= at
             said = f"efforts of joint {j + 1} end at {shown(float(side * end))}"
             notes.append(f"{said} in {counted(int(counts[-1]), 'row')}, left aside: a sensor's end")

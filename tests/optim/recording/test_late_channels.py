@@ -124,6 +124,13 @@ def test_rows_in_which_a_sensor_reads_its_end_are_left_aside(robot, share, left)
         assert diagnose(rec).verdict.causes == ()
 
 
+def test_what_reads_one_value_throughout_has_no_end(robot):
+    rec = recorded(robot)
+    read = rec.measured.copy()
+    read[:, 1] = 3.0
+    assert len(without_saturated(replace(rec, measured=read))) == len(rec)
+
+
 @pytest.mark.parametrize("step", [0.2, 1.0])
 def test_a_coarse_sensor_has_no_end(robot, step):
     """A slow crest reads its last step more often than the next ones, not twice as often."""
