@@ -1,7 +1,8 @@
-"""CSV as it comes: commas, semicolons or tabs; decimal points or commas; remarks above the header.
+"""CSV as it comes: any separator; decimal points or commas; remarks above the header.
 
 What stands between cells is the mark that cuts the first lines into the same number of cells, more
-than one; a decimal comma is told by cells such as ``3,14`` where commas do not separate.
+than one, at last any number of spaces; a decimal comma is told by cells such as ``3,14`` where
+commas do not separate.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.recording.table import cut_short
 
 LARGEST_TEXT = 1_000_000_000  # [byte]: an hour of 50 columns at 1 kHz
-MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
+MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "spaces"}
 LOOKED_AT = 20  # lines below the header that must be cut alike
 DECIMALS = re.compile(r"^[-+\N{MINUS SIGN}]?\d*,\d+([eE][-+]?\d+)?$")
 REMARK = ("#", "%", "//")
@@ -84,16 +85,19 @@ def _head(lines: list[str]) -> int:
 def _mark(body: list[str]) -> str:
     """What stands between cells; a comma if nothing does."""
     some = body[: LOOKED_AT + 1]
-    cuts = {mark: [len(row) for row in csv.reader(some, delimiter=mark) if row] for mark in MARKS}
+    plain = [" ".join(line.split()) for line in some]
+    texts = {mark: plain if mark == " " else some for mark in MARKS}
+    cuts = {m: [len(row) for row in csv.reader(t, delimiter=m) if row] for m, t in texts.items()}
     alike = [mark for mark, counts in cuts.items() if counts[0] > 1 and len(set(counts)) == 1]
-    loose = [mark for mark, counts in cuts.items() if counts[0] > 1]
+    loose = [mark for mark, counts in cuts.items() if counts[0] > 1 and mark != " "]
     return next(iter(alike or loose), ",")
 
 
 def _cells(path: Path, text: str, mark: str, skipped: int) -> pd.DataFrame:
+    separator = r"\s+" if mark == " " else mark
     try:
         table = pd.read_csv(
-            io.StringIO(text), sep=mark, header=None, dtype=str, keep_default_na=False,
+            io.StringIO(text), sep=separator, header=None, dtype=str, keep_default_na=False,
             skipinitialspace=True, skip_blank_lines=False,
         )  # fmt: skip
     except (pd.errors.ParserError, pd.errors.EmptyDataError, csv.Error, ValueError) as error:

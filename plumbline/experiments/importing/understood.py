@@ -152,16 +152,22 @@ def _clock(raw: Raw, request: Request) -> Array | None:
 def _joined(
     base: Raw, matches: Sequence[Match], request: Request
 ) -> tuple[dict[str, NDArray[np.int64]], dict[str, int]]:
-    """The row of each table that goes with each row of the base, and rows left without one."""
+    """The row of each table that goes with each row of the base, and rows left without one.
+
+    Tables without clocks go together row by row where they have as many.
+    """
     others = {match.raw.name: match.raw for match in matches if match.raw is not base}
     rows, left = {base.name: np.arange(len(base), dtype=np.int64)}, {}
-    if others and request.gap is None:
-        raise PlumblineError(
-            f"columns of {listed([base.name, *others])}: expected how far apart in time readings "
-            "may be that belong together; say --gap 0.01 (in s)"
-        )
     for name, raw in others.items():
         clocks = [_clock(base, request), _clock(raw, request)]
+        if clocks[0] is None and clocks[1] is None and len(raw) == len(base):
+            rows[name], left[name] = rows[base.name], 0
+            continue
+        if request.gap is None:
+            raise PlumblineError(
+                f"columns of {listed([base.name, *others])}: expected how far apart in time "
+                "readings may be that belong together; say --gap 0.01 (in s)"
+            )
         for table, clock in zip((base, raw), clocks, strict=True):
             if clock is None:
                 raise PlumblineError(

@@ -57,12 +57,30 @@ def same(made, bench, within=1e-9):
     np.testing.assert_allclose(made.measured, bench[["x", "y", "z"]], atol=within)
 
 
-@pytest.mark.parametrize(("mark", "decimal"), [(",", "."), (";", ","), ("\t", "."), (";", ".")])
+@pytest.mark.parametrize(
+    ("mark", "decimal"), [(",", "."), (";", ","), ("\t", "."), (";", "."), (" ", ".")]
+)
 def test_any_separator_and_decimal_mark_gives_the_same_recording(tmp_path, bench, mark, decimal):
     log = tmp_path / "log.csv"
     lab_rows(bench).to_csv(log, index=False, sep=mark, decimal=decimal)
     same(imported(tmp_path, log, *MAP), bench)
     assert contents(tmp_path / "made").keys() == {"dataset.toml", "samples.csv", "."}
+
+
+@pytest.mark.parametrize("indent", ["", "   "])
+def test_files_of_bare_numbers_go_together_row_by_row(tmp_path, bench, indent, capsys):
+    """As np.savetxt and MATLAB's -ascii write them: no header, no clock, spaces between."""
+    for name, columns in (("arm", JOINTS), ("tips", ["x", "y", "z"])):
+        np.savetxt(tmp_path / f"{name}.txt", bench[columns], fmt=f"{indent}%.9e")
+    files = [tmp_path / "tips.txt", tmp_path / "arm.txt"]
+    named = [f"{target}=arm@{k}:rad" for k, target in enumerate(JOINTS, start=1)]
+    named += [f"{a}=tips@{k}:m" for k, a in enumerate("xyz", start=1)]
+    words = [word for name in named for word in ("--map", name)]
+    words += ["--robot", "ur5", "--tool", TOOL, "--yes"]
+    same(imported(tmp_path, *files, *words), bench)
+    np.savetxt(tmp_path / "arm.txt", bench[JOINTS][:-1])
+    said = refused(capsys, "import", *files, *words, "--to", tmp_path / "other", "-q")
+    assert "expected how far apart in time" in said
 
 
 def test_remarks_units_in_a_row_and_units_in_names_are_read(tmp_path, bench):
