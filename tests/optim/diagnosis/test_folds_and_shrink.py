@@ -181,6 +181,18 @@ def test_a_fold_s_fit_stays_within_the_bounds_and_is_judged_there(offset_recordi
     assert ended.converged
 
 
+def test_the_one_unknown_of_a_fold_that_has_no_cause_of_its_own_is_held_and_not_pulled(tmp_path):
+    """As where second encoders miss by one value of one joint alone."""
+    case = with_fault(faultless(rows=40, observation="joint_position"), RealOffset(0.0, 3))
+    recording = replace(recorded(case, tmp_path)[0], group=None)
+    pool, folds, best, model, union = first_fold(recording)
+    x, none = union.started(best.by_name), np.empty(0, dtype=np.intp)
+    assert len(x) == 1
+    found = shrink._without_fold(pool, union, model, none, folds != 0, x)
+    assert found.shared.shape == union.problem.shared.shape
+    assert found.lower == found.upper == x
+
+
 def test_a_fold_s_first_step_that_leaves_more_than_its_start_is_halved(offset_recording):
     pool, folds, best, model, union = first_fold(offset_recording)
     start = union.started(best.by_name)

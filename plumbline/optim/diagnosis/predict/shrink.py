@@ -234,7 +234,7 @@ def _without_fold(
     sizes = [len(e.parameters) for e in model.effects]
     pulls[_columns_of(pool, union, model)[pool.always :]] = np.repeat(model.ridge, sizes)
     pulled = np.flatnonzero(pulls * ~held)
-    near_null = (pulls / problem.scale)[pulled] * problem.x[pulled.tolist()]
+    near_null = (pulls / problem.scale)[pulled] * problem.x[pulled.tolist(), 0]
     return replace(
         problem.part(others),
         lower=np.where(held, x, problem.lower),
