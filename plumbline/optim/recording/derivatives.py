@@ -28,6 +28,9 @@ from plumbline.optim.recording.constants import (
 from plumbline.optim.recording.origin import Array, Origin
 
 ORDER = 3
+USUAL = 0.99  # of steps, which a motion in fifty rows at most leaves out
+SPEEDS_UP = 3.0  # times the largest of a motion's own steps: no joint moves so for one row
+SHORTEST = 50  # rows of a run, on average: what leaps more often is no motion
 # Median size of third differences (1, 3, 3, 1) of white noise of one.
 THIRD_DIFFERENCE = 0.6745 * 20**0.5
 
@@ -133,6 +136,15 @@ def stretches(time: Array, step: float) -> list[NDArray[np.intp]]:
     steps = np.diff(time)
     cuts = np.flatnonzero((steps > GAP_IN_TIME * step) | (steps < 0.0)) + 1
     return [np.asarray(rows) for rows in np.split(np.arange(len(time)), cuts)]
+
+
+def elsewhere(places: Array) -> NDArray[np.bool_]:
+    """Rows (N - 1,) after which places (N, n) are as far as no other steps are by far."""
+    step = np.abs(np.diff(places, axis=0))
+    size = np.max(step / np.maximum(np.quantile(step, USUAL, axis=0), 1e-12), axis=1)
+    order = np.sort(size)[::-1][: len(size) // SHORTEST + 2]
+    apart = np.flatnonzero(order[:-1] > SPEEDS_UP * order[1:])
+    return np.asarray(size >= order[apart[-1]] if len(apart) else np.zeros(len(size), bool))
 
 
 def _smoothed(

@@ -36,7 +36,7 @@ from plumbline.optim.recording.constants import (
     NEAR_SCALE,
     UNSIGNED,
 )
-from plumbline.optim.recording.derivatives import derived_motion, turning, velocity_noise
+from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by
 from plumbline.optim.recording.mixed_up import MIXED_UP, refuse_mixed_up
 from plumbline.optim.recording.origin import Array, Origin
@@ -95,6 +95,7 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
     if not r.chain.has_masses:
         mend = "give a URDF with <inertial>, or record another kind of observation"
         raise fault(origin.key("[robot]"), "a robot without masses", "masses, for torques", mend)
+    r = _run_by_run(r)
     refuse_other_rates(r, origin)
     velocity, notes = r.velocity, r.notes
     acceleration, shaken = r.acceleration, np.zeros(r.chain.n)
@@ -121,6 +122,19 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
     stated = r.noise_by_joint is not None or r.noise_std is not None
     whole = float(np.sqrt(np.mean(noise**2))) if stated else None
     return replace(r, noise_by_joint=noise, noise_std=whole)
+
+
+def _run_by_run(r: Recording) -> Recording:
+    """With gaps in time between logs that lie back to back: where joints are elsewhere at once."""
+    begins = elsewhere(r.q) if len(r) > 1 else np.zeros(0, bool)
+    if r.time is None or not begins.any():
+        return r
+    gap = 2.0 * GAP_IN_TIME * np.median(np.abs(np.diff(r.time)))
+    said = (
+        f"joints are elsewhere at once {counted(int(begins.sum()), 'time')}: motions of their own"
+    )
+    time = r.time + gap * np.append(0.0, np.cumsum(begins))
+    return replace(r, time=time, notes=(*r.notes, said))
 
 
 def in_time(r: Recording, placed: Array | None) -> Recording:

@@ -152,3 +152,17 @@ def test_where_the_model_hardly_changes_a_load_is_held(robot, share, left):
     read[at, 1] = end
     found = without_saturated(replace(rec, measured=read))
     assert (len(found) < len(rec)) is left
+
+
+def test_logs_of_efforts_back_to_back_are_motions_of_their_own(robot):
+    """No joint accelerates from the end of one to the beginning of the next."""
+    whole = recorded(robot)
+    kept = np.r_[0:120, 170:260, 320:360]
+    rec = build_recording(
+        observation="joint_torque", robot=robot, time=0.02 * np.arange(len(kept)), q=whole.q[kept],
+        measured=whole.measured[kept], noise_by_joint=np.full(4, NOISE),
+    )  # fmt: skip
+    assert any("elsewhere at once 2 times" in note for note in rec.notes)
+    assert np.abs(rec.acceleration).max() < 1.2 * np.abs(motion()[2]).max()
+    assert diagnose(rec).verdict.causes == ()
+    assert not any("elsewhere" in note for note in whole.notes)

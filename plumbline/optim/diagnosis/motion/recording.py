@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import fault, shown
 from plumbline.kinematics.drive import Law
@@ -24,6 +24,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.diagnosis.motion.set_up import refuse_wrong_set_up
 from plumbline.optim.recording.columns import numbered
+from plumbline.optim.recording.derivatives import elsewhere
 from plumbline.optim.recording.loading import (
     KEYS,
     PROVENANCE,
@@ -39,8 +40,6 @@ from plumbline.optim.recording.table import Table, as_integers
 OBSERVATION, TRACKING = "motion", "tracking"
 LEVER = 0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
 LEAP = 10.0  # times what readings usually are off the line of their neighbours: no noise is that
-USUAL = 0.99  # of steps, which a motion in fifty rows at most leaves out
-SPEEDS_UP = 3.0  # times the largest of a motion's own steps: no joint moves so for one row
 ROUNDED = 0.01  # of a step: stamps of a tenth of a millisecond at 100 Hz
 MENDED = 4.0  # times in mean square that an even clock is smoother by: twice in root mean square
 LISTED = 5  # rows that a note names
@@ -300,7 +299,7 @@ def _run_by_run(r: MotionRecording) -> MotionRecording:
 
     A joint that follows positions gets there at once only if it is told so in that very row.
     """
-    begins = _elsewhere(r.q) & (_elsewhere(r.command) if r.law.follows else True)
+    begins = elsewhere(r.q) & (elsewhere(r.command) if r.law.follows else True)
     begins[:-1] &= ~begins[1:]  # away and back is a reading's error
     if not begins.any():
         return r
@@ -309,15 +308,6 @@ def _run_by_run(r: MotionRecording) -> MotionRecording:
     rows = ", ".join(map(str, np.flatnonzero(begins)[:LISTED] + FIRST_ROW + 1))
     note = f"joints are elsewhere at once from rows {rows} on: motions of their own, as by 'group'"
     return replace(r, group=anew.astype(np.int64), notes=(*r.notes, note))
-
-
-def _elsewhere(places: Array) -> NDArray[np.bool_]:
-    """Rows (N - 1,) after which places (N, n) are as far as no other steps are by far."""
-    step = np.abs(np.diff(places, axis=0))
-    size = np.max(step / np.maximum(np.quantile(step, USUAL, axis=0), 1e-12), axis=1)
-    order = np.sort(size)[::-1][: len(size) // LEAST_ROWS + 2]
-    apart = np.flatnonzero(order[:-1] > SPEEDS_UP * order[1:])
-    return np.asarray(size >= order[apart[-1]] if len(apart) else np.zeros(len(size), bool))
 
 
 def _evenly(r: MotionRecording) -> MotionRecording:
