@@ -1,5 +1,8 @@
 """What the search for a drive's causes takes, and that it misses nothing by it."""
 
+from itertools import combinations
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -37,3 +40,22 @@ def test_of_several_starts_the_best_after_a_few_steps_goes_on_alone(most, near, 
     best, some = left(RACE if most is None else most)
     assert (best < 1.05 * whole).all() == near, (best / whole).max()
     assert (some < 0.8 * all_of_it) == cheap, some / all_of_it
+
+
+@pytest.mark.parametrize(
+    ("alone", "both", "left"),
+    [(1.025, 1.035, 2), (1.025, 1.045, 4), (1.015, 1.045, 3), (1.015, 1.035, 2)],
+)
+def test_effects_that_take_next_to_nothing_each_are_spared(alone, both, left):
+    """Of the square that is left without: two that do each other's work go together."""
+    signals = signals_of(recorded([{}, {}], seconds=12.0))
+    library = tuple(e for c in MOTION_EFFECTS for e in c.candidates(Law.POSITION, masses=False))[:4]
+    found = models.Models(signals.windows(0, signals.starts), library, signals.seen(0))
+    needed, whole = set(library[:2]), frozenset(library)
+    for n in range(len(library)):
+        for key in map(frozenset, combinations(library, n)):
+            square = {0: 1.0, 1: alone, 2: both}[2 - len(key - needed)] if key >= needed else 9.0
+            found.found[key] = SimpleNamespace(square=square, effects=())
+    found.found[whole] = SimpleNamespace(square=1.0, effects=())
+    assert len(found.spared(whole)) == left
+    assert found.spared(whole) >= needed

@@ -47,7 +47,7 @@ ENDED = 1e-10  # of the square: the same for the fits behind a verdict
 
 # Evidence
 PRESENT = 0.15  # prior probability of an effect at a joint: one or two of nine at work
-LEAST_GAIN = 0.02  # of the square, a seventh of what is left: what brings less is negligible
+LEAST_GAIN = 0.02  # of the square, a seventh of what is left: an effect of less is negligible
 NAMED = 0.5  # probability from which a cause is named
 LEAST_SHARE = 0.05  # of what is left: an unlisted function that takes less is negligible
 BUMPS = 8  # of an unlisted function along its variable: features a tenth of its range wide

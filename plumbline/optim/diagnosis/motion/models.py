@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from itertools import combinations
 
 import numpy as np
 
@@ -165,11 +166,27 @@ class Models:
         return max((k for k in known if names_of(k) == first), key=lambda k: self.score(k, time))
 
     def negligible(self, key: Key, beside: Key) -> bool:
-        """Whether a model has more effects than another, and they take next to nothing."""
+        """Whether a model has more effects than another, which take next to nothing each."""
         other = self.found[beside]
         grows = other.square - self.found[key].square
-        least = max(LEAST_GAIN * other.square, self._steps(other))
-        return len(key) > len(beside) and grows < least
+        more = len(key) - len(beside)
+        return more > 0 and grows < max(more * LEAST_GAIN * other.square, self._steps(other))
+
+    def spared(self, key: Key) -> Key:
+        """The model without effects that take next to nothing, alone or two together.
+
+        A climb that began with what stands for two others keeps it beside them: of many samples
+        what little they leave, a simulator's steps or an encoder's, is evidence for more.
+        """
+        whole = key
+        while True:
+            some = [key - set(gone) for n in (1, 2) for gone in combinations(key, n)]
+            for less in some:
+                self.fit(less, self.found[key])
+            spared = [less for less in some if self.negligible(whole, less)]
+            if not spared:
+                return key
+            key = min(spared, key=lambda k: (len(k), self.found[k].square))
 
     def contenders(self, key: Key) -> list[Key]:
         """What may be better than a model once all windows count, itself first.

@@ -80,7 +80,7 @@ def search(
         sigma: Stated noise of a position [rad], if any is.
     """
     quick, models = Models(few, library, seen), Models(windows, library, seen)
-    key = models.likeliest(models.again(quick, quick.settle(quick.climb())))
+    key = models.spared(models.likeliest(models.again(quick, quick.settle(quick.climb()))))
     rough = models.found[key]
     fit = fitted(windows, rough.effects, rough.theta)
     time = correlation_time(fit.residual)
