@@ -32,6 +32,7 @@ from plumbline.optim.diagnosis.posterior.slots import (
 )
 from plumbline.optim.diagnosis.prior import (
     BETTER,
+    FEW_VARIANTS,
     FIRST_SLOT_ODDS,
     MANY_SLOTS,
     NEXT_SLOT_ODDS,
@@ -126,13 +127,16 @@ def _better_pair(
 ) -> list[SelectedTerm]:
     """Start again from some terms and the best pair, where that leads to a better model.
 
-    The first of the pair depends on the same as is given, if anything is.
+    The first of the pair depends on the same as is given, if anything is: every one of few
+    variants, for that which does most alone may do what both do.
     """
     singles, scores = selection.odds(selection.reduce(rest))
-    alike = [dependence in (None, own) for own in selection.dependences]
+    alike = np.array([dependence in (None, own) for own in selection.dependences])
     own = [t for t in chosen if t not in rest]
     best, pair = added_evidence(selection, rest, own[:2]), None
-    for i in _best_variants(selection, np.where(alike, singles, -np.inf)):
+    asked = np.where(alike, singles, -np.inf)
+    few = np.flatnonzero(np.isfinite(asked)).tolist()
+    for i in few if len(few) <= FEW_VARIANTS else _best_variants(selection, asked):
         # Alone it may seem tiny; with its partner it may have its usual size.
         first = SelectedTerm(i, max(float(scores.scale[i]), 1.0))
         seconds, found = selection.odds(selection.reduce([*rest, first]))
