@@ -93,6 +93,13 @@ def test_commands_that_a_servo_holds_from_row_to_row_are_no_delay(held):
     assert found[0].parameters["delay"].value == pytest.approx(0.03, abs=2e-4)
 
 
+def test_a_delay_by_a_part_of_a_row_is_no_rotor():
+    """Late commands turn corners within a step: a line past them had been a lag and a rotor."""
+    found = diagnose(moved(noise=1e-3, delay=0.005)).verdict.causes
+    assert [(c.effect, c.element) for c in found] == [("actuation_delay", 1)]
+    assert found[0].parameters["delay"].value == pytest.approx(0.005, abs=1e-4)
+
+
 def test_drives_whose_commands_are_held_foretell_motions_by_the_same_gains(tmp_path):
     found = diagnose(moved(noise=1e-3, held=True, rotor=0.05))
     assert [(c.effect, c.element) for c in found.verdict.causes] == [("rotor_inertia", 1)]

@@ -153,9 +153,13 @@ class Windows:
         slope = u[low + 1] - u[low]
         ends = self.first[low + 1] > low  # the next run's command is not this one's
         slope[ends] = 0.0
-        if self.law != Law.VELOCITY:
+        if self.law == Law.POSITION or self.law.holds:
             return u[low] + f * slope, -slope / self.dt
         bends = [np.where(ends, 0.0, self.bend[low + k]) for k in (0, 1)]
+        if self.law != Law.VELOCITY:  # a step takes the mean: a corner within it is off its line
+            corner = (bends[0] + bends[1]) / 4
+            straight = u[low] + f * slope - f * (1 - f) * corner
+            return straight, -(slope - (1 - 2 * f) * corner) / self.dt
         return between(u[low], slope, bends, f), -between_slope(slope, bends, f) / self.dt
 
     @cached_property
