@@ -53,6 +53,8 @@ from plumbline.optim.recording.disagreement import unmet
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible, refuse_wrong_set_up
 
+NOTHING = 1e-9  # of a parameter's scale: what a bound at its null leaves of it
+
 
 def diagnose(
     recording: Recording | str | Path,
@@ -185,8 +187,28 @@ def _explained(
         if not left or wrong < NO_EVIDENCE or not wrong <= 0.5 * before:
             break
         before, about = wrong, about_its_fit(fitted, task.library)
+    if idle := _idle(selected):
+        rest = [t for t in selected.chosen if t not in idle]
+        selected = with_terms(selected, rest, task, bad)
     selected = replace(selected, barred=_barred(selected, explanation), states=explanation.states)
     return Explained(options, task, selected, bad, explanation)
+
+
+def _idle(selected: SelectedModel) -> list[SelectedTerm]:
+    """Forms of a cause that a fit within bounds leaves at nothing beside other forms of it."""
+    columns = {term.effect: term.columns for term in selected.model.terms}
+    size = selected.best.problem.scale
+
+    def idles(term: SelectedTerm) -> bool:
+        effect = selected.selection.candidates[term.index].effect
+        null = np.array([p.null for p in effect.parameters])
+        off = selected.best.x[columns[effect]] - null
+        return bool((np.abs(off) <= NOTHING * size[columns[effect]]).all())
+
+    key = [selected.selection.candidates[t.index].key for t in selected.chosen]
+    idle = [idles(t) for t in selected.chosen]
+    works = {k for k, none in zip(key, idle, strict=True) if not none}
+    return [t for t, k, none in zip(selected.chosen, key, idle, strict=True) if none and k in works]
 
 
 def _barred(selected: SelectedModel, explanation: Explanation) -> frozenset[Key]:

@@ -2,6 +2,7 @@
 
 import io
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +13,14 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.report.diagnosis.page import in_words
 from plumbline.experiments.report.page.words import print_page
 from plumbline.experiments.report.writing import report_html
+from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
+from plumbline.kinematics.effects.viscous_friction import ViscousFriction
 from plumbline.optim.core.judged import STILL
 from plumbline.optim.core.solvers import LevenbergMarquardt
-from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.diagnose import _idle, diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.posterior.evidence import Candidate
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from tests.answer_contract import keeps_the_contract
 from tests.optim.recording.test_set_up import room, told
 
@@ -123,3 +128,20 @@ def test_a_verdict_s_fields_are_reached_from_the_diagnosis(run_out):
 def test_a_stored_diagnosis_says_how_to_search_again(stored):
     with pytest.raises(PlumblineError, match=r"diagnose\(answer.recording, answer.options\)"):
         _ = stored.selected
+
+
+@pytest.mark.parametrize(
+    ("x", "idle"), [((0.3, 0.0, 0.0), [1]), ((0.3, 1e-8, 0.1), []), ((0.0, 0.0, 0.2), [])]
+)
+def test_a_form_that_comes_to_nothing_goes_where_another_of_its_cause_works(x, idle):
+    """Two forms of one friction, and another that has no more of them."""
+    forms = (CoulombFriction(1), CoulombFriction(1, creep=0.1), ViscousFriction(2))
+    selected = SimpleNamespace(
+        model=SimpleNamespace(
+            terms=[SimpleNamespace(effect=e, columns=slice(k, k + 1)) for k, e in enumerate(forms)]
+        ),
+        best=SimpleNamespace(x=np.array(x), problem=SimpleNamespace(scale=np.full(3, 0.1))),
+        selection=SimpleNamespace(candidates=[Candidate(e, np.array([0]), 0.0) for e in forms]),
+        chosen=[SelectedTerm(k, 1.0) for k in range(3)],
+    )
+    assert [t.index for t in _idle(selected)] == idle
