@@ -341,6 +341,17 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     assert [len(found.plot(name).figures) for name in ("friction", "torques")] == [1, 3]
 
 
+def test_a_noise_of_efforts_that_is_larger_than_stated_is_told_in_their_unit(robot):
+    rng = np.random.default_rng(9)
+    bare = recorded(robot)
+    sigma = 0.02 * np.abs(bare.measured).max() * np.array([1, 0.5, 0.3, 0.2])
+    tau = bare.measured + rng.normal(0, 1.5 * sigma, bare.measured.shape)
+    notes = diagnose(recorded(robot, measured=tau, noise_by_joint=sigma)).verdict.notes
+    (said,) = [note for note in notes if note.startswith("noise larger than stated: ")]
+    told = float(said.split()[4])
+    assert told == pytest.approx(1.5 * np.sqrt(np.mean(sigma**2)), rel=0.15)
+
+
 @pytest.mark.parametrize(("share", "dry"), [(0.007, True), (0.06, True), (0.8, False)])
 def test_dry_friction_may_need_some_speed_to_hold(robot, share, dry):
     """Up to a tenth of the largest speed; what needs more is viscous for the most part."""

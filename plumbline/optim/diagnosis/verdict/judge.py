@@ -51,6 +51,7 @@ from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import figure
+from plumbline.optim.measurement.torque import newton_metres
 from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import ASKED, plausible
@@ -253,7 +254,8 @@ def _notes(
             "what is told apart here is told by little"
         )
     formless = lack_of_fit(noise, selected) > 0.5 and not told.words
-    notes += _missed(gap, noise, formless=formless, noisier=noisier)
+    measured = replace(noise, sigma=newton_metres(recording) * noise.sigma)
+    notes += _missed(gap, measured, formless=formless, noisier=noisier)
     if not recording.chain.has_masses and not recording.stand_in:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     notes += _unnamed(selected, told)
@@ -283,7 +285,7 @@ def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool, noisier: bool) -> It
 
     Args:
         gap: The gap.
-        noise: The noise, and how many times as much the fit leaves.
+        noise: The noise as measured, and how many times as much the fit leaves.
         formless: Whether the fit leaves more than noise, and nothing tells what that follows.
         noisier: Whether it leaves more than the stated noise, and that is noise.
     """
