@@ -47,7 +47,7 @@ ALIKE = 2.0
 # UR10's 190 a fold that begins with none ends in others, and leaves 56.3 um, not 54.6.
 MANY_SLOTS = 40
 # Variants of which each is tried as the first of a pair, not the best of each cause: a joint's
-# friction has 13, and the drives' notebook fails at 8; above, cost alone.
+# friction has a dozen (test_efforts.py fails at 8); above, cost alone.
 FEW_VARIANTS = 20
 BETTER = 1e-6  # log odds by which another model must win: more than rounding
 

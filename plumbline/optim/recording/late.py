@@ -7,8 +7,9 @@ of the likelihood is
 .. math:: L(k) = -\sum_j \frac{n}{2 \tau_j} \log \min_\theta |y_j(t + k h) - X_j \theta_j|^2
 
 with the correlation time :math:`\tau_j` of what is left. Between rows each joint's squares run by
-the parabola through the best three. A channel is late where that is by :data:`SURE` more probable
-than that it is not, whichever joint is not asked: one alone may have friction with a memory.
+the parabola through the best three. A channel is late where that is by :data:`SURELY_LATE` more
+probable than that it is not, whichever joint is not asked: one alone may have friction with a
+memory.
 """
 
 from __future__ import annotations
@@ -26,10 +27,8 @@ from plumbline.optim.recording.origin import Array
 Rows = NDArray[np.intp]
 LATEST = 0.2  # [s]: filters of drives and loggers' queues take less
 # Nats of likelihood: one channel in twenty is late (3), by some hundredth of the latest either way
-# (5). Noise and smoothing made at most 4 of 48 that were not.
-SURE = 10.0
-
-
+# (5). Noise and smoothing made at most 4 of 48 that were not (test_late_channels.py).
+SURELY_LATE = 10.0
 LEAST = 0.05  # of a row: less is of the smoothing and of the parabola
 FINE = 401  # places between the rows before and after the best: 0.1 ms of rows 20 ms apart
 
@@ -67,7 +66,7 @@ def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> 
     found = int(np.argmin(log.sum(axis=1)))
     gains = np.log(left[most, :, 0]) * effective / 2.0 - log[found]
     late = float(shifts[best] + off[found, 0])
-    sure = gains.sum() - gains.max() > SURE and abs(late) > LEAST
+    sure = gains.sum() - gains.max() > SURELY_LATE and abs(late) > LEAST
     return late if sure else 0.0
 
 

@@ -7,7 +7,7 @@ from plumbline.optim.recording.origin import Array, Origin
 
 REPEATED = 0.1  # of the rows in which joints move: as many that bring nothing new are no chance
 FEW = 5  # rows that may bring nothing new by chance
-SURE = 3.0  # times the least step of an encoder, on both sides of a row: a joint is under way
+UNDER_WAY = 3.0  # times the least step of an encoder, on both sides of a row: a joint is under way
 EVEN = 2.0  # ratio of these two steps: it neither stops nor sets off between them
 
 
@@ -22,7 +22,9 @@ def refuse_repeated(told: Array, read: Array, letter: str, origin: Origin) -> No
     rows, size = np.flatnonzero(new), np.abs(step[new])
     least = np.where(size > 0.0, size, np.inf).min(axis=0, initial=np.inf)
     low, high = np.minimum(size[:-1], size[1:]), np.maximum(size[:-1], size[1:])
-    even = (step[rows[:-1]] * step[rows[1:]] > 0.0) & (low >= SURE * least) & (high < EVEN * low)
+    even = (
+        (step[rows[:-1]] * step[rows[1:]] > 0.0) & (low >= UNDER_WAY * least) & (high < EVEN * low)
+    )
     same = np.diff(np.cumsum(asked & ~new)[rows])[moves := even.any(axis=1)]
     count = same.sum() + len(same)
     if same.sum() > max(REPEATED * count, FEW):

@@ -341,6 +341,29 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     assert [len(found.plot(name).figures) for name in ("friction", "torques")] == [1, 3]
 
 
+def test_dry_and_viscous_friction_are_found_where_a_form_of_either_does_more_alone():
+    """Of a dozen forms of a friction each is tried as the first of two."""
+    robot = Robot.from_dh(
+        [
+            {"a": 0.4, "mass": 2.0, "com": [-0.2, 0, 0]},
+            {"a": 0.3, "mass": 1.0, "com": [-0.15, 0, 0]},
+        ]
+    ).with_gravity(np.array([0.0, -9.81, 0.0]))
+    rng, t = np.random.default_rng(3), np.arange(0.0, 20.0, 0.02)
+    pulse = 2 * np.pi * np.array([[0.31, 0.47], [0.9, 0.7]])
+    size, phase = np.array([[0.8, 0.9], [0.2, 0.3]]), pulse * t[:, None, None]
+    q = (size * np.sin(phase)).sum(axis=1)
+    v, a = (
+        (size * pulse * np.cos(phase)).sum(axis=1),
+        (-size * pulse**2 * np.sin(phase)).sum(axis=1),
+    )
+    read = robot.dynamics().torques(q, v, a) + rng.normal(0.0, 0.05, q.shape)
+    read[:, 1] += 0.4 * np.sign(v[:, 1]) + 0.15 * v[:, 1]
+    given = {"q": q, "velocity": v, "time": t, "measured": read, "noise_std": 0.05}
+    found = diagnose(build_recording(observation="joint_torque", robot=robot, **given))
+    assert {c.effect for c in found.causes} == {"coulomb_friction", "viscous_friction"}
+
+
 def test_a_noise_of_efforts_that_is_larger_than_stated_is_told_in_their_unit(robot):
     rng = np.random.default_rng(9)
     bare = recorded(robot)

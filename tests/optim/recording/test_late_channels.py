@@ -13,7 +13,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import AT_ITS_END, ENDS_OFF, ENDS_WITHIN
 from plumbline.optim.recording.efforts import nominal_efforts, without_saturated
-from plumbline.optim.recording.late import LATEST, SURE
+from plumbline.optim.recording.late import LATEST
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.origin import Origin
 from tests.random_trees import Tree
@@ -92,7 +92,6 @@ def test_no_channel_is_later_than_the_latest(robot, late, seen):
 @pytest.mark.parametrize(("noise", "seen"), [(0.75, True), (1.5, False)])
 def test_a_channel_is_late_where_that_is_surely_more_probable(robot, noise, seen):
     """At 0.45 N m of noise half a row is as much: a likelihood falls with the square of it."""
-    assert SURE == 10.0
     assert bool(told(recorded(robot, efforts=0.01, noise=0.45 * noise))) is seen
 
 

@@ -54,7 +54,7 @@ def stepping(steps):
     ("constant", "value", "log"),
     [
         ("REPEATED", 0.02, lambda: logged(np.random.default_rng(0).random(1500) > 0.05)),
-        ("SURE", 0.5, lambda: logged(tick=0.02)),
+        ("UNDER_WAY", 0.5, lambda: logged(tick=0.02)),
         ("EVEN", 10.0, stopping),
         ("FEW", 0, lambda: stepping(np.array([1, 1, *[4, 4, 0, 4, 4] * 2, *[1] * 60]))),
     ],
