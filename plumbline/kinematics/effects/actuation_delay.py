@@ -1,4 +1,7 @@
-r"""Commands that are obeyed late: :math:`c(t) = u(t - d)`, d of any size between samples."""
+r"""Commands that are obeyed late: :math:`c(t) = u(t - d)`, d of any size between samples.
+
+A log whose rows state what acted since the row before shows joints that lead, :math:`d < 0`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +26,8 @@ class ActuationDelay(MotionEffect):
         "link"
     )
     # Field buses take 1 to 4 ms, serial chains of hobby servos and ROS 2 stacks up to 100 ms.
-    delay = Parameter("s", 0.0, 0.25, scale=0.03, doc="time from command to execution")
+    # Less than none: a row of a log at 50 a second, written after its command was sent.
+    delay = Parameter("s", -0.02, 0.25, scale=0.03, doc="from command to execution")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         return drive.changed(shift=value)

@@ -73,6 +73,7 @@ class Plant:
             for effect, value in zip(fit.effects, fit.theta, strict=True):
                 if effect.name in FIELDS:
                     field, rate = FIELDS[effect.name]
+                    value = max(value, 0.0) if field == "delay" else value  # a log's, not a plant's
                     found[field][number - 1] = value * (MM if rate else 1.0)
                     found["less"][number - 1] += float(getattr(effect, "less", False))
         return cls(**found)

@@ -9,6 +9,7 @@ import pytest
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
+from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
 from plumbline.optim.diagnosis.findings import Blame, Cause
 from plumbline.optim.diagnosis.motion.proposals import (
     CHIRP,
@@ -50,9 +51,14 @@ def test_joints_move_one_after_the_other():
 
 @pytest.mark.parametrize(
     ("effects", "kind"),
-    [((ActuationPlay(),), "hold"), ((ActuationLag(), ActuationPlay()), "steps")],
+    [
+        ((ActuationPlay(),), "hold"),
+        ((ActuationLag(), ActuationPlay()), "steps"),
+        ((ServoBandwidth(), ActuationPlay()), "steps"),
+        ((ActuationLag(), ActuationPlay(inside=True)), "hold"),
+    ],
 )
-def test_play_and_a_dead_band_part_in_steps_and_without_a_lag_under_a_hand_alone(effects, kind):
+def test_play_and_a_dead_band_part_in_steps_and_where_they_are_one_under_a_hand(effects, kind):
     instead = {"actuation_play": {"actuation_deadband": 0.5}}
     joint = SimpleNamespace(number=2, instead=instead, fit=SimpleNamespace(effects=effects))
     (row,) = proposals([joint])

@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from plumbline import build_motion, diagnose
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.diagnosis.motion import fit, models
 from plumbline.optim.diagnosis.motion.constants import RACE, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.signals import signals_of
-from tests.motions import recorded
+from tests.motions import arm, multisine, recorded
 
 
 @pytest.mark.parametrize(
@@ -59,3 +60,25 @@ def test_effects_that_take_next_to_nothing_each_are_spared(alone, both, left):
     found.found[whole] = SimpleNamespace(square=1.0, effects=())
     assert len(found.spared(whole)) == left
     assert found.spared(whole) >= needed
+
+
+def test_what_a_coarser_clock_hides_is_found_where_more_than_noise_is_left():
+    """Of a lag by small steps: it leads by half of one, as straight commands between rows lag."""
+    h, lag, band = 1e-3, 0.05, 0.015
+    t, u = multisine(60.0, 0.01, size=0.4, fastest=1.5)
+    asked = np.column_stack([np.interp(np.arange(0.0, t[-1], h), t, x) for x in u.T])
+    q, at = [], asked[0].copy()
+    for c in asked:
+        error = c - at
+        error[0] -= np.clip(error[0], -band, band)
+        at += h / lag * error
+        q.append(at.copy())
+    q = np.array(q)[::10] + np.random.default_rng(0).normal(0.0, 3e-4, (len(q[::10]), 2))
+    r = build_motion(robot=arm(), time=t[: len(q)], command=u[: len(q)], q=q, noise_std=3e-4)
+    answer = diagnose(r)
+    assert answer.outside_probability < 0.5
+    values = {(c.effect, c.element): c for c in answer.causes}
+    assert {e for e, j in values if j == 2} == {"actuation_lag", "actuation_delay"}
+    play = values["actuation_play", 1]
+    assert play.probability == pytest.approx(0.5, abs=0.05)
+    assert [b.effect for b in play.confounded_with] == ["actuation_deadband"]

@@ -1,5 +1,7 @@
 """What no drive makes of its commands is refused by name: other units, other commands, turns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -130,6 +132,18 @@ def test_a_delay_of_less_than_a_row_may_be_a_controller_that_holds_its_commands(
     assert len(told) == 1
     assert told[0].startswith("drive 1 is late by less than a row's 20 ms")
     assert told[0].endswith("late by 10 ms")
+
+
+def test_joints_that_lead_their_commands_have_a_log_that_states_those_late():
+    """Were the delay never less than none, what is left would be something unlisted."""
+    r = recorded([{}, {"lag": 0.05}], seconds=20.0, dt=0.01)
+    answer = diagnose(replace(r, command=np.concatenate([r.command[:1], r.command[:-1]])))
+    delays = {c.element: c.parameters["delay"] for c in answer.causes if "delay" in c.parameters}
+    assert {j: d.value for j, d in delays.items()} == pytest.approx({1: -0.01, 2: -0.01}, abs=1e-3)
+    assert answer.outside_probability < 0.5
+    told = [note for note in answer.verdict.notes if "logged late" in note]
+    assert [note[:7] for note in told] == ["drive 1", "drive 2"]
+    assert all("half a row, 5 ms" in note for note in told)
 
 
 @pytest.mark.parametrize(("kind", "told"), [("velocity", 'write command = "rate"'), ("rate", "")])

@@ -19,6 +19,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     CONTENDS,
     EXPLAINED,
     LEAST_GAIN,
+    LEAST_SHARE,
     MOVES,
     PRESENT,
     RACE,
@@ -218,6 +219,17 @@ class Models:
                 break
             for k in (*few.around(key), *(key | {e} for e in self.library)):
                 few.fit(k, few.found[key])
+        return key
+
+    def completed(self, key: Key, sigma: float | None) -> Key:
+        """With effects that a coarser clock did not show, where more than noise is left."""
+        for _ in range(MOVES):
+            fit = self.found[key]
+            if sigma is None or (1 - LEAST_SHARE) * fit.square <= self.floor(fit, sigma) ** 2:
+                break
+            key, moved = self._best(key, [key | {e} for e in self.library])
+            if not moved:
+                break
         return key
 
 

@@ -2,7 +2,8 @@
 
 Delay and lag are one thing at low frequency, and part in a chirp; an offset and a droop part where
 the load changes; a play and a dead band where a lag brings the joint to rest, in steps that are
-held, and without one in no motion, but under a hand; a limit shows in fast steps.
+held, and without one, or inside of the loop, in no motion, but under a hand; a limit shows in fast
+steps.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
+from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
 from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 
-SAME = frozenset(("actuation_play", "actuation_deadband"))  # of a drive that does not lag
+SAME = frozenset(("actuation_play", "actuation_deadband"))  # one operator: `one_operator`
 BY_HAND = ("hold", "pushed by hand either way: play gives way, a dead band does not")
 # What parts two effects: a motion's kind, and what it is in words.
 PARTED: dict[frozenset[str], tuple[str, str]] = {
@@ -58,7 +60,7 @@ LIKELY = 0.05  # of an effect that may stand in another's place
 def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:
     """One entry a joint and pair of effects that it leaves open."""
     for joint in joints:
-        parted = PARTED if lags(joint) else PARTED | {SAME: BY_HAND}
+        parted = PARTED | {SAME: BY_HAND} if one_operator(joint) else PARTED
         for name, instead in joint.instead.items():
             for other, p in instead.items():
                 kind = _parts(frozenset((name, other)), parted)
@@ -75,9 +77,11 @@ def _parts(
     return parted[pair] if pair in parted else next(of_torques, None)
 
 
-def lags(joint: Joint) -> bool:
-    """Whether a joint's drive has a lag."""
-    return any(isinstance(effect, ActuationLag) for effect in joint.fit.effects)
+def one_operator(joint: Joint) -> bool:
+    """Whether play and a dead band do the same to a joint: without a lag, or inside of its loop."""
+    effects = joint.fit.effects
+    inside = any(e.variant for e in effects if e.name in SAME)
+    return inside or not any(isinstance(e, ActuationLag | ServoBandwidth) for e in effects)
 
 
 def proposals_of_efforts(causes: Sequence[Cause], joints: int) -> Iterator[dict[str, Any]]:

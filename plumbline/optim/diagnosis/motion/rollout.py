@@ -147,7 +147,7 @@ class Windows:
         at = np.minimum(begin[:, None] + np.arange(steps + 1), len(self.command) - 1)
         if self.law.holds:  # what stood over the sample before this one
             shift = shift + self.dt
-        place = np.maximum(at - shift / self.dt, self.first[at])
+        place = np.clip(at - shift / self.dt, self.first[at], self.last[at])
         low = np.minimum(np.floor(place).astype(np.int64), len(self.command) - 2)
         u, f = self.sent, place - low
         slope = u[low + 1] - u[low]
@@ -161,6 +161,12 @@ class Windows:
             straight = u[low] + f * slope - f * (1 - f) * corner
             return straight, -(slope - (1 - 2 * f) * corner) / self.dt
         return between(u[low], slope, bends, f), -between_slope(slope, bends, f) / self.dt
+
+    @cached_property
+    def last(self) -> NDArray[np.int64]:
+        """Where in the recording the run of each sample ends (N,): no command is later."""
+        begins, run = np.unique(self.first, return_inverse=True)
+        return np.append(begins[1:], len(self.first))[run] - 1
 
     @cached_property
     def bend(self) -> Array:

@@ -80,7 +80,11 @@ def search(
         sigma: Stated noise of a position [rad], if any is.
     """
     quick, models = Models(few, library, seen), Models(windows, library, seen)
-    key = models.spared(models.likeliest(models.again(quick, quick.settle(quick.climb()))))
+    key = models.completed(models.again(quick, quick.settle(quick.climb())), sigma)
+    key = models.likeliest(key)
+    if (spared := models.spared(key)) != key:  # of which others contend than of more
+        quick.fit(spared, models.found[spared])
+        key = models.spared(models.likeliest(models.again(quick, spared)))
     rough = models.found[key]
     fit = fitted(windows, rough.effects, rough.theta)
     time = correlation_time(fit.residual)

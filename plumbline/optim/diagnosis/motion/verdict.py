@@ -35,7 +35,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import to_go
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
-from plumbline.optim.diagnosis.motion.proposals import SAME, lags, proposals
+from plumbline.optim.diagnosis.motion.proposals import SAME, one_operator, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
@@ -298,28 +298,35 @@ def _joints(found: Found) -> Iterator[JointGap]:
 
 def _notes(found: Found) -> list[str]:
     told = [
-        f"drive {joint.number}: play and a dead band are one and the same without a lag"
+        f"drive {joint.number}: play and a dead band are one and the same as they act here"
         for joint in found.joints
-        if {e.name for e in joint.fit.effects} & SAME and not lags(joint)
+        if {e.name for e in joint.fit.effects} & SAME and one_operator(joint)
     ]
-    step = max((joint.windows.dt for joint in found.joints), default=0.0)
+    step = float(np.median(np.diff(found.recording.time)))  # an even clock may be slower
     if found.recording.law == Law.HELD_SERVO:
         told.append(
             "commands are taken to stand until the next row, as a controller holds them: were "
             f"they to run on, joints would be late by half a row, {500 * step:.3g} ms"
         )
-    return [*told, *(_held(joint) for joint in found.joints if _late_by_less_than_a_row(joint))]
+    late = ((joint, _delay(joint)) for joint in found.joints)
+    return [*told, *(_held(joint, 1e3 * step, d) for joint, d in late if d < step)]
 
 
-def _late_by_less_than_a_row(joint: Joint) -> bool:
-    if joint.windows.law.holds:
-        return False
-    late = zip(joint.fit.effects, joint.fit.theta, strict=True)
-    return any(e.name == "actuation_delay" and d < joint.windows.dt for e, d in late)
+def _delay(joint: Joint) -> float:
+    """How late a drive whose commands are not known to be held is [s]; infinite if it is not."""
+    values = zip(joint.fit.effects, joint.fit.theta, strict=True)
+    late = (float(d) for e, d in values if e.name == "actuation_delay")
+    return math.inf if joint.windows.law.holds else next(late, math.inf)
 
 
-def _held(joint: Joint) -> str:
-    law, step = joint.windows.law, 1e3 * joint.windows.dt
+def _held(joint: Joint, step: float, late: float) -> str:
+    """What a delay [s] by less than a row [ms] may be."""
+    law = joint.windows.law
+    if late < 0:
+        return (
+            f"drive {joint.number} leads its commands: a row that states what acted since the one "
+            f"before leads by half a row, {step / 2:.3g} ms; farther ahead commands are logged late"
+        )
     mend = {Law.VELOCITY: "rate", Law.SAMPLED_TORQUE: "torque"}.get(law)
     said = f'; if yours does, write command = "{mend}"' if mend else ""
     return (

@@ -95,7 +95,7 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
         kp: Its known gain [N m/rad]; 0 where none is.
         kd: Its known damping [N m s/rad].
     """
-    offset, late = servo.value("actuation_offset"), servo.value("actuation_delay")
+    offset, late = servo.value("actuation_offset"), max(servo.value("actuation_delay"), 0.0)
     lag, strongest = servo.value("actuation_lag"), servo.value("torque_limit")
     inertia, scale = servo.inertia + LEAST_INERTIA, 1.0 + servo.value("actuation_gain")
     rubs = {
