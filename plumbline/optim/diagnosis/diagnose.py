@@ -36,6 +36,7 @@ from plumbline.optim.diagnosis.prior import (
     NO_EVIDENCE,
     ROUNDS,
     SAME_CORRELATION,
+    SEARCHED_WHOLE,
     SETTLED_VARIANCE,
 )
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
@@ -172,10 +173,11 @@ def _explained(
     All are of one linear problem. Where its fit to what is named is another than it foretold,
     effects that bend each other were linearised too far off: they are anew, about that fit, as
     long as that brings the two nearer to each other by half. Of the rows that were compared alone:
-    what all rows of a long recording tell is no matter of the probabilities.
+    what all rows of a long recording tell is no matter of the probabilities. One that is searched
+    in part first is linearised once here, as it was in its search: its terms are those of that.
     """
     before, about = np.inf, selected
-    for left in reversed(range(ROUNDS)):
+    for left in reversed(range(ROUNDS if len(task.recording) < SEARCHED_WHOLE else 1)):
         told = explain(about, options.seed, options.unlisted)
         terms = worth_while(about, told.terms, told.named)
         fitted = with_terms(about, terms, task, bad, tried=told.terms)
