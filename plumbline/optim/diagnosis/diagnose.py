@@ -126,11 +126,14 @@ def _told_apart(found: Explained) -> Explained:
     options = found.options
     for _ in range(ROUNDS):
         rows = found.task.recording
-        wander, alike = found.explanation.correlation
+        wander, alike, jitter = found.explanation.correlation
         alike = max(alike, float(rows.alike == 1.0))  # copies are known, however few
-        if _worth_the_same(wander, rows.wander) and abs(alike - rows.alike) <= SAME_CORRELATION:
+        low, high = sorted((jitter, rows.jitter))
+        settled = low**2 >= SETTLED_VARIANCE * high**2
+        settled = settled and abs(alike - rows.alike) <= SAME_CORRELATION
+        if settled and _worth_the_same(wander, rows.wander):
             break
-        rows = replace(rows, wander=wander, alike=alike)
+        rows = replace(rows, wander=wander, alike=alike, jitter=jitter)
         folds = fold_of_rows(rows, options.held_out, options.seed)
         task = replace(found.task, recording=rows, folds=folds)
         found = _explained(options, task, *find_causes(task, silent, found.bad))
@@ -145,7 +148,8 @@ def _worth_the_same(rho: float, before: float) -> bool:
 
 def _with_noise_of(rows: Recording, recording: Recording) -> Recording:
     """The whole recording with what its rows to fit have told of their noise."""
-    return replace(recording, lever=rows.lever, wander=rows.wander, alike=rows.alike)
+    known = replace(recording, lever=rows.lever, jitter=rows.jitter)
+    return replace(known, wander=rows.wander, alike=rows.alike)
 
 
 def _in_between(found: Explained) -> Explained:

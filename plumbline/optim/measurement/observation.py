@@ -21,6 +21,7 @@ from plumbline.kinematics.effects import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.measurement.clock import along, rates
 from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.parts import on_its_plane, spans_of_parts
@@ -271,6 +272,8 @@ def _columns(recording: Recording) -> dict[str, Array]:
         values = getattr(recording, name)
         if values is not None:
             columns[name] = values.reshape(len(recording), -1)
+    if recording.jitter:
+        columns["smear"] = along(rates(recording, rotation_lever(recording)), recording.jitter)
     return columns
 
 
@@ -305,15 +308,16 @@ def _residual(
     nuisance: Nuisance,
     effects: Sequence[tuple[Effect, list[cs.SX]]],
 ) -> cs.SX:
-    """Predicted minus measured, over the shape of the noise where that is not one for all."""
+    """Predicted minus measured, in units of one noise where that is not one for all."""
     plain = _plain_residual(recording, row, nuisance, effects)
-    if recording.noise_shape is None:
-        return plain
-    shape = row.symbols["noise_shape"]
-    if recording.several:
-        return plain / shape
-    kept = list(recording.measured_joints)
-    return plain / (shape[kept] if recording.kind.encoders else shape)
+    if recording.noise_shape is not None:
+        shape = row.symbols["noise_shape"]
+        own = recording.kind.encoders and not recording.several
+        plain = plain / (shape[list(recording.measured_joints)] if own else shape)
+    if recording.jitter:
+        e = row.symbols["smear"]
+        plain = plain - cs.dot(e, plain) * e
+    return plain
 
 
 def _plain_residual(
@@ -389,10 +393,7 @@ def _pose_residual(recording: Recording, state: State, T_device_tip: Transform) 
 
 
 def rotation_lever(recording: Recording) -> float:
-    """Lever arm [m] that weighs a pose's orientation against its position: the ratio of noises.
-
-    As stated, else as estimated from a fit, else :data:`LEVER`.
-    """
+    """Lever arm [m] of a pose's orientation: the ratio of noises, stated or fitted, or LEVER."""
     if recording.noise_std and recording.noise_std_rotation:
         return recording.noise_std / recording.noise_std_rotation
     return recording.lever or LEVER

@@ -167,7 +167,7 @@ def sampled(scale=0.6, offset=0.3, lacked=0.2, beside=0.1, gross=0.7):
     row = np.where(is_gross, gross, 0.0)
     states = ((2.0, (SelectedTerm(0, 1.0),)), (1.0, (SelectedTerm(0, 1.0), SelectedTerm(1, 3.0))))
     rows, asked = np.arange(9), lambda *_: np.ones(())
-    return Alternatives(problem, mechanisms, places, words, 2, rows, asked, asked), Sampled(
+    return Alternatives(problem, mechanisms, places, words, 2, rows, asked, asked, rows), Sampled(
         marginals, row, states, tilted
     )
 

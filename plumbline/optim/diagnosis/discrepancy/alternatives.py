@@ -100,6 +100,7 @@ class Alternatives:
     left: Callable[[Sequence[SelectedTerm], float], Array]
     # how far blocks (n,) of these rows agree about some terms; 1 if wholly
     agreement: Callable[[NDArray[np.intp], Sequence[SelectedTerm], float], float]
+    spread: Array  # of the noise of each component (m,), in which that is
 
     def term(self, index: int) -> AnyTerm:
         """A term by its number."""
@@ -153,7 +154,7 @@ def alternatives(
     priors = _log_priors(pool, shares, len(terms), unlisted)
     problem = _problem(pool, linear, terms, priors, numbers, _parts(design, ports, names))
     asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
-    return Alternatives(problem, *names, len(pool.candidates), rows, *asked)
+    return Alternatives(problem, *names, len(pool.candidates), rows, *asked, design.spread)
 
 
 def _families(pool: Pool, recording: Recording, ports: Ports, seed: int) -> list[Dependence]:

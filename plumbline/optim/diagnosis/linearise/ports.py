@@ -17,6 +17,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.prior import DISPLACED
 from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.one_noise import in_noise
 from plumbline.optim.measurement.refit import rows_of_gap
 from plumbline.optim.recording.session import apart
 
@@ -137,7 +138,7 @@ class Ports:
             joint, body = np.split(_moved_by(added, model, x, rows), [n])
         link, body = np.split(body, [0 if encoders else 6 * n])
         shift = np.tile(np.eye(r.shape[1])[:, None, :], (1, len(rows), 1))
-        shape = model.recording.noise_shape
+        noisy = model.recording.select(rows)
         live = np.ones(r.shape, dtype=bool)
         several, places = model.recording.several, False
         if several:
@@ -146,11 +147,8 @@ class Ports:
             places = session.has_positions
         if places:  # what a device reads is what places the tip
             shift = shift * rows_of_gap(model.recording)[rows, None]
-        if shape is not None:
-            whole = several or not encoders
-            own = slice(None) if whole else list(model.recording.measured_joints)
-            shift = shift / shape[rows][:, own]
-            joint = joint / shape[rows] if torques else joint
+        shift = in_noise(noisy, shift)
+        joint = in_noise(noisy, joint) if torques else joint
         size = 3 if places or model.recording.kind.oriented else r.shape[1]
         link = link.reshape(-1, 6, *r.shape)
         always = len(x) if always is None else always

@@ -30,7 +30,10 @@ from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
 from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS
 from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.one_noise import in_noise
+from plumbline.optim.recording.recording import Recording
 
+PORTS = (Stage.JOINT, Stage.BASE, Stage.TOOL)  # that a model has columns of
 TWIST = 6  # columns of the base's own motion, behind those of the joints
 
 
@@ -149,7 +152,7 @@ def families(
     count = int(folds.max(initial=0)) + 1
     sums = [_Sums.empty(count, tuple(group), P) for group in grouped.values()]
     base = [np.zeros((count, P, P)), np.zeros((count, P)), np.zeros(count), np.zeros(count)]
-    root, shape = np.sqrt(model.problem.weights), model.recording.noise_shape
+    root, recording = np.sqrt(model.problem.weights), model.recording
     freedom = np.broadcast_to(model.problem.freedom, len(root))
     label = model.recording.part
     scale = model.problem.scale
@@ -159,7 +162,7 @@ def families(
         t = np.einsum("pnm,p->nm", A, x / scale) - r * w
         ports = np.moveaxis(J[..., P:], 2, 0) * w
         rows = wide.problem.rows[part]
-        own = w if shape is None else w / shape[part]
+        own = recording.select(np.arange(part.start, part.stop))
         here = [None if label is None else total.here(label[part]) for total in sums]
         for f in np.unique(folds[part]):
             mine = np.flatnonzero(folds[part] == f)
@@ -168,7 +171,7 @@ def families(
             base[1][f] += Af @ tf
             base[2][f] += tf @ tf
             base[3][f] += root[part][mine] ** 2 @ freedom[part][mine]
-            given = (wide, rows[mine], ports[:, mine], Af, t[mine], own[mine])
+            given = (wide, own.select(mine), rows[mine], ports[:, mine], Af, t[mine], w[mine])
             for total, all_here in zip(sums, here, strict=True):
                 total.add(f, *given, None if all_here is None else all_here[mine])
     linears = [Linear(base[0][f], base[1][f], base[2][f], base[3][f]) for f in range(count)]
@@ -195,6 +198,7 @@ class _Sums:
         self,
         f: int,
         model: Model,
+        recording: Recording,
         rows: Array,
         ports: Array,
         A: Array,
@@ -207,11 +211,12 @@ class _Sums:
         Args:
             f: The fold.
             model: Base columns and ports.
+            recording: The rows (n).
             rows: Data of the rows (n, k).
             ports: Columns of the ports (p, n, m).
             A: Base columns (P, n m).
             t: The target (n, m).
-            w: Weights of the readings (n, 1) or (n, m).
+            w: Roots of the rows' weights (n, 1).
             here: Rows that the family is about (n,), if not all.
         """
         first, V = self.effects[0], len(self.effects)
@@ -226,7 +231,9 @@ class _Sums:
             D = found.reshape(len(found), V, k, -1).transpose(1, 2, 0, 3)
             if here is not None:
                 D = D * here[piece, None]
-            C = self._columns(D * unit[:, None, None], ports[:, piece], w[piece], n)
+            C = self._columns(D * unit[:, None, None], ports[:, piece], n)
+            if self.effects[0].port not in PORTS:  # of which the readings are not the residuals
+                C = in_noise(recording.select(np.arange(len(rows))[piece]), C) * w[piece]
             C = C.reshape(V, k, -1)
             self.blocks[f] += C @ C.transpose(0, 2, 1)
             base = A[:, piece.start * m : piece.stop * m]
@@ -238,7 +245,7 @@ class _Sums:
         parts = parts_of(self.effects[0])
         return None if parts is None else np.isin(label, parts)
 
-    def _columns(self, D: Array, ports: Array, w: Array, joints: int) -> Array:
+    def _columns(self, D: Array, ports: Array, joints: int) -> Array:
         """Columns (V, k, n, m) of what the variants displace (V, k, n, d), in units of scale."""
         first, (V, k, n, d) = self.effects[0], D.shape
         if first.port == Stage.JOINT:
@@ -248,7 +255,7 @@ class _Sums:
         if first.port == Stage.TOOL:
             return np.asarray(D * ports[joints:][:k])
         columns = np.zeros((V, k, n, ports.shape[-1]))
-        columns[..., :d] = D * w[:, :d]
+        columns[..., :d] = D
         return columns
 
     def family(self) -> Family:

@@ -31,6 +31,7 @@ from plumbline.optim.diagnosis.predict.shrink import (
 )
 from plumbline.optim.diagnosis.prior import ALARM
 from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.measurement.one_noise import as_measured, smear
 from plumbline.optim.measurement.refit import figure, gap_unit, refitted, rows_of_gap
 from plumbline.optim.recording.recording import Recording
 
@@ -52,11 +53,12 @@ class Evaluation:
     # how the fits behind the residuals ended; of those without each fold the worst
     fits: tuple[Judged, ...] = ()
     models: tuple[FoldModel, ...] = ()  # what was chosen and fitted without each fold
+    smear: float = 1.0  # RMS of noise as measured, over that of one that is alike in all rows
 
     @property
     def per_point(self) -> float:
         """RMS of pure noise of one: a point in space has three axes, an encoder one."""
-        return float(np.sqrt(3.0)) if self.per_row else 1.0
+        return self.smear * (float(np.sqrt(3.0)) if self.per_row else 1.0)
 
     @property
     def rms_before(self) -> float:
@@ -120,18 +122,13 @@ def evaluate(
         rows = kept & all_trusted & rows_of_gap(recording)
         blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=separate)
         by = BY_COLUMN
-    before, after = (_as_measured(recording, r) for r in (before, after))
+    before, after = (as_measured(recording, r) for r in (before, after))
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
     interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
     found = Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row)
-    return replace(found, fits=tuple(fits), models=tuple(models))
-
-
-def _as_measured(recording: Recording, residuals: Array) -> Array:
-    """Residuals (N, m) of several recordings as they were measured, not in units of one noise."""
-    shape = recording.noise_shape if recording.several else None
-    return residuals if shape is None else np.asarray(residuals * shape)
+    wide = smear(recording.select(rows), size)
+    return replace(found, fits=tuple(fits), models=tuple(models), smear=wide)
 
 
 def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:

@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     key_of,
 )
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.posterior.correlation import correlation_of
+from plumbline.optim.diagnosis.posterior.correlation import Correlation, correlation_of
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, sample
 from plumbline.optim.diagnosis.posterior.joint_problem import moved_by
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
@@ -42,8 +42,10 @@ from plumbline.optim.diagnosis.prior import (
     UNLISTED,
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
+from plumbline.optim.measurement.clock import may_jitter, rates
 from plumbline.optim.measurement.correlated import trust
-from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.measurement.observation import rotation_lever, scope_of
+from plumbline.optim.measurement.one_noise import as_measured
 from plumbline.optim.measurement.torque import stated_noise
 
 
@@ -73,8 +75,8 @@ class Explanation:
     beside: float = 0.0  # the same, given that all that is named is at work as the library has it
     # probability of rows, by their number from 0, to be gross
     gross: Mapping[int, float] = field(default_factory=dict)
-    # of the noise of successive rows, and of the readings of one posture
-    correlation: tuple[float, float] = (0.0, 0.0)
+    # of the noise of successive rows, of the readings of one posture, and what a clock errs by
+    correlation: Correlation = (0.0, 0.0, 0.0)
     # of terms by their numbers, how far their values move from state to state [scale]
     spread: Mapping[int, Array] = field(default_factory=dict)
     worth: float = 1.0  # share of their number that all rows are worth in this
@@ -195,7 +197,7 @@ def _correlation(
     alt: Alternatives,
     state: Sequence[SelectedTerm],
     lacked: Sequence[SelectedTerm],
-) -> tuple[float, float]:
+) -> Correlation:
     """How far rows know of each other, by what is left with what the library lacks or without.
 
     Of many causes the library lacks what blocks of rows agree on: what they do not may be noise.
@@ -204,22 +206,26 @@ def _correlation(
     recording = pool.model.recording
     moving = scope_of(recording).moving
     told = recording.kind.efforts and stated_noise(recording)
-    if recording.session or (moving and not told) or recording.kind.fiducials:
-        # Along one motion all that is missing wanders; several recordings are not in one order;
-        # what touches of one marker share is as stated of its CT, or its place, a cause.
-        return 0.0, recording.alike
+    # Along one motion all that is missing wanders; several recordings are not in one order;
+    # what touches of one marker share is as stated of its CT, or its place, a cause.
+    in_order = not (recording.session or (moving and not told) or recording.kind.fiducials)
+    late = may_jitter(recording)
+    if not (in_order or late):
+        return 0.0, recording.alike, 0.0
     trusted = pool.model.problem.weights[alt.rows] > 0.0
     recording = recording.select(alt.rows[trusted])
     listed = [t for t in state if not isinstance(alt.term(t.index), Unlisted)]
-    tried = []
+    tried, v = [], rates(recording, rotation_lever(recording)) if late else None
     for terms, worth in (([*listed, *lacked], lacked), (listed, [])):
         variance = problem.variance(terms)
         left = alt.left(terms, variance)[trusted]
-        if moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
+        if late:
+            left = as_measured(recording, left * alt.spread)
+        elif moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
             continue  # what is missing adds to a stated noise, where noise that wanders is in it
-        correlation, odds = correlation_of(left, recording, pool.noise)
+        correlation, odds = correlation_of(left, recording, pool.noise, v, in_order=in_order)
         tried.append((odds + added_evidence(problem, listed, worth), correlation))
-    return max(tried, default=(0.0, (0.0, 0.0)))[1]
+    return max(tried, default=(0.0, (0.0, 0.0, 0.0)))[1]
 
 
 def _told(alt: Alternatives, found: Sampled) -> Explanation:

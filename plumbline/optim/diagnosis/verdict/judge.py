@@ -244,7 +244,7 @@ def _notes(
     ):
         taken = f"{quantity(noise.sigma, gap.unit)} an axis is taken for noise"
         notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")
-    notes += _correlated(recording)
+    notes += _correlated(recording, noise.sigma)
     if told.compared:
         rows = f"{told.compared} of {len(selected.model.recording)} rows, evenly spread"
         notes.append(f"probabilities and the tree are from {rows}; fits and figures are of all")
@@ -309,8 +309,13 @@ def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool, noisier: bool) -> It
         )
 
 
-def _correlated(recording: Recording) -> Iterator[str]:
-    """What is said of rows that know of each other."""
+def _correlated(recording: Recording, sigma: float) -> Iterator[str]:
+    """What is said of rows that know of each other, or err with their speed."""
+    if recording.jitter:
+        yield (
+            "noise along the way grows with the speed, as where a clock is uncertain by "
+            f"{quantity(recording.jitter * sigma, 's')} (1 sigma): fast rows count for less"
+        )
     if recording.wander:
         yield (
             f"the noise of a row correlates by {recording.wander:g} with that of the row before "

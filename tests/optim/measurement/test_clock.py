@@ -1,0 +1,146 @@
+"""Laws of rows whose clock is uncertain: they err along their way, by so much times their speed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.posterior.correlation import correlation_of
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.scan import families
+from plumbline.optim.diagnosis.prior import JITTERS
+from plumbline.optim.measurement.clock import along, less_smeared, may_jitter, rates, smeared
+from plumbline.optim.measurement.nuisance import nuisances_of
+from plumbline.optim.measurement.observation import build_model, scope_of
+from plumbline.optim.measurement.one_noise import smear
+from plumbline.optim.recording.building import build_recording
+from tests.benches import bench, residuals
+
+SIGMA, TAU = 1e-4, 1e-3
+KINDS = ("tip_position", "pose", "joint_position")
+
+
+def on_its_way(seed=0, rows=160, jitter=TAU, observation="tip_position", step=0.1):
+    """A UR5 that goes its way, read by a clock that is off by so much."""
+    rng = np.random.default_rng(seed)
+    t = step * np.arange(rows)
+    size, order, phase = (rng.uniform(low, 1.0, (2, 6)) for low in (0.5, 0.05, 0.0))
+
+    def places(at):
+        turn = np.multiply.outer(at, 1.5 * order) + 6.3 * phase
+        return np.array([0.0, -1.2, 1.4, 0.0, 0.9, 0.0]) + 0.4 * np.sum(size * np.sin(turn), axis=1)
+
+    late = places(t + jitter * rng.normal(size=rows))
+    given = {"observation": observation, "robot": "ur5", "time": t, "noise_std": SIGMA}
+    q = places(t)
+    if observation == "joint_position":
+        return build_recording(q=q, measured=late + SIGMA * rng.normal(size=q.shape), **given)
+    tool, T = np.array([0.0, 0.05, 0.1]), Robot.bundled("ur5").chain().placement(late)
+    tip = T[:, :3, 3] + T[:, :3, :3] @ tool
+    noisy = tip + SIGMA * rng.normal(size=tip.shape)
+    return build_recording(q=q, measured=noisy, tool_offset=tool, **given)
+
+
+def test_what_is_smeared_is_white_again():
+    v = np.random.default_rng(0).normal(size=(5, 3))
+    e = along(v, 2.0)
+    for row, spread in zip(v, e, strict=True):
+        root = less_smeared(np.eye(3), np.tile(spread, (3, 1)))
+        covariance = np.eye(3) + 4.0 * np.outer(row, row)
+        np.testing.assert_allclose(root @ covariance @ root, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(smeared(less_smeared(v, e), e), v)
+    np.testing.assert_array_equal(along(np.zeros((2, 3)), 2.0), 0.0)
+
+
+@pytest.mark.parametrize("observation", KINDS)
+def test_rates_are_those_of_the_residuals_along_the_way(observation):
+    """As differences of what the chain foretells, by the rows before and behind, of one group."""
+    recording = replace(bench("sweeping", observation), group=np.arange(60) // 30)
+    if observation != "joint_position":
+        model = build_model(recording)
+        r = Mapped(model.problem).residuals(model.start)[:, :3]
+        recording = replace(recording, measured=np.hstack([
+            recording.measured[:, :3] + r, recording.measured[:, 3:]]))  # fmt: skip
+    v = rates(recording, 0.3)
+    assert v.shape == residuals(recording).shape
+    step = recording.measured[12, :3] - recording.measured[10, :3]
+    np.testing.assert_allclose(v[11, :3], step / np.ptp(recording.time[10:13]))
+    edge = recording.measured[29, :3] - recording.measured[28, :3]
+    np.testing.assert_allclose(v[29, :3], edge / np.ptp(recording.time[28:30]))
+    part = recording.select(np.arange(0, 60, 7))
+    np.testing.assert_allclose(rates(part, 0.3), v[::7])
+
+
+@pytest.mark.parametrize("name", ["respiration", "base_bump", "gear_ripple"])
+def test_what_is_scanned_is_whitened_as_the_model_is(name):
+    recording = replace(bench("sweeping", "tip_position", columns=("time",)), jitter=3.0)
+    nuisance = nuisances_of(recording)
+    alone = build_model(recording, (), nuisance=nuisance)
+    variants = [e for e in REGISTRY[name].candidates(scope_of(recording)) if e.scanned][::60]
+    found, _ = families(alone, alone.start, np.zeros(60, dtype=int), variants)
+    for family in found:
+        for v, effect in enumerate(family.effects):
+            model = build_model(recording, (effect,), nuisance=nuisance)
+            [gram] = Mapped(model.problem).grams(model.start, np.zeros(60, dtype=int))
+            P, scale = alone.problem.size, model.problem.scale
+            G = (gram.matrix * np.outer(scale, scale))[P:, P:]
+            np.testing.assert_allclose(family.blocks[0, v], G, rtol=1e-9, atol=1e-12 * G.max())
+
+
+def test_the_uncertainty_that_was_drawn_is_found_and_white_noise_is_asked_for_none():
+    recording = on_its_way()
+    v, rng = rates(recording, 0.3), np.random.default_rng(1)
+    for ratio in (1.0, 8.0):
+        size = ratio / np.sqrt(np.mean(v**2))
+        left = rng.normal(size=v.shape) + size * v * rng.normal(size=(len(v), 1))
+        (*others, found), odds = correlation_of(left, recording, NoisePrior.of(1.0), v)
+        assert others == [0.0, 0.0]
+        assert found == pytest.approx(size, rel=0.25)
+        assert odds > 5.0
+    drawn = [rng.normal(size=v.shape) for _ in range(40)]
+    none = [
+        correlation_of(left, recording, NoisePrior(), v)[0] == (0.0, 0.0, 0.0) for left in drawn
+    ]
+    assert sum(none) >= 39
+
+
+def test_steps_of_what_is_tried_tell_a_variance_to_a_fifth_from_a_tenth_of_the_noise_on():
+    """From -6 to 20 quarters of an octave: a clock that adds less than a tenth is no matter."""
+    assert JITTERS[0] ** 2 == pytest.approx(1.0 / 8.0)
+    assert JITTERS[-1] == pytest.approx(32.0)
+    np.testing.assert_allclose(np.divide(JITTERS[1:], JITTERS[:-1]), 2.0**0.25)
+
+
+@pytest.mark.parametrize(("radians", "told"), [(0.88, True), (0.97, False)])
+def test_rows_tell_a_speed_up_to_a_seventh_of_a_sine_from_one_to_the_next(radians, told):
+    q = np.sin(radians * np.arange(60.0)[:, None] + np.arange(6.0))
+    recording = replace(bench("ur5", "tip_position"), q=q)
+    assert may_jitter(recording) is told
+    assert not may_jitter(replace(recording, time=None, q=np.sin(0.1 * q)))
+    assert not may_jitter(bench("ur5", "tip_position"))  # which stops anywhere
+
+
+@pytest.mark.parametrize("observation", ["tip_position", "joint_position"])
+def test_a_clock_that_jitters_is_noise_and_its_size_is_told(observation):
+    recording = on_its_way(observation=observation)
+    found = diagnose(recording, DiagnosisOptions(force=True))
+    assert found.verdict.verdict == Outcome.NO_GAP
+    assert found.recording.jitter * found.verdict.noise.sigma == pytest.approx(TAU, rel=0.25)
+    assert any("grows with the speed" in note for note in found.verdict.notes)
+    # The figures are as measured, of a noise that is more than the device's alone.
+    gap = found.verdict.gap
+    assert gap.noise_floor == pytest.approx(gap.after, rel=0.15)
+    assert gap.noise_floor > 1.3 * SIGMA * (1.0 if observation == "joint_position" else 3.0**0.5)
+    assert smear(recording, 3) == 1.0
+
+
+def test_of_a_clock_that_is_right_nothing_is_said():
+    found = diagnose(on_its_way(jitter=0.0), DiagnosisOptions(force=True))
+    assert found.recording.jitter == 0.0
+    assert found.verdict.verdict == Outcome.NO_GAP
