@@ -66,6 +66,13 @@ def test_play_and_a_dead_band_part_in_steps_and_where_they_are_one_under_a_hand(
     assert ("by hand" in row["motion"]) == (kind == "hold")
 
 
+def test_what_is_unlisted_has_words_in_a_proposal():
+    fit = SimpleNamespace(effects=(ActuationLag(),))
+    instead = {"coulomb_friction": {"?load": 0.5}}
+    (row,) = proposals([SimpleNamespace(number=2, instead=instead, fit=fit)])
+    assert row["tells"] == "coulomb_friction from something unlisted that goes by load"
+
+
 @pytest.mark.parametrize(
     ("effect", "element", "rival", "kind", "joint"),
     [

@@ -65,7 +65,8 @@ def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:
             for other, p in instead.items():
                 kind = _parts(frozenset((name, other)), parted)
                 if kind is not None and p > LIKELY:
-                    tells = f"{name} from {other}"
+                    unlisted = f"something unlisted that goes by {other[1:]}"
+                    tells = f"{name} from {unlisted if other[0] == '?' else other}"
                     yield {"joint": joint.number, "motion": ", ".join(kind), "tells": tells}
 
 
