@@ -45,6 +45,7 @@ from plumbline.optim.capsule_mpc import (
     TipInstrument,
 )
 from plumbline.optim.capsule_mpc.banded_qp import native
+from plumbline.optim.capsule_mpc.constants import MM
 from plumbline.optim.capsule_mpc.planning import Ready, shifted
 
 Array = NDArray[np.float64]
@@ -116,7 +117,7 @@ def instruments(count: int) -> tuple[TipInstrument, ...]:
     angles = np.pi + 2 * np.pi * np.arange(count) / count
     radius = 45.0 if count < 5 else 70.0
     return tuple(
-        TipInstrument(point(np.array([radius * np.cos(a), radius * np.sin(a), 0.0])))
+        TipInstrument(point(np.array([radius * np.cos(a), radius * np.sin(a), 0.0]) / MM))
         for a in angles
     )
 
@@ -126,14 +127,14 @@ def goals(bodies: tuple[TipInstrument, ...], time: float) -> Array:
     share = 0.7 * np.cos(2 * np.pi * time / 6.0)
     return np.concatenate(
         [
-            [share * body.trocar[0], share * body.trocar[1] + 2.0 * (-1) ** k, -115.0 - 3.0 * k]
-            for k, body in enumerate(bodies)
+            [share * x, share * y + 2.0 * (-1) ** k, -115.0 - 3.0 * k]
+            for k, (x, y, _) in enumerate(body.constants for body in bodies)
         ]
     )
 
 
 def obstacles(count: int, time: float) -> list[Obstacle]:
-    """Rods and spheres around the middle; the first sphere moves."""
+    """Rods and spheres around the middle [mm]; the first sphere moves."""
     found = []
     for k in range(count):
         angle, far = 2.4 * k, 30.0 + 4.0 * (k % 5)
@@ -160,7 +161,7 @@ def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: in
     """
     bodies = instruments(tools)
     balls = sum(o.a == o.b for o in obstacles(count, 0.0))
-    statement = Statement(bodies, count - balls, Settings(p=p, safe=SAFE), balls)
+    statement = Statement(bodies, count - balls, Settings(p=p, safe=SAFE / MM), balls)
     ready, wall, thread = planner.ready(statement), [0.0], [0.0]
     x = goals(bodies, 0.0)
     path, radii = np.tile(x, (p, 1)), [2.5] * tools + [o.radius for o in obstacles(count, 0.0)]
@@ -192,8 +193,8 @@ def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: in
 def _capsules(bodies: tuple[TipInstrument, ...], x: Array, seen: list[Obstacle]) -> Array:
     ends = []
     for body, tip in zip(bodies, x.reshape(-1, 3), strict=True):
-        inside = tip - body.trocar
-        ends.append(np.stack([tip, tip - body.length * inside / np.linalg.norm(inside)]))
+        inside = tip - body.constants
+        ends.append(np.stack([tip, tip - MM * body.length * inside / np.linalg.norm(inside)]))
     return np.concatenate([np.stack(ends), np.array([[o.a, o.b] for o in seen]).reshape(-1, 2, 3)])
 
 

@@ -16,12 +16,12 @@ from plumbline.experiments.console.outputs import (
 )
 
 BUILD = "cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm"
-DEPTH, ASIDE = 120.0, 20.0  # [mm] of the example's tips behind their trocars, and to the side
+DEPTH, ASIDE = 0.12, 0.02  # [m] of the example's tips behind their trocars, and to the side
 
 
 def codegen(
     folder: Annotated[Path, typer.Argument(help="Where the sources go; made if need be.")],
-    trocar: Annotated[list[str], typer.Option(help="x,y,z of a trocar [mm]; once for each.")],
+    trocar: Annotated[list[str], typer.Option(help="x,y,z of a trocar [m]; once for each.")],
     horizon: Annotated[int, typer.Option(min=1, help="Steps of the horizon.")] = 10,
     capsules: Annotated[int, typer.Option(min=0, help="Capsules among the obstacles.")] = 0,
     balls: Annotated[int, typer.Option(min=0, help="Spheres among the obstacles.")] = 0,
@@ -55,5 +55,5 @@ def _point(words: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in words.split(","))
     except ValueError:
-        raise PlumblineError(f"--trocar {words}: expected x,y,z in mm, such as -40,0,0") from None
+        raise PlumblineError(f"--trocar {words}: expected x,y,z in m, such as -0.04,0,0") from None
     return x, y, z

@@ -38,13 +38,13 @@ from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.stopping import held_exactly
 
 Array = NDArray[np.float64]
-APART, BESIDE = 0.6, 70.0  # [m] of each base from the middle, [mm] of each trocar
-TABLE = 460.0  # [mm], height of the trocars
+APART, BESIDE = 0.6, 0.07  # [m] of each base and of each trocar from the middle
+TABLE = 0.46  # [m], height of the trocars
 SHAFT = (-0.05, 0.2)  # [m] along z of the sliding joint
 POSTURE = np.array([0.0, 0.2, 1.1, 0.0, 1.1, 0.0, 0.1])  # [rad, m]
 SUBSTEPS = 5
-BEND = 0.15  # [mm] of clearance that the curvature of arms may take between and at steps
-MM = 1e3
+BEND = 1.5e-4  # [m] of clearance that the curvature of arms may take between and at steps
+MM = 1e3  # [mm/m]: what is looked at is in mm
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,9 @@ class Watch:
         """For arms and obstacles that stand still."""
         self.arms = arms
         self.data = [arm.chain.model.createData() for arm in arms]
-        self.standing = np.array([[o.a, o.b] for o in obstacles], dtype=float).reshape(-1, 2, 3)
+        self.standing = MM * np.array([[o.a, o.b] for o in obstacles], dtype=float).reshape(
+            -1, 2, 3
+        )
         owners = [k for k, arm in enumerate(arms) for _ in arm.links]
         count = len(owners)
         two = [(i, j) for i in range(count) for j in range(i + 1, count)]
@@ -85,7 +87,7 @@ class Watch:
         other = [(i, count + j) for i in range(count) for j in range(len(obstacles))]
         radii = [MM * link.radius for arm in arms for link in arm.links]
         pairs = np.array([*own, *other], dtype=np.intp)
-        self.touch = Touch(pairs, np.array([*radii, *(o.radius for o in obstacles)]))
+        self.touch = Touch(pairs, np.array([*radii, *(MM * o.radius for o in obstacles)]))
 
     def tips(self, joints: list[Array]) -> Array:
         """The tips (A, 3) [mm] at joint coordinates."""
@@ -107,7 +109,7 @@ class Watch:
                 T = base * data.oMi[link.joint + 1] if link.joint >= 0 else base
                 ends.append(MM * np.stack([T.act(end) for end in link.ends]))
             tip = base * data.oMi[model.njoints - 1] * pin.SE3(arm.chain.T_last_tip)
-            off = np.array(arm.trocar) - MM * tip.translation
+            off = MM * (np.array(arm.trocar) - tip.translation)
             z = tip.rotation[:, 2]
             misses.append(float(np.linalg.norm(off - z * (z @ off))))
         capsules = np.concatenate([np.stack(ends), self.standing])
@@ -115,7 +117,7 @@ class Watch:
 
 
 def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[Obstacle]]:
-    """Arms, joint coordinates (14,) at the start, goals (6,) [mm], and two spheres between."""
+    """Arms, joint coordinates (14,) at the start, goals (6,) [m], and two spheres between."""
     rng = np.random.default_rng(seed)
     arms = (make_arm(-1.0), make_arm(1.0))
     while True:
@@ -123,14 +125,14 @@ def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[O
         goals = starts[::-1] * [1, 1, 1] + rng.uniform(-6, 6, (2, 3))
         goals[:, 1] += np.array([1.0, -1.0]) * rng.uniform(4, 10)
         balls = [
-            Obstacle.sphere((0.0, float(rng.uniform(-25, 25)), float(rng.uniform(350, 375))), 4.0)
+            Obstacle.sphere((0.0, rng.uniform(-25, 25), rng.uniform(350, 375)), 4.0).scaled(1 / MM)
             for _ in range(2)
         ]
-        q0 = [held_tip(arm, tip, POSTURE) for arm, tip in zip(arms, starts, strict=True)]
-        q1 = [held_tip(arm, tip, q) for arm, tip, q in zip(arms, goals, q0, strict=True)]
+        q0 = [held_tip(arm, tip / MM, POSTURE) for arm, tip in zip(arms, starts, strict=True)]
+        q1 = [held_tip(arm, tip / MM, q) for arm, tip, q in zip(arms, goals, q0, strict=True)]
         watch = Watch(arms, balls)
         if min(watch.look(q0)[0], watch.look(q1)[0]) > 4.0:
-            return arms, np.concatenate(q0), goals.ravel(), balls
+            return arms, np.concatenate(q0), goals.ravel() / MM, balls
 
 
 def run_arms(seed: int, planner: Planner | None = None, p: int = 10, most: int = 300) -> ArmRun:
@@ -140,27 +142,28 @@ def run_arms(seed: int, planner: Planner | None = None, p: int = 10, most: int =
     settings = Settings(p=p, effort=0.5, smooth=0.0, noise=Noise(bias=BEND))
     statement = Statement(arms, 0, settings, len(balls))
     controller = Controller(statement, planner or RealTime(), Safety(budget=1.0))
-    watch, unit = Watch(arms, balls), np.concatenate([arm.unit for arm in arms])
+    watch, unit = Watch(arms, balls), statement.unit
     low, high = (np.concatenate([getattr(a.chain, s) for a in arms]) for s in ("lower", "upper"))
     least, miss, inside, seconds = np.inf, 0.0, True, []
-    stage = statement.stages(goal, balls)[0]
+    stage = statement.stages(MM * goal, [ball.scaled(MM) for ball in balls])[0]
     # For whole ways, an arm's shaft is an instrument by its tip.
     guide = Guide(Statement(tuple(TipInstrument(arm.trocar) for arm in arms), 0, Settings()))
     reached, wanted = False, goal.reshape(-1, 3)
     for _ in range(most):
-        tips = watch.tips(np.split(q, len(arms)))
+        tips = watch.tips(np.split(q, len(arms))) / MM
         reference = guide.reference(tips, wanted, balls)
-        command = controller.step(q / unit, reference.ravel(), balls)
+        command = controller.step(q, reference.ravel(), balls)
         seconds.append(command.seconds)
-        ahead = q / unit + statement.settings.dt * command.rate
-        knots = [q, unit * held_exactly(statement, (q / unit + ahead) / 2, stage), unit * ahead]
+        ahead = q + statement.settings.dt * command.rate
+        between = held_exactly(statement, (q + ahead) / (2 * unit), stage)
+        knots = [q, unit * between, ahead]
         for a, b in pairwise(knots):
             for k in range(1, SUBSTEPS + 1):
                 gap, off = watch.look(np.split(a + (b - a) * k / SUBSTEPS, len(arms)))
                 least, miss = min(least, gap), max(miss, off)
         q = knots[-1]
         inside = inside and bool(((q >= low) & (q <= high)).all())
-        if np.linalg.norm(watch.tips(np.split(q, len(arms))) - wanted, axis=1).max() < 1.0:
+        if np.linalg.norm(watch.tips(np.split(q, len(arms))) - MM * wanted, axis=1).max() < 1.0:
             reached = True
             break
     return ArmRun(least, miss, inside, reached, len(seconds), np.array(seconds))

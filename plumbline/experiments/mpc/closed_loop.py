@@ -30,6 +30,7 @@ from plumbline.optim.capsule_mpc.guide import Guide
 Array = NDArray[np.float64]
 SUBSTEPS = 20  # of a control step of 20 ms: what happens between two samples is seen as well
 CLOSE = 1.0  # [mm] from a goal that counts as reached
+M = 1e-3  # [m/mm]: scenarios count in mm, controllers in SI units
 
 
 @dataclass(frozen=True)
@@ -58,11 +59,12 @@ def point(values: Array) -> tuple[float, float, float]:
 
 
 def obstacles_at(scenario: Scenario, time: float) -> list[Obstacle]:
-    """What a perfect sensor would say of the obstacles."""
+    """What a perfect sensor would say of the obstacles [m]."""
     found = []
     for swing in scenario.obstacles:
         ends, velocity = swing.at(time)
-        found.append(Obstacle(point(ends[0]), point(ends[1]), swing.radius, point(velocity)))
+        seen = Obstacle(point(ends[0]), point(ends[1]), swing.radius, point(velocity))
+        found.append(seen.scaled(M))
     return found
 
 
@@ -72,20 +74,20 @@ def known_delay(mismatch: Mismatch, dt: float = 0.02) -> int:
 
 
 def noise_for(mismatch: Mismatch, v_max: float, epsilon: float = 1e-3) -> Noise:
-    """What to state of a plant: its noise, and how far a rate's lag and delay may carry it on.
+    """What to state of a plant: its noise, and how far a rate's lag and delay may carry it on [m].
 
     Whole steps of delay are left to the controller's own prediction.
     """
     rest = mismatch.delay - 0.02 * known_delay(mismatch)
     bias = v_max * (mismatch.lag + rest) + 0.5 * mismatch.deadband * 0.02
-    return Noise(mismatch.measured, mismatch.shake, epsilon, bias=bias)
+    return Noise(M * mismatch.measured, M * mismatch.shake, epsilon, bias=M * bias)
 
 
 def statement_of(scenario: Scenario, settings: Settings, v_max: float = 60.0) -> Statement:
-    """The control problem of a scenario."""
+    """The control problem of a scenario; tips are no faster than ``v_max`` [mm/s]."""
     kit = scenario.instruments
     bodies = tuple(
-        TipInstrument(point(trocar), float(length), float(radius), v_max)
+        TipInstrument(point(M * trocar), float(M * length), float(M * radius), M * v_max)
         for trocar, length, radius in zip(kit.trocars, kit.lengths, kit.radii, strict=True)
     )
     balls = sum(o.speed == 0.0 and np.array_equal(*o.ends) for o in scenario.obstacles)
@@ -111,23 +113,23 @@ def run(
     dt = controller.statement.settings.dt
     rng = np.random.default_rng([scenario.seed, 77])
     plant = Plant(scenario.starts, scenario.mismatch, dt, SUBSTEPS, rng)
-    goals, still = scenario.goals, [scenario.starts[None]]
-    way, seconds, cost = still, [], []
+    goals, wanted = scenario.goals, M * scenario.goals
+    way, seconds, cost = [scenario.starts[None]], [], []
     rates: list[Array] = []
     events: dict[str, int] = {}
     reached = False
     for k in range(most):
-        seen, obstacles = plant.measure(), obstacles_at(scenario, k * dt)
-        reference = goals if guide is None else guide.reference(seen, goals, obstacles)
+        seen, obstacles = M * plant.measure(), obstacles_at(scenario, k * dt)
+        reference = wanted if guide is None else guide.reference(seen, wanted, obstacles)
         begun = thread_time()
         command = controller.step(seen.ravel(), np.ravel(reference), obstacles)
         seconds.append(thread_time() - begun)
         if watch is not None:
             watch(k, command)
-        way.append(plant.move(command.rate.reshape(-1, 3)))
+        rates.append(command.rate / M)
+        way.append(plant.move(rates[-1].reshape(-1, 3)))
         for event in command.events:
             events[event.trouble.value] = events.get(event.trouble.value, 0) + 1
-        rates.append(command.rate)
         off = np.linalg.norm(plant.tips - goals, axis=1)
         cost.append(float(off @ off))
         if off.max() < CLOSE:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from plumbline.experiments.reality.touch import Touch
 from plumbline.optim.capsule_mpc import EndsInstrument, Planner, Settings, Statement
+from plumbline.optim.capsule_mpc.constants import MM
 from plumbline.optim.capsule_mpc.planning import shifted
 
 Array = NDArray[np.float64]
@@ -35,8 +36,8 @@ class Passes:
 
 def passes(form: str, planner: Planner, count: int, seed: int) -> Passes:
     """Run some passes, drawn from a seed, with a form of the distance."""
-    settings = Settings(p=10, safe=SAFE, form=form, effort=0.0, smooth=0.0)  # the patent's cost
-    statement = Statement((EndsInstrument(LENGTH, RADIUS),) * 2, 0, settings)
+    settings = Settings(p=10, safe=SAFE / MM, form=form, effort=0.0, smooth=0.0)
+    statement = Statement((EndsInstrument(LENGTH / MM, RADIUS / MM),) * 2, 0, settings)
     rng = np.random.default_rng(seed)
     found = np.array([_one(statement, planner, *_draw(rng)) for _ in range(count)])
     return Passes(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.console.measured import Found, as_command
-from plumbline.experiments.mpc.closed_loop import judged, obstacles_at, statement_of
+from plumbline.experiments.mpc.closed_loop import M, judged, obstacles_at, statement_of
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
 from plumbline.experiments.reality.task import Scenario, Swing
 from plumbline.experiments.reality.tip_drives import Slides, SlidingTips
@@ -99,7 +99,7 @@ def shaken(wrong: Slides, rng: np.random.Generator, seconds: float = SHAKEN) -> 
     for row in rate:
         seen.append(tips.measure().ravel())
         tips.move(row.reshape(-1, 3))
-    return build_tracking(time=t, rate=1e-3 * rate, x=1e-3 * np.array(seen), name="shaken")
+    return build_tracking(time=t, rate=M * rate, x=M * np.array(seen), name="shaken")
 
 
 def path(seed: int, count: int) -> Array:
@@ -129,16 +129,17 @@ def followed(
     steps, p = round(seconds / DT), 10
     wanted = path(seed, steps + p + AHEAD + 1)
     scenario = _scenario(wanted, seed)
-    noise = Noise(measured=wrong.measured, bias=plant.bias(FAST, 10 * FAST))
+    noise = Noise(measured=M * wrong.measured, bias=plant.bias(M * FAST, 10 * M * FAST))
     statement = statement_of(scenario, Settings(p=p, dt=DT, noise=noise), FAST)
     controller = Controller(statement, planner, Safety(budget=1.0, plant=plant))
     tips = SlidingTips(wanted[0], wrong, DT, SUBSTEPS, np.random.default_rng([seed, 2]))
     way, off = [wanted[:1]], []
     for k in range(steps):
         off.append(tips.tips - wanted[k])
-        goals = wanted[k + 1 : k + 1 + p + AHEAD].reshape(p + AHEAD, -1)
-        command = controller.step(tips.measure().ravel(), goals, obstacles_at(scenario, k * DT))
-        way.append(tips.move(command.rate.reshape(-1, 3)))
+        goals = M * wanted[k + 1 : k + 1 + p + AHEAD].reshape(p + AHEAD, -1)
+        seen = M * tips.measure().ravel()
+        command = controller.step(seen, goals, obstacles_at(scenario, k * DT))
+        way.append(tips.move(command.rate.reshape(-1, 3) / M))
     late = np.array(off)[round(SETTLED / DT) :]
     error = float(np.sqrt(np.mean(np.sum(late**2, axis=-1))))
     return Followed(error, judged(scenario, np.concatenate(way), DT)[0])

@@ -4,7 +4,8 @@ Read :mod:`.statement` first: the problem, once, in symbols. :mod:`.bodies` says
 :mod:`.settings` how far, how fast and how near, :mod:`.scene` what is in the way.
 :mod:`.linearised` makes a quadratic program of it, which :mod:`.banded_qp` or a library solves at
 every step; :mod:`.nonlinear` solves the whole statement, as a reference. :mod:`.controller` is what
-a loop calls. Lengths are in mm throughout.
+a loop calls. What is given to these and what they answer is in SI units; the statement and the
+planners count in mm.
 """
 
 from plumbline.errors import PlumblineError as PlumblineError

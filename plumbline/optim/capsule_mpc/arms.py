@@ -34,11 +34,11 @@ class ArmInstrument(Body):
     """An arm that holds an instrument."""
 
     chain: Chain  # the arm; the shaft lies along z of its tip frame
-    trocar: Point  # in the world [mm]
+    trocar: Point  # in the world [m]
     links: tuple[LinkCapsule, ...]  # capsules of the links and of the shaft
     T_world_base: Array  # where the arm stands (4, 4) [m]
     rate: float = 0.3  # largest rate of every revolute joint [rad/s]
-    slide: float = 40.0  # largest rate of every prismatic joint [mm/s]
+    slide: float = 0.04  # largest rate of every prismatic joint [m/s]
     ramp: float = 0.06  # time in which a joint comes from rest to its largest rate [s]
     onset: float = 0.02  # time in which that acceleration builds up [s]
     # which two of the links, by their numbers, must not touch each other; None for all but those
@@ -59,8 +59,7 @@ class ArmInstrument(Body):
     @cached_property
     def speed(self) -> Array:
         """Largest rate (n,) of every coordinate [units/s]."""
-        revolute = self.unit == REVOLUTE
-        return np.where(revolute, self.rate / REVOLUTE, self.slide)
+        return np.where(self.unit == REVOLUTE, self.rate, self.slide) / self.unit
 
     @property
     def groups(self) -> tuple[int, ...]:
@@ -80,7 +79,7 @@ class ArmInstrument(Body):
     @property
     def constants(self) -> Array:
         """The trocar."""
-        return np.array(self.trocar, dtype=float)
+        return MM * np.array(self.trocar)
 
     @cached_property
     def own_pairs(self) -> tuple[tuple[int, int], ...]:
@@ -94,14 +93,6 @@ class ArmInstrument(Body):
     def shape(self) -> Hashable:
         """The arm itself: arms share nothing, not even of one make, since they stand elsewhere."""
         return self
-
-    def state(self, q: ArrayLike) -> Array:
-        """The state (n,) of joint coordinates (n,) [rad or m]."""
-        return np.asarray(q, dtype=float) / self.unit
-
-    def joints(self, x: ArrayLike) -> Array:
-        """Joint coordinates (n,) [rad or m] of a state (n,)."""
-        return np.asarray(x, dtype=float) * self.unit
 
     def _frames(self, x: cs.SX) -> list[Transform]:
         """Frames of joints and tip in the world [m]."""
@@ -175,23 +166,23 @@ class ArmInstrument(Body):
 
 
 def held_tip(arm: ArmInstrument, tip: ArrayLike, start: ArrayLike, passes: int = 400) -> Array:
-    """Joint coordinates (n,) near ``start`` that bring the tip to a point through the trocar.
+    """Joint coordinates (n,) near ``start`` that bring the tip to a point [m] through the trocar.
 
     Raises:
         PlumblineError: None within the joint limits were found; start elsewhere.
     """
-    wanted = np.asarray(tip, dtype=float)
+    wanted = MM * np.asarray(tip, dtype=float)
     x, c = cs.SX.sym("x", arm.size), cs.SX(cs.DM(arm.constants))
     error = cs.vertcat(arm.tracked(x, c) - cs.DM(wanted), arm.held(x, c))
     function = cs.Function("e", [x], [error, cs.densify(cs.jacobian(error, x))])
     low, high = arm.chain.lower / arm.unit, arm.chain.upper / arm.unit
-    state = arm.state(start)
+    state = np.asarray(start, dtype=float) / arm.unit
     for _ in range(passes):
         off, slope = (value.full() for value in function(state))
         if np.abs(off).max() < 1e-8:
-            return arm.joints(state)
+            return np.asarray(state * arm.unit)
         step = slope.T @ np.linalg.solve(slope @ slope.T + 1e-3 * np.eye(5), off.ravel())
         largest = float(np.abs(step).max())
         state = np.clip(state - step * min(1.0, 10.0 / largest), low + 1e-3, high - 1e-3)
-    worst, where = float(np.abs(off).max()), np.round(wanted, 1).tolist()
+    worst, where = float(np.abs(off).max()), np.round(wanted / MM, 4).tolist()
     raise PlumblineError(f"tip {where}: {worst:.3g} mm off after {passes} steps; start elsewhere")

@@ -21,8 +21,9 @@ The outer end moves (L - r) / r times as far as the tip across the shaft. It is 
 than w, whence a bound V on the tip's rate where it is shallow: the depth falls to r - V dt at
 worst, and :math:`V\, (L - r + V\, dt) = w\, (r - V\, dt)`.
 
-The first costs about half as much. Lengths are in mm throughout this package and never in m: the
-distance tests of a solver have absolute thresholds, which are meant for numbers of that size.
+The first costs about half as much. What a body is made from is in SI units, what its functions take
+and give is in mm: the distance tests of a solver have absolute thresholds, which are meant for
+numbers of that size.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
-from plumbline.optim.capsule_mpc.constants import A_MAX, CONE, J_MAX, SHALLOW, V_OUTER
+from plumbline.optim.capsule_mpc.constants import A_MAX, CONE, J_MAX, MM, SHALLOW, V_OUTER
 from plumbline.optim.core.problem import Array
 
 Point = tuple[float, float, float]
@@ -60,6 +61,10 @@ class Body(Protocol):
     @property
     def size(self) -> int:
         """Number of states n."""
+
+    @property
+    def unit(self) -> Array:
+        """What one unit of each state is (n,) [m, or rad]."""
 
     @property
     def groups(self) -> tuple[int, ...]:
@@ -129,16 +134,20 @@ class _Shaft(Body, Protocol):
     j_max: float
 
     @property
+    def unit(self) -> Array:
+        return np.full(self.size, 1 / MM)
+
+    @property
     def speed(self) -> Array:
-        return np.full(self.size, self.v_max)
+        return np.full(self.size, MM * self.v_max)
 
     @property
     def acceleration(self) -> Array:
-        return np.full(self.size, self.a_max)
+        return np.full(self.size, MM * self.a_max)
 
     @property
     def jerk(self) -> Array:
-        return np.full(self.size, self.j_max)
+        return np.full(self.size, MM * self.j_max)
 
     @property
     def own_pairs(self) -> tuple[tuple[int, int], ...]:
@@ -147,18 +156,18 @@ class _Shaft(Body, Protocol):
 
 @dataclass(frozen=True)
 class TipInstrument(_Shaft):
-    """An instrument through a trocar, its state the place of its tip (3,) [mm]."""
+    """An instrument through a trocar, its state the place of its tip (3,)."""
 
-    trocar: Point  # the point that the shaft passes through [mm]
-    length: float = 250.0  # from the tip to the other end of the shaft [mm]
-    radius: float = 2.5  # of the shaft [mm]
-    v_max: float = 60.0  # largest speed of the tip [mm/s]
-    # least and most depth of the tip behind the trocar [mm]; the direction of the shaft is
+    trocar: Point  # the point that the shaft passes through [m]
+    length: float = 0.25  # from the tip to the other end of the shaft [m]
+    radius: float = 0.0025  # of the shaft [m]
+    v_max: float = 0.06  # largest speed of the tip [m/s]
+    # least and most depth of the tip behind the trocar [m]; the direction of the shaft is
     # undefined at the trocar itself
-    depths: tuple[float, float] = (15.0, 230.0)
-    a_max: float = A_MAX  # largest acceleration of the tip [mm/s^2]
-    j_max: float = J_MAX  # largest jerk of the tip [mm/s^3]
-    v_outer: float = V_OUTER  # largest speed of the other end [mm/s]
+    depths: tuple[float, float] = (0.015, 0.23)
+    a_max: float = A_MAX  # largest acceleration of the tip [m/s^2]
+    j_max: float = J_MAX  # largest jerk of the tip [m/s^3]
+    v_outer: float = V_OUTER  # largest speed of the other end [m/s]
     inward: Point = (0.0, 0.0, -1.0)  # direction into the body through the trocar's plane
     # largest angle between the shaft and that direction [degrees], below 90: the tip stays inside
     # of the body
@@ -170,7 +179,7 @@ class TipInstrument(_Shaft):
     @property
     def constants(self) -> Array:
         """The trocar."""
-        return np.array(self.trocar, dtype=float)
+        return MM * np.array(self.trocar)
 
     @property
     def shape(self) -> Hashable:
@@ -180,8 +189,8 @@ class TipInstrument(_Shaft):
     def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """The shaft, tip first."""
         inside = x - c
-        back = x - self.length * inside / cs.sqrt(cs.sumsqr(inside) + 1e-12)
-        return (Capsule(Segment(x, back), self.radius),)
+        back = x - MM * self.length * inside / cs.sqrt(cs.sumsqr(inside) + 1e-12)
+        return (Capsule(Segment(x, back), MM * self.radius),)
 
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """The tip."""
@@ -192,20 +201,21 @@ class TipInstrument(_Shaft):
         depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
         inward = np.array(self.inward) / np.linalg.norm(self.inward)
         below = cs.dot(cs.DM(inward), x - c) - np.cos(np.radians(self.cone)) * depth
-        return cs.vertcat(depth - self.depths[0], self.depths[1] - depth, below)
+        return cs.vertcat(depth - MM * self.depths[0], MM * self.depths[1] - depth, below)
 
     def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
         """What keeps the tip within its own speed and the other end within its."""
         depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
-        half = (self.length - depth + self.v_outer * dt) / 2
-        outer = (cs.sqrt(half**2 + dt * self.v_outer * depth) - half) / dt
-        return cs.repmat(cs.fmin(self.v_max, outer), 3, 1)
+        fastest = MM * self.v_outer
+        half = (MM * self.length - depth + fastest * dt) / 2
+        outer = (cs.sqrt(half**2 + dt * fastest * depth) - half) / dt
+        return cs.repmat(cs.fmin(MM * self.v_max, outer), 3, 1)
 
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
         """The shaft's, its depth as little as it can be on the way."""
         moved = cs.sqrt(cs.sumsqr(d) + 1e-12)
         depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12) - moved, SHALLOW)
-        return (self.length * moved**2 / (4 * np.sqrt(3.0) * depth**2),)
+        return (MM * self.length * moved**2 / (4 * np.sqrt(3.0) * depth**2),)
 
     def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
         """The trocar, if the shaft is long enough to reach back to it from any depth."""
@@ -214,7 +224,7 @@ class TipInstrument(_Shaft):
     def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
         """The shaft turns about the trocar, so its points move in proportion to their distance."""
         depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12), SHALLOW)
-        return cs.fmax(1.0, cs.fabs(share * self.length - depth) / depth)
+        return cs.fmax(1.0, cs.fabs(share * MM * self.length - depth) / depth)
 
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
         r"""The tip moves by at most m, the other end by at most :math:`m + |L - r|\,\delta`.
@@ -225,20 +235,20 @@ class TipInstrument(_Shaft):
         depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
         most = within[0]
         turn = cs.if_else(most < depth, np.sqrt(2.0) * most / depth, 2.0)
-        return (most + cs.fabs(self.length - depth) * turn,)
+        return (most + cs.fabs(MM * self.length - depth) * turn,)
 
 
 @dataclass(frozen=True)
 class EndsInstrument(_Shaft):
-    """An instrument by both ends of its shaft: tip, then the other end (6,) [mm]."""
+    """An instrument by both ends of its shaft: tip, then the other end (6,)."""
 
-    length: float = 250.0  # of the shaft [mm]
-    radius: float = 2.5  # of the shaft [mm]
-    v_max: float = 60.0  # largest speed of either end [mm/s]
-    # the point that the shaft passes through [mm]; None for a free capsule
+    length: float = 0.25  # of the shaft [m]
+    radius: float = 0.0025  # of the shaft [m]
+    v_max: float = 0.06  # largest speed of either end [m/s]
+    # the point that the shaft passes through [m]; None for a free capsule
     trocar: Point | None = None
-    a_max: float = A_MAX  # largest acceleration of either end [mm/s^2]
-    j_max: float = J_MAX  # largest jerk of either end [mm/s^3]
+    a_max: float = A_MAX  # largest acceleration of either end [m/s^2]
+    j_max: float = J_MAX  # largest jerk of either end [m/s^3]
 
     size: int = field(default=6, init=False)
     groups: tuple[int, ...] = field(default=(3, 3), init=False)
@@ -246,7 +256,7 @@ class EndsInstrument(_Shaft):
     @property
     def constants(self) -> Array:
         """The trocar, if there is one."""
-        return np.array(self.trocar or (), dtype=float)
+        return MM * np.array(self.trocar or (), dtype=float)
 
     @property
     def shape(self) -> Hashable:
@@ -255,7 +265,7 @@ class EndsInstrument(_Shaft):
 
     def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """The shaft, tip first."""
-        return (Capsule(Segment.of(x), self.radius),)
+        return (Capsule(Segment.of(x), MM * self.radius),)
 
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Both ends of a free capsule; the tip alone where a trocar says where the rest is."""
@@ -263,8 +273,9 @@ class EndsInstrument(_Shaft):
 
     def held(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Length, and the trocar's distance from the axis in two directions across it [mm]."""
-        axis = (x[:3] - x[3:]) / self.length
-        rigid = (cs.sumsqr(x[:3] - x[3:]) - self.length**2) / (2 * self.length)
+        length = MM * self.length
+        axis = (x[:3] - x[3:]) / length
+        rigid = (cs.sumsqr(x[:3] - x[3:]) - length**2) / (2 * length)
         if self.trocar is None:
             return rigid
         offset = c - x[:3]
@@ -284,7 +295,7 @@ class EndsInstrument(_Shaft):
         return (cs.fmax(within[0], within[3]),)
 
     def state(self, tip: Point | Array) -> Array:
-        """Both ends (6,) [mm] of a shaft through the trocar with its tip at a point.
+        """Both ends (6,) [m] of a shaft through the trocar with its tip at a point [m].
 
         Raises:
             PlumblineError: The instrument has no trocar, so its direction is not given by its tip.

@@ -7,10 +7,12 @@ What a step of :class:`.planning.RealTime` computes is one function of what it i
 
 and the quadratic program that it states. CasADi writes the function; the parameters of the stages
 are affine in u, and T is read off :meth:`.statement.Statement.stages`, so that there is no second
-version of it. ``banded_qp.c`` solves the program as it does here. A page of C keeps path and last
-step between two calls. All memory is in one structure whose size is known when it is compiled.
+version of it. ``banded_qp.c`` solves the program as it does here. A page of C (``in_c``) keeps path
+and last step between two calls. All memory is in one structure whose size is known when it is
+compiled.
 
-What :mod:`.controller` does before and below the plan is not part of it, and the header says so: a
+What is believed of obstacles that move otherwise than stated is :class:`.sweeps.Looks` in C. What
+else :mod:`.controller` does before and below the plan is not part of it, and the header names it: a
 step that is not solved returns an error, and whoever calls it has to stop.
 """
 
@@ -20,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from string import Template
 
 import casadi as cs
 import numpy as np
@@ -27,7 +30,16 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp
-from plumbline.optim.capsule_mpc.constants import FAR, OBSTACLE, TOUCHING
+from plumbline.optim.capsule_mpc.constants import (
+    CHANGED,
+    FAR,
+    FASTEST,
+    FEWEST_LOOKS,
+    MM,
+    OBSTACLE,
+    STRAIGHT,
+    TOUCHING,
+)
 from plumbline.optim.capsule_mpc.linearised import box_function, stage_function
 from plumbline.optim.capsule_mpc.planning import RealTime
 from plumbline.optim.capsule_mpc.scene import Obstacle
@@ -35,155 +47,22 @@ from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 
 FILES = ("program.c", "banded_qp.c", "capsule_step.h", "capsule_step.c", "main.c")
-HEADER = """\
-/* One step of a controller for capsules that must not touch: lengths in mm, times in s.
- *
- * Zero the state before the first step. A step takes the present state x, goals, and obstacles,
- * {slots} capsules and then {balls} spheres: both ends, radius, velocity; one that is not there is
- * a point at {far:g}. It returns 0, and the rate of every state; or another number if there is no
- * plan: then the rate is zero, and the caller has to see to a stop. Nothing is allocated, and
- * nothing is global.
- *
- * The plan alone is here. Not here, and the caller's to see to:
- * - the net that tries a rate and the stop after it, and limits of acceleration and jerk;
- * - obstacles that move otherwise than stated, turn back, or come faster than a tip;
- * - delay, lag, gain and dead band of what carries rates out, told or not;
- * - measurements, goals and obstacles that are no numbers.
- */
-#ifndef CAPSULE_STEP_H
-#define CAPSULE_STEP_H
-
-#define STATES {n}
-#define STAGES {p}
-#define ROWS {rows}
-#define GOALS {goals}
-#define OBSTACLES {obstacles}
-#define NUMBERS {numbers}
-#define INPUTS (GOALS + NUMBERS * OBSTACLES + STATES)
-#define STEP {dt!r} /* [s] */
-
-typedef struct {{
-    int begun; /* whether path and move are known */
-    double path[STAGES * STATES], move[STATES];
-    double inputs[INPUTS], H[STAGES * STATES * STATES], g[STAGES * STATES];
-    double G[STAGES * ROWS * STATES], h[STAGES * ROWS], steps[STAGES * STATES];
-    double turn[STAGES * STATES * STATES];
-    double slack[STAGES * ROWS], multiplier[STAGES * ROWS];
-    double work[{work}], w[{sz_w}];
-    long long int iw[{sz_iw}];
-    const double *arg[{sz_arg}];
-    double *res[{sz_res}];
-    int kept[STAGES + 1 + STAGES * ROWS];
-}} capsule_state;
-
-int capsule_step(capsule_state *s, const double *x, const double *goals, const double *obstacles,
-                 double *rate);
-
-#endif
-"""
-STEP = """\
-#include "capsule_step.h"
-#include <math.h>
-
-int program(const double **arg, double **res, long long int *iw, double *w, int mem);
-int banded_qp_turned(int p, int n, int rows, const double *H, const double *g, const double *x0,
-                     const double *move, const double *step, const double *G, const double *h,
-                     double rho, double effort, double smooth, double tolerance, int most,
-                     double *z, double *slack, double *multiplier, double *work, int *list,
-                     const double *turn, const int *group);
-
-static const int group[2 * STATES] = {{{group}}}; /* begin, then end of every state's group */
-
-static void gather(capsule_state *s, const double *x, const double *goals, const double *obstacles)
-{{
-    double *to = s->inputs;
-    for (int i = 0; i < GOALS; i++) *to++ = goals[i];
-    for (int i = 0; i < NUMBERS * OBSTACLES; i++) *to++ = obstacles[i];
-    for (int i = 0; i < STATES; i++) {{
-        if (!s->begun) s->move[i] = 0.0;
-        *to++ = s->move[i];
-    }}
-    for (int i = 0; i < STAGES * STATES; i++)
-        if (!s->begun) s->path[i] = x[i % STATES];
-}}
-
-static int linearise(capsule_state *s, const double *x)
-{{
-    s->arg[0] = s->inputs; s->arg[1] = x; s->arg[2] = s->path;
-    s->res[0] = s->H; s->res[1] = s->g; s->res[2] = s->G; s->res[3] = s->h; s->res[4] = s->steps;
-    s->res[5] = s->turn;
-    return program(s->arg, s->res, s->iw, s->w, 0);
-}}
-
-int capsule_step(capsule_state *s, const double *x, const double *goals, const double *obstacles,
-                 double *rate)
-{{
-    int usable = 1;
-    gather(s, x, goals, obstacles);
-    const int failed = linearise(s, x);
-    const int count = failed ? -1 : banded_qp_turned(
-        STAGES, STATES, ROWS, s->H, s->g, x, s->move, s->steps, s->G, s->h, {penalty!r}, {effort!r},
-        {smooth!r}, {tolerance!r}, {most}, s->path, s->slack, s->multiplier, s->work, s->kept,
-        {turn}, group);
-    for (int i = 0; i < STAGES * STATES; i++) usable = usable && isfinite(s->path[i]);
-    s->begun = count >= 0 && usable;
-    for (int i = 0; i < STATES; i++) {{
-        const int begin = group[i], end = group[STATES + i];
-        double length = 0.0;
-        for (int j = begin; j < end; j++) length += (s->path[j] - x[j]) * (s->path[j] - x[j]);
-        length = fmax(sqrt(length), {touching!r}); /* the box about the ball has corners */
-        rate[i] = s->begun ? (s->path[i] - x[i]) * fmin(1.0, s->steps[begin] / length) / STEP : 0.0;
-        s->move[i] = STEP * rate[i];
-    }}
-    for (int i = 0; i < (STAGES - 1) * STATES; i++) s->path[i] = s->path[i + STATES];
-    return s->begun ? 0 : 1;
-}}
-"""
-MAIN = """\
-/* Drives the exact model; prints the rates of every step, and the path where the next begins. */
-#include "capsule_step.h"
-#include <stdio.h>
-
-static const double start[] = {{{start}}};
-static const double goals[] = {{{goal}}};
-static double obstacles[] = {{{seen}}};
-static capsule_state state;
-
-int main(void)
-{{
-    double x[STATES], rate[STATES];
-    for (int i = 0; i < STATES; i++) x[i] = start[i];
-    for (int k = 0; k < {steps}; k++) {{
-        if (capsule_step(&state, x, goals, obstacles, rate)) return 1;
-        for (int i = 0; i < STATES; i++) {{
-            printf("%.17g ", rate[i]);
-            x[i] += STEP * rate[i];
-        }}
-        for (int i = 0; i < STAGES * STATES; i++)
-            printf("%.17g%c", state.path[i], i + 1 < STAGES * STATES ? ' ' : '\\n');
-        for (int i = 0; i < NUMBERS * OBSTACLES; i++) /* ends move by the velocity */
-            if (i % NUMBERS < 6)
-                obstacles[i] += STEP * obstacles[i - i % NUMBERS + 7 + i % NUMBERS % 3];
-    }}
-    return 0;
-}}
-"""
 
 
 @dataclass(frozen=True)
 class Example:
     """What the small program that comes with the code does."""
 
-    start: ArrayLike  # state (n,) [mm]
-    goal: ArrayLike  # what is to be reached (g,) [mm]
+    start: ArrayLike  # state (n,) [m, or rad]
+    goal: ArrayLike  # what is to be reached (g,) [m]
     obstacles: Sequence[Obstacle] = ()  # as seen at the start; they move on with their velocities
     steps: int = 100  # how many steps it drives
 
 
 def numbers_of(statement: Statement, obstacles: Sequence[Obstacle]) -> Array:
-    """Obstacles (K, 10) as a step in C takes them: a row for every slot, then for every ball."""
+    """Obstacles (K, 10) [m] as a step in C takes them: a row for every slot, then every ball."""
     out = np.zeros((statement.slots + statement.balls, OBSTACLE))
-    out[:, :6] = FAR
+    out[:, :6] = FAR / MM
     spheres = [o for o in obstacles if o.a == o.b]
     capsules = [o for o in obstacles if o.a != o.b] + spheres[statement.balls :]
     if len(capsules) > statement.slots:
@@ -286,16 +165,16 @@ def write(
     function = program(statement)
     generator = cs.CodeGenerator("program.c", {"casadi_int": "long long int"})
     generator.add(function)
-    solver = (resources.files("plumbline.optim.capsule_mpc") / "banded_qp.c").read_text(
-        encoding="utf-8"
-    )
-    sources = (
-        generator.dump(),
-        solver,
-        HEADER.format(**_sizes(statement, function)),
-        STEP.format(**_weights(statement, own.solver)),
-        MAIN.format(**_example(statement, example)),
-    )
+    here = resources.files("plumbline.optim.capsule_mpc")
+    numbers = {
+        **_sizes(statement, function),
+        **_weights(statement, own.solver),
+        **_example(statement, example),
+    }
+    sources = [generator.dump(), (here / "banded_qp.c").read_text(encoding="utf-8")]
+    for name in FILES[len(sources) :]:
+        template = (here / "in_c" / name).read_text(encoding="utf-8")
+        sources.append(Template(template).substitute(numbers))
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in zip(FILES, sources, strict=True):
         (folder / name).write_text(text, encoding="utf-8")
@@ -315,8 +194,9 @@ def _sizes(statement: Statement, function: cs.Function) -> dict[str, object]:
         "balls": statement.balls,
         "obstacles": statement.slots + statement.balls,
         "numbers": OBSTACLE,
+        "looks": FEWEST_LOOKS,
         "dt": statement.settings.dt,
-        "far": FAR,
+        "far": FAR / MM,
         "work": (N + 2 * n) * (2 * n + 1) + 2 * N + 2 * n + 5 * M + 6 * K,
         "sz_w": max(function.sz_w(), 1),
         "sz_iw": max(function.sz_iw(), 1),
@@ -335,7 +215,12 @@ def _weights(statement: Statement, solver: BandedQp) -> dict[str, object]:
         "group": ", ".join(str(number) for number in [*begins, *closes]),
         "turn": "s->turn" if max(statement.groups) > 1 else "0",
         "touching": TOUCHING,
-        "penalty": float(s.penalty),
+        "mm": MM,
+        "fastest": (FASTEST * s.dt) ** 2,
+        "straight": STRAIGHT,
+        "changed": CHANGED,
+        "unit": ", ".join(repr(float(unit)) for unit in statement.unit),
+        "penalty": MM * float(s.penalty),
         "effort": float(effort),
         "smooth": float(smooth),
         "tolerance": solver.tolerance,

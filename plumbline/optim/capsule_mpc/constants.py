@@ -1,24 +1,24 @@
 """Numbers of the capsule controllers, each with its unit and where it comes from.
 
-Lengths are in mm, times in s, as inside of the controllers alone. What is named "rounding" lies so
-far from what instruments do that an order of magnitude changes nothing; "effort" is how hard is
-looked.
+Lengths are in mm, times in s, as inside of the controllers, but for what a body is made from. What
+is named "rounding" lies so far from what instruments do that an order of magnitude changes nothing;
+"effort" is how hard is looked.
 """
 
 from __future__ import annotations
 
-MM = 1e3  # [mm/m]: diagnoses and arms are in SI units, controllers in mm
+MM = 1e3  # [mm/m]: SI units at the door, mm inside
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step or a second
 FAR = 1e6  # [mm] where obstacles are that are not there
-STILL = (0.0, 0.0, 0.0)  # [mm/s]
+STILL = (0.0, 0.0, 0.0)  # [m/s]
 
 # Bodies and arms
-A_MAX = 1000.0  # [mm/s^2]: from 60 mm/s a stop takes 60 ms and 1.8 mm, less than d_s
-J_MAX = 5e4  # [mm/s^3]: that acceleration is there after 20 ms, one step
-V_OUTER = 250.0  # [mm/s], what ISO 10218-1 calls reduced speed, beside which people may stand
+A_MAX = 1.0  # [m/s^2]: from 60 mm/s a stop takes 60 ms and 1.8 mm, less than d_s
+J_MAX = 50.0  # [m/s^3]: that acceleration is there after 20 ms, one step
+V_OUTER = 0.25  # [m/s], what ISO 10218-1 calls reduced speed, beside which people may stand
 CONE = 80.0  # [degrees]: beyond it a shaft would lie along the wall of the body
 SHALLOW = 1.0  # [mm] of depth below which a shaft's direction is not to be relied on
-REVOLUTE, PRISMATIC = 1e-2, 1e-3  # [rad], [m] of one unit of the state
+REVOLUTE, PRISMATIC = 1e-2, 1 / MM  # [rad], [m] of one unit of the state
 
 # Pairs
 # Of the norm, which exceeds the largest of four by 4^(1/8), 19 % of its square, at most: solvers of

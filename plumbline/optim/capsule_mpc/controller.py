@@ -41,6 +41,7 @@ from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.constants import (
     HALVINGS,
     HOLDING,
+    MM,
     OFF,
     PASSES,
     ROUNDING,
@@ -62,6 +63,7 @@ from plumbline.optim.capsule_mpc.events import (
     margins_function,
     moves_otherwise,
     not_evaded,
+    off_hold,
     shortfalls,
 )
 from plumbline.optim.capsule_mpc.linearised import norms
@@ -115,11 +117,10 @@ class Controller:
         self._seating = Seating(statement, 1 + self._stop.steps)
         self._holds = statement.held.numel() > 0
         self._margins = Compiled(margins_function(statement.shape), False)
-        noise = statement.settings.noise.tightening(1)[0, 1]
-        self._dropped = statement.settings.safe + float(noise)  # in D of what has no slot
+        self._dropped = statement.settings.apart[1]  # in D of what has no slot
         self._impossible = impossible(statement)
-        dt, plant = statement.settings.dt, self.safety.plant
-        late = replace(plant, delay=np.asarray(plant.delay) + self.safety.delay * dt)
+        plant, told = self.safety.plant, self.safety.delay * statement.settings.dt
+        late = replace(plant, delay=np.asarray(plant.delay) + told)
         self._underway = Underway(late, statement)
         self._stray = 0.0
         self.reset()
@@ -131,7 +132,6 @@ class Controller:
 
     def reset(self) -> None:
         """Forget everything, as before the first step."""
-        n = self.statement.n
         self._path: Array | None = None
         self._present: Array | None = None
         self._goal: Array | None = None
@@ -140,8 +140,8 @@ class Controller:
         self._swept: list[Obstacle] = []
         self._believed: list[Obstacle] = []
         self._underway.reset()
-        self._rates = np.zeros((2, n))  # the last, and the one before
-        self._tail = np.zeros((1 + self._stop.steps, n))  # the stop at hand
+        self._rates = np.zeros((2, self.statement.n))  # the last, and the one before
+        self._tail = np.zeros((1 + self._stop.steps, self.statement.n))  # the stop at hand
         self._stage: Array | None = None
         self._blind = 0
         self._evasion.reset()
@@ -154,15 +154,16 @@ class Controller:
         """One step of the loop.
 
         Args:
-            measured: State (n,) [mm, or rad].
-            goal: What is to be reached (g,), or a path of it (m, g), m >= p, step by step [mm]; a
+            measured: State (n,) [m, or rad].
+            goal: What is to be reached (g,), or a path of it (m, g), m >= p, step by step [m]; a
                 plant that is known to be late is led by later points.
-            obstacles: As seen now.
+            obstacles: As seen now [m].
         """
         begun = perf_counter()
         events: list[Event] = []
         try:
-            command = self._step(begun, events, measured, goal, obstacles)
+            seen = [obstacle.scaled(MM) for obstacle in obstacles]
+            command = self._step(begun, events, measured, goal, seen)
         except Exception as error:
             # Nothing may leave the loop: what is not foreseen is reported, and motion stops.
             events.append(Event(Trouble.FAULT, f"{first_line(error)}; stopped"))
@@ -211,18 +212,22 @@ class Controller:
         # A plan that is refused as a whole is none to start the next one from.
         refused = any(event.trouble is Trouble.HELD_BACK for event in events)
         self._remember(plan if mode is Mode.PLAN and not refused else None, x0, rate)
-        slack = plan.slack if plan else 0.0
         events += self._impossible
         if mode is Mode.PLAN and plan:
             events += shortfalls(plan)
-        seconds = perf_counter() - begun
-        sent = self.safety.plant.rate(rate)
-        return Command(sent, mode, tuple(events), float(gaps.min()), slack, seconds, plan)
+        gap, slack = float(gaps.min()) / MM, plan.slack / MM if plan else 0.0
+        ahead = plan.x * self.statement.unit if plan else None
+        sent, seconds = self._sent(rate), perf_counter() - begun
+        return Command(sent, mode, tuple(events), gap, slack, seconds, ahead)
+
+    def _sent(self, rate: Array) -> Array:
+        """What to send [m/s, or rad/s] so that a rate is carried out."""
+        return self.safety.plant.rate(rate * self.statement.unit)
 
     def _measured(self, measured: ArrayLike, events: list[Event]) -> Array | None:
         values = np.array(measured, dtype=float).ravel()
         if values.shape == (self.statement.n,) and np.isfinite(values).all():
-            self._blind = 0
+            self._blind, values = 0, values / self.statement.unit
             self._present = values
             self._underway.seen(values)
             return values
@@ -240,7 +245,7 @@ class Controller:
         g, p = self.statement.goals, self.statement.settings.p
         path = values.ndim == 2 and values.shape[1] == g and len(values) >= p
         if (path or values.shape == (g,)) and np.isfinite(values).all():
-            self._goal = values
+            self._goal = MM * values
         elif self._goal is None:
             raise PlumblineError(f"no goal yet that is usable: ({g},) finite numbers expected")
         else:
@@ -290,10 +295,7 @@ class Controller:
     def _report_off(self, x: Array, stage: Array, events: list[Event]) -> None:
         off = how_far_off(self.statement, x, stage)
         if off > OFF:
-            words = (
-                f"what is held is off by {off:.3f}, expected at most {OFF:g}; put right on the way"
-            )
-            events.append(Event(Trouble.OFF_HOLD, words, off))
+            events.append(off_hold(off))
 
     def _planned(
         self, begun: float, events: list[Event], x0: Array, stages: Array, path: Array
@@ -390,8 +392,7 @@ class Controller:
         self._tail = np.concatenate([self._tail[1:], 0.0 * self._tail[-1:]])
         self._path = None
         seconds = perf_counter() - begun
-        sent = self.safety.plant.rate(rate)
-        return Command(sent, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
+        return Command(self._sent(rate), Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
 
 
 @lru_cache(maxsize=16)

@@ -34,6 +34,7 @@ from plumbline.optim.capsule_mpc.constants import (
     FAR,
     FINER,
     LIKELY,
+    MM,
     ROOM,
     SHARES,
     STILL,
@@ -58,10 +59,10 @@ class Evasion:
         self._dt = statement.settings.dt
         self._times = np.arange(0.0, AHEAD + EVERY / 2, EVERY)
         self._finer = np.arange(0.0, AHEAD + EVERY / 2, EVERY / FINER)
-        self._margins = statement.settings.safe + statement.settings.noise.tightening(1)[0]
-        self._trocars = np.array([b.trocar for b in self._bodies]).reshape(-1, 3)
-        self._lengths = np.array([b.length for b in self._bodies])
-        self._radii = np.array([b.radius for b in self._bodies])
+        self._margins = statement.settings.apart
+        self._trocars = MM * np.array([b.trocar for b in self._bodies]).reshape(-1, 3)
+        self._lengths = MM * np.array([b.length for b in self._bodies])
+        self._radii = MM * np.array([b.radius for b in self._bodies])
         self.reset()
 
     def reset(self) -> None:
@@ -155,7 +156,7 @@ class Evasion:
 
         def gaps(rates: Array, seen: tuple[Array, Array], times: Array) -> Array:
             change = (rates - rate)[:, None]
-            turn = np.maximum(np.sqrt(np.vecdot(change, change)) / body.a_max, self._dt)
+            turn = np.maximum(np.sqrt(np.vecdot(change, change)) / (MM * body.a_max), self._dt)
             s = np.minimum(times, turn)
             tips = tip + times[:, None] * rates[:, None]
             tips -= (s * (1.0 - (s + self._dt) / (2.0 * turn)))[..., None] * change
@@ -198,7 +199,7 @@ def _about(rate: Array) -> Array:
 
 def _pace(body: TipInstrument, tip: Array, dt: float) -> float:
     """Largest speed of a tip (3,) that the other end lets it have [mm/s]."""
-    x, c = cs.SX(cs.DM(tip)), cs.SX(cs.DM(np.array(body.trocar)))
+    x, c = cs.SX(cs.DM(tip)), cs.SX(cs.DM(body.constants))
     return float(cs.evalf(body.pace(x, c, dt)[0]))
 
 
@@ -212,16 +213,17 @@ def _shafts(tips: Array, trocars: Array, lengths: Array) -> Array:
 
 def _gaps(body: TipInstrument, tips: Array, ahead: Array, radii: Array) -> Array:
     """Least gap (C,) on ways of the tip (C, T, 3) to capsules (K, T, 2, 3), -inf beyond a limit."""
-    trocar = np.array(body.trocar)
-    shafts = _shafts(tips, trocar, np.array(body.length))
+    trocar = body.constants
+    shafts = _shafts(tips, trocar, np.array(MM * body.length))
     shape = (len(ahead), *shafts.shape)
     both = (np.broadcast_to(v, shape).reshape(-1, 2, 3) for v in (shafts, ahead[:, None]))
     found = nearest(*both).distance.reshape(shape[:3])
-    least = (found - radii[:, None, None]).min(axis=(0, 2)) - body.radius
+    least = (found - radii[:, None, None]).min(axis=(0, 2)) - MM * body.radius
     inside = tips - trocar
     depth = np.linalg.norm(inside, axis=-1)
     inward = np.array(body.inward) / np.linalg.norm(body.inward)
     below = inside @ inward - np.cos(np.radians(body.cone)) * depth
-    kept = (depth >= body.depths[0]) & (depth <= body.depths[1]) & (below >= 0.0)
+    shallowest, deepest = MM * np.array(body.depths)
+    kept = (depth >= shallowest) & (depth <= deepest) & (below >= 0.0)
     # Who begins beyond a limit may go anywhere: the planner brings it back.
     return np.where((kept | ~kept[:, :1]).all(axis=1), least, -np.inf)

@@ -14,7 +14,7 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 
-from plumbline.optim.capsule_mpc.constants import KEPT, SLACK
+from plumbline.optim.capsule_mpc.constants import KEPT, MM, OFF, SLACK
 from plumbline.optim.capsule_mpc.planning import Plan
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.seating import Seated
@@ -57,26 +57,26 @@ class Event:
 
     trouble: Trouble  # what kind
     words: str  # one line: the value, the limit, what was done
-    value: float | None = None  # the value, where there is one
+    value: float | None = None  # the value, where there is one [m, m/s or s]
 
 
 @dataclass(frozen=True)
 class Command:
     """What to do until the next step."""
 
-    rate: Array  # rate (n,) of every state, within the limits [mm/s, or units/s of a joint]
+    rate: Array  # rate (n,) of every state, within the limits [m/s, or rad/s of a joint]
     mode: Mode  # where it comes from
     events: tuple[Event, ...]  # what was not as it should be
-    # least distance of any pair, less its D, where the step began [mm]; of all obstacles, those too
+    # least distance of any pair, less its D, where the step began [m]; of all obstacles, those too
     # that the statement has no slot for
     gap: float
-    slack: float  # of the plan [mm]
+    slack: float  # of the plan [m]
     seconds: float  # time that the step took [s]
-    plan: Plan | None  # the plan, if one came in time
+    path: Array | None  # states (p, n) of the plan, if one came in time [m, or rad]
 
     def __repr__(self) -> str:
         wrong = ", ".join(sorted(trouble.value for trouble in self.troubles())) or "no trouble"
-        return f"<Command: {self.mode.value}, gap {self.gap:.3g} mm, {wrong}>"
+        return f"<Command: {self.mode.value}, gap {MM * self.gap:.3g} mm, {wrong}>"
 
     def troubles(self) -> set[Trouble]:
         """The kinds of its events."""
@@ -99,9 +99,9 @@ def inside(gaps: Array, margins: Array) -> list[Event]:
     if gap >= -SLACK:
         return []
     if overlap > 0.0:
-        return [Event(Trouble.CONTACT, f"{overlap:.3f} mm of overlap, expected none", gap)]
+        return [Event(Trouble.CONTACT, f"{overlap:.3f} mm of overlap, expected none", gap / MM)]
     words = f"{-gap:.3f} mm inside of the margin, expected 0"
-    return [Event(Trouble.INSIDE_MARGIN, words, gap)]
+    return [Event(Trouble.INSIDE_MARGIN, words, gap / MM)]
 
 
 def entered(first: float, events: Sequence[Event], least: float) -> list[Event]:
@@ -110,7 +110,13 @@ def entered(first: float, events: Sequence[Event], least: float) -> list[Event]:
     if known or first >= -least:
         return []
     words = f"within the step up to {-first:.3f} mm inside of a margin, expected 0"
-    return [Event(Trouble.INSIDE_MARGIN, words, first)]
+    return [Event(Trouble.INSIDE_MARGIN, words, first / MM)]
+
+
+def off_hold(off: float) -> Event:
+    """What must stay zero and is not [mm]."""
+    words = f"what is held is off by {off:.3f} mm, expected at most {OFF:g}; put right on the way"
+    return Event(Trouble.OFF_HOLD, words, off / MM)
 
 
 def held_back(gap: float) -> Event:
@@ -134,7 +140,7 @@ def moves_otherwise(k: int, seen: Obstacle, stated: Obstacle) -> Event:
     """An obstacle, from 0, whose places do not go by its velocity."""
     speed, said = (float(np.linalg.norm(o.velocity)) for o in (seen, stated))
     words = f"obstacle {k + 1}: its places move by {speed:.0f} mm/s, {said:.0f} stated; as seen"
-    return Event(Trouble.BAD_OBSTACLE, words, speed)
+    return Event(Trouble.BAD_OBSTACLE, words, speed / MM)
 
 
 def acts_late(k: int, later: float) -> Event:
@@ -146,7 +152,7 @@ def acts_late(k: int, later: float) -> Event:
 def not_evaded(k: int, overlap: float) -> Event:
     """Every known way of a body, from 0, ends in what comes [mm]."""
     words = f"instrument {k + 1}: no way out of what comes, {overlap:.3f} mm of overlap at best"
-    return Event(Trouble.CANNOT_BE_MET, words, overlap)
+    return Event(Trouble.CANNOT_BE_MET, words, overlap / MM)
 
 
 def impossible(statement: Statement) -> list[Event]:
@@ -161,7 +167,7 @@ def impossible(statement: Statement) -> list[Event]:
             Trouble.CANNOT_BE_MET,
             f"shafts {' and '.join(pair.labels)}: trocars nearer than their margin by "
             f"{value:.3f} mm; they keep {100 * KEPT:.0f} % of the trocars' distance",
-            value,
+            value / MM,
         )
         for (pair, _), value in zip(both, values, strict=True)
         if value > 0.0
@@ -173,12 +179,12 @@ def shortfalls(plan: Plan) -> list[Event]:
     found = []
     if plan.slack > SLACK:
         words = f"plan falls short of its distances by {plan.slack:.3f} mm, expected 0"
-        found.append(Event(Trouble.SLACK, words, plan.slack))
+        found.append(Event(Trouble.SLACK, words, plan.slack / MM))
     if plan.lasting > SLACK:
         words = (
             f"distances cannot be met within the horizon, short by {plan.lasting:.3f} mm at best"
         )
-        found.append(Event(Trouble.CANNOT_BE_MET, words, plan.lasting))
+        found.append(Event(Trouble.CANNOT_BE_MET, words, plan.lasting / MM))
     return found
 
 

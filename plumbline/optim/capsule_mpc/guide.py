@@ -21,8 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc.bodies import TipInstrument
+from plumbline.optim.capsule_mpc.constants import MM
 from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
@@ -34,11 +36,11 @@ from plumbline.optim.core.problem import Array
 class Patience:
     """Options of the guide."""
 
-    near: float = 3.0  # distance from a waypoint that counts as there [mm]
+    near: float = 0.003  # distance from a waypoint that counts as there [m]
     stall: int = 25  # steps in which a tool must come closer to its reference
-    progress: float = 1.0  # by how much [mm]
-    extra: float = 1.5  # clearance that ways keep beyond d_s [mm]
-    depth: float = 35.0  # of the tip behind the trocar when drawn back [mm]
+    progress: float = 0.001  # by how much [m]
+    extra: float = 0.0015  # clearance that ways keep beyond d_s [m]
+    depth: float = 0.035  # of the tip behind the trocar when drawn back [m]
     # the same, as a share of the shaft's length, where shafts meet outside: what is in the way over
     # the trocars is passed with as little of the shaft there as inside
     deep: float = 0.5
@@ -48,12 +50,18 @@ class Guide:
     """References step by step; it remembers the detours that are under way."""
 
     def __init__(self, statement: Statement, patience: Patience = Patience()) -> None:
-        """For a statement whose bodies are instruments by their tips, no others."""
+        """For a statement whose bodies are instruments by their tips, no others.
+
+        Raises:
+            PlumblineError: Other bodies.
+        """
         bodies = [body for body in statement.bodies if isinstance(body, TipInstrument)]
         if len(bodies) != len(statement.bodies):
-            raise TypeError("guide: found other bodies, expected TipInstrument only")
+            raise PlumblineError("guide: found other bodies, expected TipInstrument only")
         self.bodies, self.patience = bodies, patience
-        self.safe = statement.settings.safe + patience.extra
+        self._narrow = MM * statement.settings.safe
+        self.safe = self._narrow + MM * patience.extra
+        self._near = MM * patience.near
         self._sweeps = Sweeps(statement.settings.dt, tip_speed(statement))
         self._ways: list[list[Array]] = [[] for _ in bodies]
         self._best = np.full(len(bodies), np.inf)
@@ -61,28 +69,28 @@ class Guide:
         self._stalls = np.zeros(len(bodies), dtype=int)
 
     def reference(self, tips: Array, goals: Array, obstacles: Sequence[Obstacle]) -> Array:
-        """Where the tips (I, 3) should go now, on their way to the goals (I, 3) [mm]."""
+        """Where the tips (I, 3) should go now, on their way to the goals (I, 3) [m]."""
         if not (np.isfinite(tips).all() and np.isfinite(goals).all()):
             return goals
-        seen = self._sweeps.swept([o for o in obstacles if o.usable])
+        seen = self._sweeps.swept([o.scaled(MM) for o in obstacles if o.usable])
         ends = np.array([[o.a, o.b] for o in seen], dtype=float).reshape(-1, 2, 3)
         radii = np.array([o.radius for o in seen], dtype=float)
         tools = [
-            Tool(np.array(body.trocar), tip, goal, body.length, body.radius)
-            for body, tip, goal in zip(self.bodies, tips, goals, strict=True)
+            Tool(body.constants, tip, goal, MM * body.length, MM * body.radius)
+            for body, tip, goal in zip(self.bodies, MM * tips, MM * goals, strict=True)
         ]
         found = np.stack([self._next(i, tool, ends, radii) for i, tool in enumerate(tools)])
         self._watch(tools, found, ends, radii)
-        return found
+        return found / MM
 
     def _next(self, i: int, tool: Tool, ends: Array, radii: Array) -> Array:
         way = self._ways[i]
-        while way and np.linalg.norm(tool.tip - way[0]) < self.patience.near:
+        while way and np.linalg.norm(tool.tip - way[0]) < self._near:
             way.pop(0)
             self._restart(i)
         if way:
             return way[0]
-        if not interferes(tool, ends, radii, self.safe - self.patience.extra).any():
+        if not interferes(tool, ends, radii, self._narrow).any():
             return tool.goal
         around = detour(tool, ends, radii, self.safe)
         if around is not None:
@@ -98,9 +106,9 @@ class Guide:
         """Notice tools that come no closer, and send the first of them another way."""
         for i, tool in enumerate(tools):
             off = float(np.linalg.norm(tool.tip - found[i]))
-            if off < self._best[i] - self.patience.progress:
+            if off < self._best[i] - MM * self.patience.progress:
                 self._best[i], self._since[i] = off, 0
-            elif np.linalg.norm(tool.tip - tool.goal) > self.patience.near:
+            elif np.linalg.norm(tool.tip - tool.goal) > self._near:
                 self._since[i] += 1
         stuck = [i for i in range(len(tools)) if self._since[i] > self.patience.stall]
         if stuck:
@@ -120,7 +128,7 @@ class Guide:
         if around is not None:
             return list(around)
         deep = _blocked_outside(tools[i], all_ends, all_radii) != (self._stalls[i] % 3 == 0)
-        depth = self.patience.deep * tools[i].length if deep else self.patience.depth
+        depth = self.patience.deep * tools[i].length if deep else MM * self.patience.depth
         return list(drawn_back(tools[i], depth))
 
 

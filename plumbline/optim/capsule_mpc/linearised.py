@@ -41,7 +41,15 @@ from plumbline.kinematics.capsules import (
 )
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
-from plumbline.optim.capsule_mpc.constants import ABSENT, ACROSS, COMMON, DROPPED, LIMITS, TOUCHING
+from plumbline.optim.capsule_mpc.constants import (
+    ABSENT,
+    ACROSS,
+    COMMON,
+    DROPPED,
+    LIMITS,
+    MM,
+    TOUCHING,
+)
 from plumbline.optim.capsule_mpc.pairs import Pair
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array
@@ -228,7 +236,7 @@ class Linearised:
             h.reshape(p, -1),
             x0,
             most,
-            s.penalty,
+            MM * s.penalty,
             *s.weights,
             stages[0, own.moved],
             turn,

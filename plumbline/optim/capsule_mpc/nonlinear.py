@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.constants import FAR, OBSTACLE, ROUNDS, SHORT, WATCH
+from plumbline.optim.capsule_mpc.constants import FAR, MM, OBSTACLE, ROUNDS, SHORT, WATCH
 from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
@@ -168,7 +168,7 @@ class _NonlinearReady:
     def _warm(self, program: Program, numbers: dict[str, str]) -> tuple[Array, Array]:
         """Multipliers to start from: the last ones, one stage on; else those of a free slack."""
         p = program.problem
-        free = np.full(len(program.unknowns), -self.statement.settings.penalty)
+        free = np.full(len(program.unknowns), -MM * self.statement.settings.penalty)
         none, out = np.zeros(len(program.unknowns)), (np.zeros(p.size), np.zeros(p.g_lower.size))
         both = zip(program.names, (program.unknowns, program.rows), out, strict=True)
         for names, places, duals in both:

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
 from plumbline.optim.capsule_mpc.bodies import sides
-from plumbline.optim.capsule_mpc.constants import REGULAR, TURN
+from plumbline.optim.capsule_mpc.constants import MM, REGULAR, TURN
 from plumbline.optim.capsule_mpc.linearised import frozen_normal
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array, Problem
@@ -217,7 +217,7 @@ def build(statement: Statement, limits: bool, stages_meet_in_states: bool = Fals
             slacks = made.add("s", count, 0.0, np.inf)
             own = w if turns else cs.MX(2 * count, 1)
             held = constraints(x, before, own, slacks, charts[:, k - 1], stages[:, k - 1])
-            f += cost(x, stages[:, k - 1]) + s.penalty * cs.sum(slacks)
+            f += cost(x, stages[:, k - 1]) + MM * s.penalty * cs.sum(slacks)
             f += REGULAR * (cs.sumsqr(w) + cs.sumsqr(slacks))
         if k < p:
             d = made.add("d", n, -statement.step[k], statement.step[k])

@@ -24,19 +24,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.constants import CREEP, MM
+from plumbline.optim.capsule_mpc.constants import CREEP
 from plumbline.optim.core.problem import Array
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 
-# Which field an effect fills, and whether its value is a rate.
+# Which field an effect fills.
 FIELDS = {
-    "actuation_delay": ("delay", False),
-    "actuation_lag": ("lag", False),
-    "actuation_gain": ("gain", False),
-    "actuation_offset": ("offset", True),
-    "actuation_deadband": ("band", True),
+    "actuation_delay": "delay",
+    "actuation_lag": "lag",
+    "actuation_gain": "gain",
+    "actuation_offset": "offset",
+    "actuation_deadband": "band",
 }
 
 
@@ -47,8 +47,8 @@ class Plant:
     delay: ArrayLike = 0.0  # time until a rate acts [s]
     lag: ArrayLike = 0.0  # time constant [s]
     gain: ArrayLike = 0.0  # share by which rates are exceeded
-    offset: ArrayLike = 0.0  # rate at which it moves when told to rest [mm/s]
-    band: ArrayLike = 0.0  # rates below this are not carried out [mm/s]
+    offset: ArrayLike = 0.0  # rate at which it moves when told to rest [m/s]
+    band: ArrayLike = 0.0  # rates below this are not carried out [m/s]
     # whether rates beyond the band are less by it (1), or whole from twice the band on (0)
     less: ArrayLike = 0.0
 
@@ -62,7 +62,7 @@ class Plant:
 
     @classmethod
     def of(cls, answer: MotionDiagnosis) -> Plant:
-        """The plant that a diagnosed ``tracking`` recording shows, in mm; play is not inverted."""
+        """The plant that a diagnosed ``tracking`` recording shows; play is not inverted."""
         if answer.recording.unit != "m":
             raise PlumblineError(
                 f"{answer.recording.name}: a diagnosis of joints, of a tip expected; record "
@@ -72,14 +72,15 @@ class Plant:
         for number, fit in answer.fits.items():
             for effect, value in zip(fit.effects, fit.theta, strict=True):
                 if effect.name in FIELDS:
-                    field, rate = FIELDS[effect.name]
-                    value = max(value, 0.0) if field == "delay" else value  # a log's, not a plant's
-                    found[field][number - 1] = value * (MM if rate else 1.0)
+                    field = FIELDS[effect.name]
+                    # a log's, not a plant's
+                    value = max(value, 0.0) if field == "delay" else value
+                    found[field][number - 1] = value
                     found["less"][number - 1] += float(getattr(effect, "less", False))
         return cls(**found)
 
     def rate(self, meant: Array) -> Array:
-        """The rates (n,) to send so that those that are meant (n,) are carried out [mm/s]."""
+        """The rates (n,) to send so that those that are meant (n,) are carried out [m/s]."""
         size, band = np.abs(meant), np.asarray(self.band, dtype=float)
         across = np.where(np.asarray(self.less) > 0, size + band, np.maximum(size, band + size / 2))
         slow = np.minimum(1.0, size / np.maximum(CREEP * band, 1e-12))
@@ -87,7 +88,7 @@ class Plant:
         return np.asarray((sent - np.asarray(self.offset)) / (1.0 + np.asarray(self.gain)))
 
     def bias(self, speed: float, acceleration: float) -> float:
-        r"""By how much a tip of such a speed and acceleration may stray [mm]: ``Noise.bias``.
+        r"""By how much a tip of such a speed and acceleration may stray [m]: ``Noise.bias``.
 
         A lag cuts corners by :math:`T^2 a / 2`, and axes that are not equally late turn the way.
         """

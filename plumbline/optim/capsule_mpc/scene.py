@@ -22,17 +22,25 @@ from plumbline.optim.core.problem import Array
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A capsule, or a sphere if both ends are one point."""
+    """A capsule, or a sphere if both ends are one point.
 
-    a: Point  # one end of its axis [mm]
-    b: Point  # the other end [mm]
-    radius: float  # its radius [mm]
-    velocity: Point = STILL  # how it moves [mm/s]
+    In m as a loop gives it; in mm in all that the controller does with it (:meth:`scaled`).
+    """
+
+    a: Point  # one end of its axis [m]
+    b: Point  # the other end [m]
+    radius: float  # its radius [m]
+    velocity: Point = STILL  # how it moves [m/s]
 
     @classmethod
     def sphere(cls, centre: Point, radius: float, velocity: Point = STILL) -> Obstacle:
         """A sphere."""
         return cls(centre, centre, radius, velocity)
+
+    def scaled(self, by: float) -> Obstacle:
+        """The same in another unit of length."""
+        a, b, v = ((by * p[0], by * p[1], by * p[2]) for p in (self.a, self.b, self.velocity))
+        return Obstacle(a, b, by * self.radius, v)
 
     @property
     def usable(self) -> bool:

@@ -92,7 +92,7 @@ class Seating:
         # Between two steps an obstacle may come nearer by half of its way at most.
         half = np.linalg.norm(table[:, :, 7:], axis=2) / 2
         half[0] = 0.0
-        margin = s.safe + float(s.noise.tightening(1)[0, 1])
+        margin = s.apart[1]
         return found - radii - (table[:, :, 6] + half)[:, :, None] - margin, reach
 
     def _taken(self, obstacles: Sequence[Obstacle], order: list[int]) -> set[int]:

@@ -38,7 +38,7 @@ from statistics import NormalDist
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.constants import DAMPING, SEEN, SMOOTHING
+from plumbline.optim.capsule_mpc.constants import DAMPING, MM, SEEN, SMOOTHING
 from plumbline.optim.core.problem import Array
 
 
@@ -65,7 +65,7 @@ class Confidence:
 
     @classmethod
     def of_noise(cls, rate_std: float, v_max: float, epsilon: float = 0.01) -> Confidence:
-        """Constant: rates of such an error [mm/s] stay below ``v_max`` but for a share epsilon."""
+        """Constant: rates of such an error [m/s] stay below ``v_max`` but for a share epsilon."""
         share = 1.0 - NormalDist().inv_cdf(1.0 - epsilon) * rate_std / v_max
         return cls(share, 0.0, share)
 
@@ -79,11 +79,11 @@ class Noise:
     """The stated noise of the plant.
 
     Attributes:
-        measured: 1 sigma per axis of a measured point [mm].
-        step: 1 sigma per axis that every step adds [mm].
+        measured: 1 sigma per axis of a measured point [m].
+        step: 1 sigma per axis that every step adds [m].
         epsilon: Probability that one pair at one step is nearer than it should be.
         feedback: Steps after which feedback has seen an error.
-        bias: Distance by which a command may miss systematically: lag, delay, gain, deadband [mm].
+        bias: Distance by which a command may miss systematically: lag, delay, gain, deadband [m].
     """
 
     measured: float = 0.0
@@ -107,8 +107,8 @@ class Noise:
         """What is added to D (p, 2) [mm]: for two bodies, and for a body and an obstacle."""
         z = NormalDist().inv_cdf(1.0 - self.epsilon)
         ahead = np.minimum(np.arange(1, p + 1), self.feedback)
-        sigma = np.sqrt(self.measured**2 + ahead * self.step**2)
-        return np.stack([z * np.sqrt(2.0) * sigma + 2 * self.bias, z * sigma + self.bias], axis=1)
+        sigma, bias = MM * np.sqrt(self.measured**2 + ahead * self.step**2), MM * self.bias
+        return np.stack([z * np.sqrt(2.0) * sigma + 2 * bias, z * sigma + bias], axis=1)
 
 
 @dataclass(frozen=True)
@@ -118,26 +118,28 @@ class Settings:
     Attributes:
         p: Steps of the horizon.
         dt: One step [s].
-        safe: Least clearance d_s of any two capsules [mm].
+        safe: Least clearance d_s of any two capsules [m].
         form: ``"planes"`` (the default), or the patent's ``"scalar"``.
         confidence: The coefficient along the horizon.
         noise: What distances are tightened for.
-        penalty: Cost of a mm of slack; above any multiplier, slack is zero where that can be.
+        penalty: Cost of slack [m], beside squared distances [m^2] from the goals; above any
+            multiplier, slack is zero where that can be.
         effort: Cost e of a squared step ``|x(k+1) - x(k)|^2``, beside the tracking cost of 1. None
             for :math:`0.7 \sqrt c`; see the module.
         smooth: Cost c of a squared change of a step, ``|x(k+1) - 2 x(k) + x(k-1)|^2``, the first
             against the step that was last commanded. None for
             :math:`\min(\tau / dt,\, 0.53\, p)^4`.
-        hold: Cost of a squared mm by which ``held`` is not zero, where a solver has no equations.
+        hold: Cost of a squared distance by which ``held`` is not zero, beside one from the goals,
+            where a solver has no equations.
     """
 
     p: int = 10
     dt: float = 0.02
-    safe: float = 2.0
+    safe: float = 0.002
     form: str = "planes"
     confidence: Confidence = Confidence()
     noise: Noise = Noise()
-    penalty: float = 1e5
+    penalty: float = 100.0
     effort: float | None = None
     smooth: float | None = None
     hold: float = 1e5
@@ -150,10 +152,15 @@ class Settings:
         effort = DAMPING * smooth**0.5 if self.effort is None else self.effort
         return effort, smooth
 
+    @property
+    def apart(self) -> Array:
+        """What two bodies, and a body and an obstacle, are to keep a step ahead (2,) [mm]."""
+        return MM * self.safe + self.noise.tightening(1)[0]
+
     def __post_init__(self) -> None:
         if self.form not in ("planes", "scalar"):
             raise PlumblineError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
-        least_of = {"p": 1.0, "dt": 1e-6, "safe": 0.0, "penalty": 1.0}
+        least_of = {"p": 1.0, "dt": 1e-6, "safe": 0.0, "penalty": 1e-3}
         for name in (*least_of, "effort", "smooth", "hold"):
             least, value = least_of.get(name, 0.0), getattr(self, name)
             if value is not None and not value >= least:

@@ -38,7 +38,7 @@ from numpy.typing import ArrayLike
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment, squared_distance
 from plumbline.optim.capsule_mpc.bodies import Body, Capsule
-from plumbline.optim.capsule_mpc.constants import OBSTACLE
+from plumbline.optim.capsule_mpc.constants import MM, OBSTACLE
 from plumbline.optim.capsule_mpc.pairs import Moving, Pair, unmoved
 from plumbline.optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
 from plumbline.optim.capsule_mpc.settings import Noise, Settings
@@ -83,6 +83,11 @@ class Statement:
     def n(self) -> int:
         """Number of states of all bodies."""
         return sum(body.size for body in self.bodies)
+
+    @cached_property
+    def unit(self) -> Array:
+        """What one unit of every state is (n,) [m, or rad]."""
+        return np.concatenate([body.unit for body in self.bodies])
 
     @cached_property
     def speed(self) -> Array:
@@ -201,7 +206,7 @@ class Statement:
         stage = self.symbols[2] if stage is None else stage
         d = stage[self.stepped] if d is None else d
         own = [self._moving(k, x, x0, d, stage) for k in range(len(self.bodies))]
-        tight, safe = stage[-self.n - 2 : -self.n], self.settings.safe
+        tight, safe = stage[-self.n - 2 : -self.n], MM * self.settings.safe
         # Sums of a random part, sqrt(2) and 1 times, and of a bias, twice and once.
         random = (2 * tight[1] - tight[0]) / (2 - np.sqrt(2.0))
         error = (random, tight[1] - random)
@@ -304,11 +309,11 @@ class Statement:
         move: ArrayLike | None = None,
         stray: float = 0.0,
     ) -> Array:
-        """Parameters of all stages (p, t).
+        """Parameters of all stages (p, t), in the units of the inside.
 
         Args:
             goal: What is to be reached (g,), or a path of it (p, g) [mm].
-            obstacles: At most ``slots``.
+            obstacles: At most ``slots`` [mm].
             move: The step (n,) that was last commanded, dt u [mm, or units]; none from rest.
             stray: Bias beyond what is stated [mm].
 

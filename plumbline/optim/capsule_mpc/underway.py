@@ -34,6 +34,7 @@ from plumbline.optim.capsule_mpc.constants import (
     LATE,
     LATEST,
     LEARNT,
+    MM,
     SEEN_FROM,
     STANDARD,
 )
@@ -65,8 +66,8 @@ class Underway:
         self._into = dt * np.minimum(1.0 + self._whole - back, 1.0)
         lag = np.maximum(self._lag, np.finfo(float).tiny)
         self._kept, self._stays = -lag * np.expm1(-self._into / lag), np.exp(-dt / lag)
-        self._measured = noise.measured**2 + SEEN_FROM**2
-        self._wanders = (noise.step**2 + SEEN_FROM**2) / self._measured
+        self._measured = (MM * noise.measured) ** 2 + SEEN_FROM**2
+        self._wanders = ((MM * noise.step) ** 2 + SEEN_FROM**2) / self._measured
         self.reset()
 
     def reset(self) -> None:
@@ -148,7 +149,7 @@ class Underway:
         if self._may[self._told].all():
             return []
         off = np.where(self._may, np.abs(self._later)[:, None], np.inf).min(axis=0)
-        stated = self.statement.settings.noise.bias / self.statement.speed.max()
+        stated = MM * self.statement.settings.noise.bias / self.statement.speed.max()
         return [acts_late(k, self.later[k]) for k in np.flatnonzero(off > stated).tolist()]
 
     def stray(self, state: Array) -> float:
@@ -160,7 +161,7 @@ class Underway:
         off = np.subtract(tips[1:], tips[0])
         points = off.reshape(-1, 3 if off.shape[1] % 3 == 0 else 1)
         most = float(np.linalg.norm(points, axis=1).max())
-        return max(most - self.statement.settings.noise.bias, 0.0)
+        return max(most - MM * self.statement.settings.noise.bias, 0.0)
 
     def _ways(self) -> Array:
         """How far (T, n) it still goes, by every lateness [mm]."""

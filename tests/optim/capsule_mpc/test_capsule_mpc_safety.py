@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from plumbline.experiments.reality.touch import Touch, all_pairs
 from plumbline.optim.capsule_mpc import (
-    Controller,
     EndsInstrument,
     Mode,
     Noise,
@@ -25,8 +24,9 @@ from plumbline.optim.capsule_mpc import (
     Trouble,
     banded_qp,
 )
+from tests.in_mm import Controller
 
-BODIES = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+BODIES = (TipInstrument((-0.04, 0.0, 0.0)), TipInstrument((0.04, 0.0, 0.0)))
 START = np.array([-30.0, 0.0, -120.0, 35.0, 0.0, -115.0])
 GOAL = np.array([-10.0, 20.0, -110.0, 45.0, 5.0, -120.0])
 STATEMENT = Statement(BODIES, 1, Settings(p=6), 2)
@@ -96,7 +96,7 @@ def test_by_default_one_step_plans_and_under_it_there_is_the_stop_alone():
     plain = Controller(STATEMENT, OneStep(compiled=False), Safety(budget=5.0))
     np.testing.assert_allclose(command.rate, plain.step(START, GOAL, [BALL]).rate, atol=1e-6)
     assert command.mode is Mode.PLAN
-    assert command.plan.status == "one step"
+    assert (command.path == command.path[0]).all()
     own._planner = Broken("raises")
     command = own.step(START, GOAL, [BALL])
     assert command.mode is Mode.BRAKE
@@ -125,8 +125,8 @@ def test_a_fault_is_told_in_one_line():
 
 def test_contact_is_what_touches_and_not_what_is_near():
     """Two shafts inside of their margin, which is twice that of a shaft and an obstacle."""
-    body = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((6.0, 0.0, 0.0)))
-    statement = Statement(body, 0, Settings(p=4, noise=Noise(bias=1.0)))
+    body = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((0.006, 0.0, 0.0)))
+    statement = Statement(body, 0, Settings(p=4, noise=Noise(bias=0.001)))
     own = Controller(statement, RealTime(compiled=False), Safety(budget=5.0))
     x = np.array([0.0, 0.0, -100.0, 5.5, 0.0, -100.0])
     near = own.step(x, x, [])
@@ -138,9 +138,9 @@ def test_contact_is_what_touches_and_not_what_is_near():
 
 def test_a_margin_for_an_error_with_a_lever_is_a_margin_and_no_contact():
     """Outer ends 230 mm behind the trocars, tips 20: an error of 0.5 mm moves them 5.75 mm."""
-    body = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+    body = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((0.04, 0.0, 0.0)))
     own = Controller(
-        Statement(body, 0, Settings(p=4, noise=Noise(bias=0.5))), OneStep(compiled=False)
+        Statement(body, 0, Settings(p=4, noise=Noise(bias=0.0005))), OneStep(compiled=False)
     )
     # Outer ends 10 mm apart across, so 5 mm clear of each other.
     lean = 15.0 * 20.0 / 230.0
@@ -305,15 +305,15 @@ def test_a_prediction_never_dates_from_before_a_fault():
     blind = own.step(x * NAN, moved, [])
     assert Trouble.BAD_MEASUREMENT in blind.troubles()
     again = own.step(moved, moved, [])
-    assert np.abs(blind.plan.x - moved).max() < 1.0
+    assert np.abs(blind.path - moved).max() < 1.0
     assert again.mode is Mode.PLAN
 
 
 def test_a_start_off_the_trocar_is_reported_and_put_right():
-    body = EndsInstrument(trocar=(-40.0, 0.0, 0.0))
+    body = EndsInstrument(trocar=(-0.04, 0.0, 0.0))
     statement = Statement((body,), 0, Settings(p=6))
     own = Controller(statement, RealTime(compiled=False), Safety(budget=5.0))
-    x = body.state(START[:3]) + np.array([0.0, 3.0, 0.0, 0.0, 3.0, 0.0])
+    x = 1e3 * body.state(1e-3 * START[:3]) + np.array([0.0, 3.0, 0.0, 0.0, 3.0, 0.0])
     first = own.step(x, START[:3], [])
     assert Trouble.OFF_HOLD in first.troubles()
     for _ in range(20):
@@ -367,7 +367,7 @@ def test_no_input_raises(measured, goal, obstacles):
 
 
 def test_noise_within_what_was_stated_keeps_the_distance():
-    noise = Noise(measured=0.1, step=0.05)
+    noise = Noise(measured=0.0001, step=5e-05)
     statement = Statement(BODIES, 0, Settings(p=8, noise=noise), 1)
     own = Controller(statement, RealTime(compiled=False), Safety(budget=5.0))
     rng = np.random.default_rng(4)

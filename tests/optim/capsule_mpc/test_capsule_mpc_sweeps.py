@@ -7,7 +7,6 @@ import pytest
 
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc import (
-    Controller,
     Obstacle,
     OneStep,
     Safety,
@@ -17,8 +16,9 @@ from plumbline.optim.capsule_mpc import (
 )
 from plumbline.optim.capsule_mpc.constants import FASTEST
 from plumbline.optim.capsule_mpc.sweeps import Looks, Sweeps, _spring, about
+from tests.in_mm import Controller
 
-BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
+BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((0.09, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
 BESIDE = START + np.array([60.0, 0, 0, 0, 0, 0])  # its shaft would stand in the swing's way
 

@@ -10,7 +10,6 @@ from plumbline.experiments.reality.touch import Touch, all_pairs
 from plumbline.kinematics.capsules import Segment, squared_distance
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc import (
-    Controller,
     Mode,
     Noise,
     Nonlinear,
@@ -25,10 +24,11 @@ from plumbline.optim.capsule_mpc import (
 )
 from plumbline.optim.capsule_mpc.pairs import farthest, on_the_way, wide_enough
 from plumbline.optim.capsule_mpc.stopping import Stop
+from tests.in_mm import Controller
 
 PLAIN = RealTime(compiled=False)
 PLANNERS = [PLAIN, OneStep(compiled=False), Nonlinear()]
-SHALLOW = (TipInstrument((-25.0, 0.0, 0.0)), TipInstrument((25.0, 0.0, 0.0)))
+SHALLOW = (TipInstrument((-0.025, 0.0, 0.0)), TipInstrument((0.025, 0.0, 0.0)))
 # Tips some 25 mm behind their trocars, whose outer ends pass each other: at 60 mm/s along each axis
 # shafts went through each other by 4.85 mm between samples that were all 2.00 mm apart.
 THROUGH = 18
@@ -37,10 +37,10 @@ EXACT = Noise()
 
 def shafts(bodies, tips):
     """Both ends (I, 2, 3) of shafts with their tips at (I, 3)."""
-    trocars = np.array([body.trocar for body in bodies])
+    trocars = np.array([body.constants for body in bodies])
     inside = tips - trocars
     way = inside / np.linalg.norm(inside, axis=1, keepdims=True)
-    lengths = np.array([body.length for body in bodies])[:, None]
+    lengths = 1e3 * np.array([body.length for body in bodies])[:, None]
     return np.stack([tips, tips - lengths * way], axis=1)
 
 
@@ -71,7 +71,7 @@ def watched(bodies, planner, start, goal, obstacles=(), steps=100, noise=EXACT, 
     slots = len(obstacles) - balls if slots is None else slots
     statement = Statement(bodies, slots, Settings(p=10, noise=noise), balls)
     own = Controller(statement, planner, Safety(budget=9.0))
-    radii = [*(body.radius for body in bodies), *(o.radius for o in obstacles)]
+    radii = [*(1e3 * body.radius for body in bodies), *(o.radius for o in obstacles)]
     touch = Touch(all_pairs(len(bodies), len(obstacles)), np.array(radii))
     x, least, commands, seen, time = start.copy(), np.inf, [], list(obstacles), 0.0
     reports = {Trouble.INSIDE_MARGIN, Trouble.CONTACT, Trouble.HELD_BACK}
@@ -166,7 +166,7 @@ def test_an_outer_end_leaves_its_chord_by_the_sagitta_at_most():
 
 @pytest.mark.parametrize("planner", [PLAIN, OneStep(compiled=False)])
 def test_speed_acceleration_and_jerk_are_bounded_by_their_norms(planner):
-    bodies = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+    bodies = (TipInstrument((-0.04, 0.0, 0.0)), TipInstrument((0.04, 0.0, 0.0)))
     start = np.array([-30.0, 0.0, -120.0, 35.0, 0.0, -115.0])
     goal = np.array([20.0, 40.0, -80.0, -30.0, -50.0, -150.0])
     rod = Obstacle((-60.0, 20.0, -100.0), (60.0, 20.0, -120.0), 4.0)
@@ -201,7 +201,7 @@ def test_a_lost_measurement_stops_within_the_limits_and_without_contact():
     ("a_max", "j_max", "dt"), [(1e3, 5e4, 0.02), (6e2, 8e3, 0.01), (3e3, 1e6, 0.03)]
 )
 def test_a_stop_ends_and_keeps_acceleration_and_jerk(a_max, j_max, dt):
-    body = TipInstrument((0.0, 0.0, 0.0), a_max=a_max, j_max=j_max)
+    body = TipInstrument((0.0, 0.0, 0.0), a_max=1e-3 * a_max, j_max=1e-3 * j_max)
     stop = Stop(Statement((body,), 0, Settings(p=4, dt=dt)))
     rng = np.random.default_rng(2)
     for _ in range(200):
@@ -257,10 +257,10 @@ def test_an_obstacle_without_a_slot_within_reach_stops_the_motion():
 @pytest.mark.parametrize("planner", [PLAIN, OneStep(compiled=False)])
 def test_a_margin_that_cannot_be_met_drives_nothing_away(planner):
     """Trocars 12.6 mm apart, and a stated bias for which 14 mm would be needed."""
-    bodies = (TipInstrument((-6.3, 0.0, 0.0)), TipInstrument((6.3, 0.0, 0.0)))
+    bodies = (TipInstrument((-0.0063, 0.0, 0.0)), TipInstrument((0.0063, 0.0, 0.0)))
     start = np.array([-1.0, -34.0, -120.0, 1.0, 36.0, -115.0])
     goal = np.array([-2.0, 32.0, -120.0, 1.0, -36.0, -115.0])
-    noise = Noise(bias=3.5)
+    noise = Noise(bias=0.0035)
     _, _, commands, x = watched(bodies, planner, start, goal, steps=250, noise=noise)
     assert np.linalg.norm((x - goal).reshape(2, 3), axis=1).max() < 1.0
     assert all(Trouble.CANNOT_BE_MET in c.troubles() for c in commands)
@@ -283,15 +283,15 @@ def test_a_tip_stays_inside_of_the_body():
 
 def test_an_error_of_a_tip_has_a_lever():
     """An outer end errs by (L - r) / r of what the tip does."""
-    bodies = (TipInstrument((-25.0, 0.0, 0.0)), TipInstrument((25.0, 0.0, 0.0)))
+    bodies = (TipInstrument((-0.025, 0.0, 0.0)), TipInstrument((0.025, 0.0, 0.0)))
     # Tips 20 mm deep that lean apart: the shafts meet above, 100 mm from their tips.
     x = np.array([-31.0, 1.0, -19.0, 31.0, -9.0, -19.0])
     plain, noisy = (
-        Statement(bodies, 0, Settings(p=2, noise=noise)) for noise in (Noise(), Noise(bias=0.1))
+        Statement(bodies, 0, Settings(p=2, noise=noise)) for noise in (Noise(), Noise(bias=0.0001))
     )
     gaps = [float(s.clearances(x, s.stages(x, [])[0])) for s in (plain, noisy)]
     shares = nearest(*(end[None] for end in shafts(bodies, x.reshape(2, 3))))
-    depths = np.linalg.norm((x - np.ravel([b.trocar for b in bodies])).reshape(2, 3), axis=1)
+    depths = np.linalg.norm((x - np.ravel([b.constants for b in bodies])).reshape(2, 3), axis=1)
     along = 250.0 * np.array([shares.share_one[0], shares.share_two[0]])
     levers = np.abs(along - depths) / depths
     assert levers.min() > 2.0

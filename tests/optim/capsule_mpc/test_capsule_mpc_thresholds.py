@@ -6,7 +6,6 @@ import pytest
 
 from plumbline.kinematics.segments import nearest
 from plumbline.optim.capsule_mpc import (
-    Controller,
     EndsInstrument,
     Obstacle,
     OneStep,
@@ -17,13 +16,14 @@ from plumbline.optim.capsule_mpc import (
     controller,
     evasion,
 )
+from tests.in_mm import Controller
 
-BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((90.0, 0.0, 0.0)))
+BODIES = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((0.09, 0.0, 0.0)))
 START = np.array([0.0, 0.0, -120.0, 90.0, 0.0, -120.0])
 
 
 def test_shafts_keep_95_percent_of_what_near_trocars_leave_them():
-    near = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((6.0, 0.0, 0.0)))
+    near = (TipInstrument((0.0, 0.0, 0.0)), TipInstrument((0.006, 0.0, 0.0)))
     statement = Statement(near, 0, Settings(p=2))
     x, _, stage = statement.symbols
     asked = cs.Function("asked", [x, stage], [statement.pairs[0].asked])
@@ -39,7 +39,7 @@ def test_shafts_keep_95_percent_of_what_near_trocars_leave_them():
 def test_what_is_held_may_take_a_tenth_of_the_acceleration_beyond_it(beyond, taken, monkeypatch):
     """From rest a step may come to 20 mm/s; putting right, to 22."""
     own = Controller(
-        Statement((EndsInstrument(200.0, 2.5),), 0, Settings(p=2)), OneStep(False), Safety(9.0)
+        Statement((EndsInstrument(0.2, 0.0025),), 0, Settings(p=2)), OneStep(False), Safety(9.0)
     )
     x = np.array([0.0, 0.0, -100.0, 0.0, 0.0, 100.0])
     right = np.array([20.0 + beyond, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -75,7 +75,7 @@ def scenes(count):
 def room(obstacles, rates, looks):
     """Least clearance beyond D (C,) of the first shaft at rates (C, 3) from rest in 1.2 s."""
     t = np.arange(0.0, 1.2 + looks / 2, looks)
-    turn = np.maximum(np.linalg.norm(rates, axis=1) / BODIES[0].a_max, 0.02)[:, None]
+    turn = np.maximum(np.linalg.norm(rates, axis=1) / BODIES[0].acceleration[0], 0.02)[:, None]
     s = np.minimum(t, turn)
     late = t - s * (1.0 - (s + 0.02) / (2.0 * turn))
     tips = START[:3] + late[..., None] * rates[:, None]

@@ -20,46 +20,50 @@ from plumbline.optim.capsule_mpc import (
 from plumbline.optim.capsule_mpc.codegen import FILES, Example, affine, numbers_of, write
 from plumbline.optim.capsule_mpc.compiled import compiler
 from plumbline.optim.capsule_mpc.planning import shifted
+from plumbline.optim.capsule_mpc.sweeps import Looks
 
 NEEDED = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 SOURCES = [name for name in FILES if name.endswith(".c")]
 OBSTACLES = (
-    Obstacle((-10.0, 30.0, -90.0), (15.0, 25.0, -110.0), 4.0, (5.0, -10.0, 0.0)),
-    Obstacle.sphere((0.0, 12.0, -70.0), 5.0, (0.0, -3.0, 2.0)),
+    Obstacle((-0.01, 0.03, -0.09), (0.015, 0.025, -0.11), 0.004, (0.005, -0.01, 0.0)),
+    Obstacle.sphere((0.0, 0.012, -0.07), 0.005, (0.0, -0.003, 0.002)),
 )
-START = np.array([-30.0, 0.0, -120.0, 35.0, 0.0, -115.0])
-GOAL = np.array([40.0, 10.0, -110.0, -40.0, 5.0, -120.0])
+START = np.array([-0.03, 0.0, -0.12, 0.035, 0.0, -0.115])
+GOAL = np.array([0.04, 0.01, -0.11, -0.04, 0.005, -0.12])
 EXAMPLE = Example(START, GOAL, OBSTACLES, 80)
+BY_ITS_VELOCITY = "obstacles[i - i % NUMBERS + 7 + i % NUMBERS % 3]"
 
 
 def statement(**settings):
     """Two instruments that swap sides, with more slots than obstacles."""
-    tools = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+    tools = (TipInstrument((-0.04, 0.0, 0.0)), TipInstrument((0.04, 0.0, 0.0)))
     return Statement(tools, 2, Settings(p=6, **settings), 1)
 
 
-def moved(obstacle, time):
-    """An obstacle some time later."""
-    off = time * np.array(obstacle.velocity)
+def moved(obstacle, time, rate=None):
+    """An obstacle some time later, by its velocity or another rate."""
+    off = time * np.array(obstacle.velocity if rate is None else rate)
     a, b = (tuple(float(v) for v in np.array(end) + off) for end in (obstacle.a, obstacle.b))
     return replace(obstacle, a=a, b=b)
 
 
-def driven(own, found, paths):
-    """Rates (K, n) of Python's planner where found ones (K, n) take the model.
+def driven(own, found, paths, rate=None):
+    """Rates (K, n) [m/s] of Python's planner where found ones (K, n) take the model.
 
     What rounding leaves over is not handed on: every step begins where the other one did.
     """
-    ready, x, dt = RealTime(compiled=False).ready(own), START, own.settings.dt
+    ready, x, dt = RealTime(compiled=False).ready(own), 1e3 * START, own.settings.dt
+    looks = Looks(dt)
     path, move, rates = np.tile(x, (own.settings.p, 1)), np.zeros(6), []
-    for k, (rate, kept) in enumerate(zip(found, paths, strict=True)):
-        seen = [moved(o, dt * k) for o in OBSTACLES]
-        plan = ready.plan(x, own.stages(GOAL, seen, move), path)
+    for k, (sent, kept) in enumerate(zip(1e3 * found, paths, strict=True)):
+        seen = [moved(o, dt * k, rate).scaled(1e3) for o in OBSTACLES]
+        believed, _ = looks.believed(seen)
+        plan = ready.plan(x, own.stages(1e3 * GOAL, believed, move), path)
         assert plan.solved
         assert np.abs(shifted(plan.x).ravel() - kept).max() < 1e-7
         rates.append((plan.x[0] - x) / dt)
-        move, path, x = dt * rate, kept.reshape(path.shape), x + dt * rate
-    return np.array(rates)
+        move, path, x = dt * sent, kept.reshape(path.shape), x + dt * sent
+    return 1e-3 * np.array(rates)
 
 
 def built(folder, *flags):
@@ -78,8 +82,20 @@ def test_a_step_in_c_commands_what_python_does(tmp_path):
     found, paths = built(tmp_path)
     wanted = driven(own, found, paths)
     assert found.shape == wanted.shape == (80, 6)
-    assert np.abs(wanted).max() > 30.0
-    assert np.abs(found - wanted).max() < 1e-9
+    assert np.abs(wanted).max() > 0.03
+    assert np.abs(found - wanted).max() < 1e-12
+
+
+@NEEDED
+def test_a_step_in_c_believes_places_rather_than_velocities_as_python_does(tmp_path):
+    own, rate = statement(), 0.04
+    write(own, tmp_path, EXAMPLE)
+    source = (tmp_path / "main.c").read_text()
+    assert BY_ITS_VELOCITY in source
+    (tmp_path / "main.c").write_text(source.replace(BY_ITS_VELOCITY, f"{rate}"))
+    found, paths = built(tmp_path)
+    wanted = driven(own, found, paths, np.full(3, rate))
+    assert np.abs(found - wanted).max() < 1e-12
 
 
 @NEEDED
@@ -87,9 +103,9 @@ def test_a_step_in_c_without_obstacles_or_smoothness_is_the_same(tmp_path):
     tools = statement().bodies
     own = Statement(tools, 0, Settings(p=3, effort=0.0, smooth=0.0))
     write(own, tmp_path, Example(START, GOAL, (), 3))
-    ready, stages = RealTime(compiled=False).ready(own), own.stages(GOAL, [])
-    plan = ready.plan(START, stages, np.tile(START, (3, 1)))
-    assert np.abs(built(tmp_path)[0][0] - (plan.x[0] - START) / 0.02).max() < 1e-9
+    ready, stages, x = RealTime(compiled=False).ready(own), own.stages(1e3 * GOAL, []), 1e3 * START
+    plan = ready.plan(x, stages, np.tile(x, (3, 1)))
+    assert np.abs(built(tmp_path)[0][0] - 1e-3 * (plan.x[0] - x) / 0.02).max() < 1e-12
 
 
 @NEEDED
@@ -136,9 +152,10 @@ def test_parameters_of_the_stages_are_affine_in_what_is_given():
     rng = np.random.default_rng(0)
     for count in (0, 1, 2):
         seen = [moved(o, rng.uniform(0, 1)) for o in OBSTACLES[:count]]
+        inside = [obstacle.scaled(1e3) for obstacle in seen]
         move = rng.normal(size=6)
-        u = np.concatenate([GOAL, numbers_of(own, seen).ravel(), move])
-        wanted = own.stages(GOAL, seen, move).ravel()
+        u = np.concatenate([1e3 * GOAL, 1e3 * numbers_of(own, seen).ravel(), move])
+        wanted = own.stages(1e3 * GOAL, inside, move).ravel()
         assert np.abs(constant + T @ u - wanted).max() < 1e-8
 
 
@@ -154,7 +171,7 @@ def test_code_is_written_for_our_own_solver_alone(tmp_path):
 
 def test_the_command_writes_the_code(tmp_path, capsys):
     out = tmp_path / "code"
-    trocars = ["--trocar", "-40,0,0", "--trocar", "40,0,0"]
+    trocars = ["--trocar", "-0.04,0,0", "--trocar", "0.04,0,0"]
     assert command_line(["codegen", str(out), *trocars, "--balls", "1", "--horizon", "3"]) == 0
     assert sorted(p.name for p in out.iterdir()) == sorted(FILES)
     assert "cc -O3" in capsys.readouterr().out

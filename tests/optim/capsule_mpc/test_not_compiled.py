@@ -11,7 +11,6 @@ import pytest
 
 from plumbline.optim.capsule_mpc import (
     BandedQp,
-    Controller,
     Noise,
     OneStep,
     RealTime,
@@ -22,6 +21,7 @@ from plumbline.optim.capsule_mpc import (
     compiled,
     linearised,
 )
+from tests.in_mm import Controller
 
 NEEDED = pytest.mark.skipif(compiled.compiler() is None, reason="no C compiler here")
 REMEMBERED = (
@@ -148,7 +148,7 @@ def test_without_a_folder_nothing_is_compiled(cache, monkeypatch):
 
 def statement(**noise):
     """Two instruments."""
-    tools = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
+    tools = (TipInstrument((-0.04, 0.0, 0.0)), TipInstrument((0.04, 0.0, 0.0)))
     return Statement(tools, 0, Settings(p=3, noise=Noise(**noise)))
 
 

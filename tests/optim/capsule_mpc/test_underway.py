@@ -9,8 +9,8 @@ from plumbline.experiments.mpc.closed_loop import noise_for, run, statement_of
 from plumbline.experiments.reality.instruments import Mismatch
 from plumbline.experiments.reality.instruments import Plant as Reality
 from plumbline.experiments.reality.mpc_scenarios import STATED, draw
+from plumbline.optim import capsule_mpc
 from plumbline.optim.capsule_mpc import (
-    Controller,
     Noise,
     Obstacle,
     OneStep,
@@ -21,9 +21,10 @@ from plumbline.optim.capsule_mpc import (
     TipInstrument,
 )
 from plumbline.optim.capsule_mpc.underway import Underway
+from tests.in_mm import Controller
 
-BODIES = (TipInstrument((-40.0, 0.0, 0.0)), TipInstrument((40.0, 0.0, 0.0)))
-STATEMENT = Statement(BODIES, 0, Settings(p=2, noise=Noise(measured=0.1, step=0.03)))
+BODIES = (TipInstrument((-0.04, 0.0, 0.0)), TipInstrument((0.04, 0.0, 0.0)))
+STATEMENT = Statement(BODIES, 0, Settings(p=2, noise=Noise(measured=0.0001, step=3e-05)))
 START = np.array([-30.0, 0.0, -120.0, 30.0, 0.0, -110.0])
 DT = 0.02
 
@@ -90,7 +91,7 @@ def test_a_plant_that_is_late_and_does_not_say_so_touches_nothing(wrong):
     """Shafts that cross near their trocars; before, they met by up to 4 mm."""
     scenario = draw("shallow", 900_003, replace(STATED, **wrong))
     statement = statement_of(scenario, Settings(p=5, noise=noise_for(STATED, 60.0)))
-    own = Controller(statement, OneStep(compiled=False), Safety(budget=9.0))
+    own = capsule_mpc.Controller(statement, OneStep(compiled=False), Safety(budget=9.0))
     found = run(scenario, own, most=120)
     assert found.clearance > 2.0
     assert found.events["late"] > 50

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from plumbline.optim.capsule_mpc import Obstacle, Settings, Statement, TipInstrument
-from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.waypoints import (
     Tool,
     detour,
@@ -19,6 +18,7 @@ from plumbline.optim.capsule_mpc.waypoints import (
     swept,
     waypoint,
 )
+from tests.in_mm import Guide
 
 SAFE = 2.0
 TOOL = Tool(np.zeros(3), np.array([-30.0, 0.0, -100.0]), np.array([30.0, 0.0, -100.0]), 250.0, 2.5)
@@ -142,13 +142,15 @@ def test_waypoints_turn_with_the_frame(a, b, seed):
 
 def guide(*trocars):
     """A guide for instruments by their tips."""
-    return Guide(Statement(tuple(TipInstrument(t) for t in trocars), 0, Settings()))
+    return Guide(
+        Statement(tuple(TipInstrument(tuple(1e-3 * x for x in t)) for t in trocars), 0, Settings())
+    )
 
 
 def test_the_guide_says_the_goal_where_the_way_is_free():
     goals = np.array([[20.0, 0.0, -100.0]])
     found = guide((0.0, 0.0, 0.0)).reference(np.array([[-20.0, 0.0, -100.0]]), goals, [])
-    assert np.array_equal(found, goals)
+    assert np.allclose(found, goals, rtol=0, atol=1e-12)
 
 
 def test_the_guide_leads_around_and_then_to_the_goal():
@@ -169,7 +171,7 @@ def test_a_tool_that_comes_no_closer_is_sent_another_way():
     own = guide((-30.0, 0.0, 0.0), (30.0, 0.0, 0.0))
     tips = np.array([[0.0, 0.0, -100.0], [8.0, 0.0, -100.0]])
     goals = tips[:, [0, 1, 2]] + [[25.0, 0.0, 0.0], [-25.0, 0.0, 0.0]]
-    changed = [k for k in range(120) if not np.array_equal(own.reference(tips, goals, []), goals)]
+    changed = [k for k in range(120) if not np.allclose(own.reference(tips, goals, []), goals)]
     assert changed
     assert changed[0] > 20
 

@@ -71,11 +71,11 @@ def test_what_is_wrong_with_an_axis_is_named_in_its_units(found):
     assert "axis 1" in causes["actuation_delay", 1].words
 
 
-def test_a_plant_is_read_off_the_diagnosis_in_millimetres(found):
+def test_a_plant_is_read_off_the_diagnosis(found):
     plant = Plant.of(found)
     assert plant.delay == pytest.approx(np.full(2, 0.05), abs=4e-3)
     assert plant.delay + plant.lag == pytest.approx(np.full(2, 0.09), abs=3e-3)
-    assert plant.band == pytest.approx(WRONG.band[:2], abs=0.3)
+    assert plant.band == pytest.approx(1e-3 * WRONG.band[:2], abs=3e-4)
     assert plant.gain == pytest.approx(WRONG.gain[:2], abs=5e-3)
     joints = diagnose(recorded([{}, {}], seconds=8.0))
     with pytest.raises(PlumblineError, match="a diagnosis of joints, of a tip expected"):
@@ -162,12 +162,12 @@ def test_a_lag_under_held_rates_is_its_closed_form():
 
 @pytest.mark.parametrize("less", [0.0, 1.0])
 def test_what_is_sent_is_carried_out_as_it_was_meant(less):
-    plant = Plant(gain=0.1, offset=2.0, band=3.0, less=less)
-    meant = np.linspace(-60.0, 60.0, 41)
-    asked = 1.1 * plant.rate(meant) + 2.0
+    plant = Plant(gain=0.1, offset=0.002, band=0.003, less=less)
+    meant = np.linspace(-0.06, 0.06, 41)
+    asked = 1.1 * plant.rate(meant) + 0.002
     size = np.abs(asked)
-    done = np.maximum(size - 3.0, 0.0) if less else np.clip(2 * (size - 3.0), 0.0, size)
-    assert np.abs(np.sign(asked) * done - meant).max() < 1e-9
+    done = np.maximum(size - 0.003, 0.0) if less else np.clip(2 * (size - 0.003), 0.0, size)
+    assert np.abs(np.sign(asked) * done - meant).max() < 1e-12
 
 
 def test_the_way_that_is_left_is_what_the_plant_still_goes():
@@ -187,7 +187,7 @@ def test_the_way_that_is_left_is_what_the_plant_still_goes():
 
 def test_a_controller_follows_as_if_nothing_were_wrong_told_or_not():
     wrong = Slides(delay=0.06, lag=0.04, gain=-0.05, band=3.0, measured=0.02)
-    told = Plant(delay=0.06, lag=0.04, gain=-0.05, band=3.0, less=1.0)
+    told = Plant(delay=0.06, lag=0.04, gain=-0.05, band=0.003, less=1.0)
     planner = OneStep(compiled=False)
     ideal, untold, knowing = (
         followed(planner, slides, plant, 0, 3.0)
