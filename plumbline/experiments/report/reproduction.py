@@ -1,11 +1,28 @@
-"""A reproduced paper on a page, the MPC's among them: its tables, sorted by a click, and notes."""
+"""A reproduced paper on a page, the MPC's among them: pictures, tables sorted by a click, notes."""
 
-from plumbline.experiments.report.page.page import Grid, Page, Part
-from plumbline.experiments.reproduce import Reproduction
+from functools import partial
+
+from matplotlib.figure import Figure
+
+from plumbline.experiments.report.page.page import Grid, Page, Part, Picture
+from plumbline.experiments.report.style import (
+    AFTER,
+    FLOOR,
+    GUILTY,
+    calm,
+    house_style,
+    new_figure,
+    says,
+)
+from plumbline.experiments.reproduce import Compared, Reproduction
+
+STATED = {"paper": GUILTY, "asked": FLOOR}  # what a figure is held against, and its colour
+DECADE = 10.0  # largest over smallest figure, from which on a scale is logarithmic
 
 
 def page(found: Reproduction) -> Page:
     """The page of a reproduction."""
+    pictures = [partial(_picture, k, one) for k, one in enumerate(found.compared)]
     parts = [
         Part(table.title, (), Grid(table.columns, table.rows, range(1, len(table.columns))))
         for table in found.tables
@@ -17,5 +34,34 @@ def page(found: Reproduction) -> Page:
         tone="partly-explained",
         lead=(found.said or "The paper's figures beside ours, where it gives one.",),
         tiles=(),
-        parts=(*parts, *notes),
+        parts=(*pictures, *parts, *notes),
     )
+
+
+def _picture(k: int, compared: Compared) -> Picture:
+    words = "Ours as dots, with one standard deviation where there is one; what the paper gives, "
+    words += "or what is asked, as diamonds."
+    return Picture(f"compared{k}-", compared.title, words, (drawn(compared),), wide=True)
+
+
+def drawn(compared: Compared) -> Figure:
+    """A row a figure, all on one scale."""
+    names, values = zip(*compared.rows, strict=True)
+    shown = [v[key] for v in values for key in ("value", *STATED) if v.get(key)]
+    with house_style():
+        figure = new_figure(6.4, 0.9 + 0.26 * len(names))
+        axes = calm(figure.subplots())
+        for k, (name, one) in enumerate(compared.rows):
+            low = min(one.get("std", 0.0), one["value"])  # no length is below zero
+            axes.plot([one["value"] - low, one["value"] + one.get("std", 0.0)], [k, k], color=AFTER)
+            (dot,) = axes.plot(one["value"], k, "o", color=AFTER, ms=5)
+            says(dot, f"{name}: {one['value']:.3g} {one['unit']}")
+            for key in STATED.keys() & one.keys():
+                (mark,) = axes.plot(one[key], k, "D", color=STATED[key], mfc="none", ms=6)
+                says(mark, f"{name}: {one[key]:.3g} {one['unit']}, {key}")
+        if max(shown) > DECADE * min(shown) > 0.0:
+            axes.set_xscale("log")
+        axes.set_yticks(range(len(names)), names)
+        axes.invert_yaxis()
+        axes.set_xlabel(f"[{values[0]['unit']}]")
+    return figure

@@ -30,6 +30,14 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Compared:
+    """Figures that a picture shows on one scale: ours, and the paper's where it gives one."""
+
+    title: str  # the finding
+    rows: tuple[tuple[str, Mapping[str, Any]], ...]  # by name; see :func:`figure`
+
+
+@dataclass(frozen=True)
 class Reproduction:
     """A paper's figures beside ours."""
 
@@ -40,6 +48,7 @@ class Reproduction:
     # what must be known to read them: what was simulated, which data are lost
     notes: tuple[str, ...] = ()
     said: str = ""  # the verdict in plain words
+    compared: tuple[Compared, ...] = ()  # what is shown in pictures
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: the figures at the top level, beside title, source and notes."""

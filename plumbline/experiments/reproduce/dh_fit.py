@@ -5,6 +5,7 @@ with the fit: an arm with manufacturing errors whose size is set so that the mea
 the fit is the paper's, group by group. What follows is then measured, not set.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.tip_readings import SURGICAL, Box, Session, poses
-from plumbline.experiments.reproduce import Reproduction, Table, figure
+from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
 from plumbline.experiments.reproduce.dh_fit_beyond import (
     Beyond,
     beyond_figures,
@@ -86,6 +87,7 @@ def run(seed: int, progress: Progress | None = None, *, several: int = len(PAPER
             _outliers_table(outliers),
         ),
         NOTES,
+        compared=(Compared("Misfits before and after the fit", tuple(_shown(groups))),),
     )
 
 
@@ -239,6 +241,15 @@ def _fine_figures(group: Group) -> dict[str, Any]:
         "fresh_free_frame": in_mm(group.fresh[2]),
         "fresh_noise_floor": 1e3 * group.fresh_floor,
     }
+
+
+def _shown(groups: list[Group]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Mean misfits with their spread, and the paper's."""
+    for k, group in enumerate(groups):
+        both = group.fits[1].before, group.fits[1].after
+        for when, own, paper in zip(("before", "after"), both, PAPER[k], strict=True):
+            own_std = 1e3 * own.std
+            yield f"group {k + 1}, {when}", figure(1e3 * own.mean, "mm", paper[0], std=own_std)
 
 
 def _groups_table(groups: list[Group]) -> Table:

@@ -5,10 +5,11 @@ a board. Every method gets the same readings and is judged on marks that it has 
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from plumbline.experiments.reproduce import Reproduction, Table, figure
+from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
 from plumbline.experiments.reproduce.hand_eye_trials import (
     GROSS,
     RATIOS,
@@ -48,9 +49,11 @@ def run(
 ) -> Reproduction:
     """Simulate the set-ups and try every method on each."""
     trials, details = trials_of(seed, progress, set_ups, detailed)
-    return Reproduction(
-        TITLE, SOURCE, figures(trials, details), tables(trials, details), notes(trials, details)
-    )
+    found = figures(trials, details)
+    rows = tuple((words, found[key]) for words, key in METHODS)
+    shown = Compared("Repeatability on marks that no method has seen", rows)
+    told = tables(found), notes(trials, details)
+    return Reproduction(TITLE, SOURCE, found, *told, compared=(shown,))
 
 
 def trials_of(
@@ -68,11 +71,11 @@ def trials_of(
     return trials, details
 
 
-def figures(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, object]:
+def figures(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, Any]:
     """The figures by name, mm and deg."""
     single = np.concatenate([t.single for t in trials])
     angles = np.rad2deg(np.concatenate([d.angles for d in details]))
-    found: dict[str, object] = {
+    found: dict[str, Any] = {
         "single_plane": _mm(single, 1.37, paper_std=0.24),
         "three_planes": _mm(_of(trials, "three"), 0.37, paper_std=0.05),
         "best": _mm(_of(trials, "best"), half_of_three_planes=_mean(trials, "three") / 2.0),
@@ -162,9 +165,8 @@ def mean_curve(trials: Sequence[Trial], longest: int = 40) -> Array:
     return np.asarray(np.mean(whole, axis=0))
 
 
-def tables(trials: Sequence[Trial], details: Sequence[Detail]) -> tuple[Table, ...]:
+def tables(f: dict[str, Any]) -> tuple[Table, ...]:
     """The same for people."""
-    f = figures(trials, details)
     return (_methods(f), _aiming(f), _accuracy(f), _weights(f), _selection(f))
 
 

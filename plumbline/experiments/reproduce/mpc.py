@@ -8,6 +8,7 @@ the same guide and without it. ``python -m plumbline.experiments.mpc.campaign`` 
 tasks, and ``python -m plumbline.experiments.mpc.foresight`` more of the comparison.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from plumbline.experiments.mpc.campaign import HORIZON, V_MAX, task
 from plumbline.experiments.mpc.closed_loop import Run
 from plumbline.experiments.mpc.passes import SAFE, Passes, passes
 from plumbline.experiments.reality.mpc_scenarios import FAMILIES, STATED
-from plumbline.experiments.reproduce import Reproduction, Table, figure
+from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
 from plumbline.optim.capsule_mpc import RealTime
 from plumbline.optim.core.progress import Progress, silent
 
@@ -48,7 +49,13 @@ def run(seed: int = 0, progress: Progress | None = None) -> Reproduction:
     compared = Table("Goals reached without contact, and contacts", foresight.HEADS, _rows(both))
     tables = (_families(runs), compared, _passes(planes, scalar))
     figures = _figures(runs, both, planes, scalar)
-    return Reproduction(TITLE, SOURCE, figures, tables, _notes(), _said(figures))
+    shown = Compared("How near instruments came, by family", tuple(_nearest(runs)))
+    return Reproduction(TITLE, SOURCE, figures, tables, _notes(), _said(figures), (shown,))
+
+
+def _nearest(runs: list[Run]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for name, own in _by_family(runs).items():
+        yield name, figure(min(r.clearance for r in own), "mm", asked=SAFE)
 
 
 def _said(figures: dict[str, Any]) -> str:
@@ -99,10 +106,14 @@ def _row(name: str, runs: list[Run]) -> tuple[str, ...]:
     )
 
 
+def _by_family(runs: list[Run]) -> dict[str, list[Run]]:
+    found = {name: [r for r in runs if r.family == name] for name in FAMILIES}
+    return {name: own for name, own in found.items() if own}
+
+
 def _families(runs: list[Run]) -> Table:
     heads = ("family", "tasks", "collisions", "least clearance", "reached", "median", "p99")
-    names = [name for name in FAMILIES if any(r.family == name for r in runs)]
-    rows = [_row(name, [r for r in runs if r.family == name]) for name in names]
+    rows = [_row(name, own) for name, own in _by_family(runs).items()]
     return Table("Random tasks, judged at every millisecond", heads, (*rows, _row("all", runs)))
 
 

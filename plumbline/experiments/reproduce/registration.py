@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.experiments.reproduce import Reproduction, Table, figure
+from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
 from plumbline.experiments.reproduce.registration_pointing import Pointed, pointed
 from plumbline.experiments.reproduce.registration_timing import Ratio, ratios
 from plumbline.experiments.reproduce.registration_trial import (
@@ -144,7 +144,7 @@ def reported(
     away = published_errors(T_RC)
     costs = budget(found["A-B-C"].calculation)
     ur3 = arms[0]
-    figures = {
+    figures: dict[str, Any] = {
         "tip_error": figure(1e3 * away[1], "mm"),
         "top_error": figure(1e3 * away[2], "mm"),
         "lesion_error": figure(1e3 * away[0], "mm"),
@@ -177,7 +177,12 @@ def reported(
         _budget_table(costs),
         _pointing_table(arms),
     )
-    return Reproduction(TITLE, SOURCE, figures, tables, _notes(found, times, arms, draws))
+    shown = (
+        Compared("How far lesions are off", tuple(figures["localisation_error"].items())),
+        Compared("What the error adds up from", tuple(figures["budget"].items())),
+    )
+    notes = _notes(found, times, arms, draws)
+    return Reproduction(TITLE, SOURCE, figures, tables, notes, compared=shown)
 
 
 def _arm_figures(p: Pointed) -> dict[str, Any]:

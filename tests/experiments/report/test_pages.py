@@ -20,9 +20,10 @@ from plumbline.experiments.report.diagnosis.turned import turned
 from plumbline.experiments.report.drawn import of_diagnosis
 from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
 from plumbline.experiments.report.registration.figures import misfits_and_targets
+from plumbline.experiments.report.reproduction import drawn
 from plumbline.experiments.report.style import by_depth, house_style, new_figure, numbered, svg
 from plumbline.experiments.report.writing import PAGES, card_of, report_html
-from plumbline.experiments.reproduce import Reproduction, Table
+from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.calibrate import calibrate
@@ -52,7 +53,9 @@ def a_hand_eye():
 
 def a_reproduction():
     table = Table("Runs", ("family", "least clearance"), (("a", "2 mm"), (HOSTILE, "10 mm")))
-    return Reproduction("MPC", "a paper", {}, (table,), ("a note",))
+    rows = (("a", figure(2.0, "mm", 1.5, std=0.5)), (HOSTILE, figure(30.0, "mm", asked=2.0)))
+    shown = (Compared(f"Least clearance {HOSTILE}", rows),)
+    return Reproduction("MPC", "a paper", {}, (table,), ("a note",), compared=shown)
 
 
 MAKERS = (a_registration, a_fit, a_hand_eye, a_reproduction)
@@ -232,3 +235,19 @@ def test_a_diagnosis_s_pictures_are_those_of_its_report():
     assert "script" not in found.names
     assert picture._repr_html_().count("<svg ") == 6
     assert drawn["velocity"]() is None
+
+
+def test_a_reproduction_s_picture_has_our_figures_and_what_they_are_held_against():
+    (shown,) = a_reproduction().compared
+    (axes,) = drawn(shown).axes
+    marks = {
+        (line.get_marker(), *line.get_xydata()[0])
+        for line in axes.lines
+        if len(line.get_xdata()) == 1
+    }
+    assert marks == {("o", 2.0, 0.0), ("D", 1.5, 0.0), ("o", 30.0, 1.0), ("D", 2.0, 1.0)}
+    (spread,) = (line for line in axes.lines if np.ptp(line.get_xdata()) > 0.0)
+    np.testing.assert_allclose(spread.get_xydata(), [[1.5, 0.0], [2.5, 0.0]])
+    assert axes.get_xscale() == "log"
+    near = drawn(Compared("near", shown.rows[:1]))
+    assert near.axes[0].get_xscale() == "linear"
