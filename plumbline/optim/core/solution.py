@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
@@ -102,7 +102,7 @@ class Solution:
         if not len(pushes) or not free.any():
             return np.zeros(p.size)
         sizes = p.scale[free]
-        strength, _ = nnls((pushes[:, free] * sizes).T, self.gradient[free] * sizes)
+        strength, _ = scipy.optimize.nnls((pushes[:, free] * sizes).T, self.gradient[free] * sizes)
         return pushes.T @ strength
 
     def _resting(self) -> NDArray[np.bool_]:

@@ -21,8 +21,8 @@ from functools import lru_cache
 
 import casadi as cs
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import over_rows
@@ -109,7 +109,9 @@ def next_poses(
     return tuple(
         NextPose(
             position=found.t[k],
-            quaternion=Rotation.from_matrix(found.R[k]).as_quat(scalar_first=True),
+            quaternion=scipy.spatial.transform.Rotation.from_matrix(found.R[k]).as_quat(
+                scalar_first=True
+            ),
             plane=int(found.plane[k]),
             distance=float(found.distance[k]),
             incidence=float(incidence[k]),
@@ -124,7 +126,9 @@ def candidates(calibration: Calibration, rng: np.random.Generator) -> tuple[Read
     """Readings (C) that could be taken, their ranges as expected, and the rows that they follow."""
     c, r = calibration, calibration.readings
     source = rng.integers(0, len(r), TRIES)
-    turns = Rotation.from_rotvec(_ball(rng, TRIES) * LARGEST_TILT).as_matrix()
+    turns = scipy.spatial.transform.Rotation.from_rotvec(
+        _ball(rng, TRIES) * LARGEST_TILT
+    ).as_matrix()
     R = turns @ r.R[source]
     stand = rng.uniform(r.distance.min(), r.distance.max(), TRIES)
     aim = c.beam.points(r.R[source], r.t[source], r.distance[source])

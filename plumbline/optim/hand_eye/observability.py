@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import SupportsFloat
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
@@ -221,4 +221,4 @@ def turn_words(readings: Readings) -> str:
 def _turns(readings: Readings) -> Array:
     """Rotation vectors (N, 3) [rad] from the first orientation, in the flange's own frame."""
     relative = np.swapaxes(readings.R[:1], 1, 2) @ readings.R
-    return np.asarray(Rotation.from_matrix(relative).as_rotvec())
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(relative).as_rotvec())

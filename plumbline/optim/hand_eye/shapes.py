@@ -20,7 +20,7 @@ the five columns of r and v, each over its span on a plane, are shapes of the sa
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse.linalg import eigsh
+import scipy
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.constants import (
@@ -86,7 +86,7 @@ def _field(readings: Readings, frames: Frames, points: Array, count: int) -> Arr
     Q, _ = np.linalg.qr(flat)
     free = kernel - Q @ (Q.T @ kernel)
     free -= (free @ Q) @ Q.T
-    values, vectors = eigsh(free, k=count, v0=np.ones(len(free)))
+    values, vectors = scipy.sparse.linalg.eigsh(free, k=count, v0=np.ones(len(free)))
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 

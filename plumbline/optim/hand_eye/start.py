@@ -18,7 +18,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
@@ -151,8 +151,11 @@ def refuse_misread(readings: Readings, sigma: float) -> None:
 
 def _scalar_last(readings: Readings) -> Readings:
     """Quaternions whose four numbers were in the order x, y, z, w."""
-    numbers = Rotation.from_matrix(readings.R).as_quat(scalar_first=True)
-    return replace(readings, R=Rotation.from_quat(numbers, scalar_first=False).as_matrix())
+    numbers = scipy.spatial.transform.Rotation.from_matrix(readings.R).as_quat(scalar_first=True)
+    return replace(
+        readings,
+        R=scipy.spatial.transform.Rotation.from_quat(numbers, scalar_first=False).as_matrix(),
+    )
 
 
 def _transposed(readings: Readings) -> Readings:

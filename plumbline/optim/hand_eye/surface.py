@@ -26,8 +26,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
@@ -65,13 +64,13 @@ class Surface:
 
     points: Array  # the points (M, 3) [m]
     normals: Array  # unit normals there (M, 3), either way
-    tree: KDTree  # what finds neighbours
+    tree: scipy.spatial.KDTree  # what finds neighbours
     spacing: float  # median distance of a point from the nearest other one [m]
 
     @classmethod
     def of(cls, points: Array) -> Surface:
         """From points (M, 3) [m], close together."""
-        tree = KDTree(points)
+        tree = scipy.spatial.KDTree(points)
         far, near = map(np.asarray, tree.query(points, min(NEIGHBOURS, len(points))))
         around = points[near] - points[near].mean(axis=1, keepdims=True)
         normals = np.linalg.svd(around, full_matrices=False)[2][:, 2]
@@ -159,7 +158,7 @@ def _rows(points: Array, target: Surface, reach: float) -> tuple[Array, Array]:
 
 def _moving(step: Array, centre: Array) -> Array:
     """The motion (4, 4) of a turn [rad] about a point (3,) [m], then a shift [m]."""
-    R = Rotation.from_rotvec(step[:3]).as_matrix()
+    R = scipy.spatial.transform.Rotation.from_rotvec(step[:3]).as_matrix()
     return homogeneous(R, centre - R @ centre + step[3:])
 
 

@@ -13,8 +13,8 @@ Control 108(3), sec. 3: damped least squares).
 from dataclasses import dataclass, fields
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
@@ -263,7 +263,9 @@ def _walk(
 def _misfit(arm: Arm, q: Array, goal: Array, context: Context, lever: float) -> tuple[Array, Array]:
     """What is missing to the goals (N, 6) [m], and its Jacobian (N, 6, n), the nominal arm's."""
     T, J = arm.placement(q, **context), arm.nominal.jacobian(q)
-    turn = Rotation.from_matrix(goal[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
+    turn = scipy.spatial.transform.Rotation.from_matrix(
+        goal[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)
+    ).as_rotvec()
     miss = np.hstack([goal[:, :3, 3] - T[:, :3, 3], lever * turn])
     return miss, J * np.array([1.0, 1.0, 1.0, lever, lever, lever])[:, None]
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import measured
@@ -66,7 +66,10 @@ def told(
     at = {name: k for k, name in enumerate(names)}
     values = dict.fromkeys(names, 0.0)
     if "frame x" in at:
-        R, t = Rotation.from_matrix(T_device_base[:3, :3]), T_device_base[:3, 3]
+        R, t = (
+            scipy.spatial.transform.Rotation.from_matrix(T_device_base[:3, :3]),
+            T_device_base[:3, 3],
+        )
         turn = [at[f"frame r{c}"] for c in "xyz"]
         A[np.ix_([at[f"frame {c}"] for c in "xyz"], turn)] = -_cross(t - centre)
         A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(R.as_rotvec()))
@@ -74,7 +77,7 @@ def told(
     if "tool x" in at:
         values |= _named("tool ", tool)
     if "tool rx" in at:
-        turned = Rotation.from_matrix(R_tip_tool).as_rotvec()
+        turned = scipy.spatial.transform.Rotation.from_matrix(R_tip_tool).as_rotvec()
         turn = [at[f"tool r{c}"] for c in "xyz"]
         A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(turned))
         values |= _named("tool r", turned)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import erf
 
 from plumbline.errors import PlumblineError, fault, shown
@@ -117,7 +116,9 @@ def bandwidth(rate: float, half: int) -> float:
     """Frequency [Hz] at which a window of 2 M + 1 samples lets half of the power pass."""
     taps, k = scipy.signal.savgol_coeffs(2 * half + 1, ORDER), np.arange(-half, half + 1)
     # Below its first zero, near half a turn a window, the response falls all the way.
-    share = brentq(lambda f: (taps @ np.cos(2 * np.pi * f * k)) ** 2 - 0.5, 0.0, 1.0 / half)
+    share = scipy.optimize.brentq(
+        lambda f: (taps @ np.cos(2 * np.pi * f * k)) ** 2 - 0.5, 0.0, 1.0 / half
+    )
     return float(share) * rate
 
 

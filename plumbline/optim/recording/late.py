@@ -17,8 +17,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from plumbline.optim.recording.constants import EFFORT_ROWS, FEWEST_EFFORTS
 from plumbline.optim.recording.derivatives import stretches
@@ -78,7 +78,9 @@ def at_other_time(time: Array, columns: Array, by: float) -> tuple[Array, NDArra
         later = time[s] + by
         there[s] = (later >= t[0]) & (later <= t[-1]) & (len(t) > 1)
         if len(t) > 1:
-            found[s] = CubicSpline(t, columns[s][first])(np.clip(later, t[0], t[-1]))
+            found[s] = scipy.interpolate.CubicSpline(t, columns[s][first])(
+                np.clip(later, t[0], t[-1])
+            )
     return found, there
 
 

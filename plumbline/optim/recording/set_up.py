@@ -20,7 +20,7 @@ from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.cluster.vq import kmeans, vq
+import scipy
 
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.chain import Chain
@@ -227,8 +227,8 @@ def _sockets_by_place(r: Recording) -> Iterator[tuple[str, Recording]]:
     count = len(np.unique(r.socket))
     if 1 < count <= len(r) // IN_A_SOCKET:
         tips = r.chain.tips(r.q, r.tool_offset)
-        found = kmeans(tips, count, iter=STARTS, rng=np.random.default_rng(0))[0]
-        places = vq(tips, found)[0].astype(np.int64)
+        found = scipy.cluster.vq.kmeans(tips, count, iter=STARTS, rng=np.random.default_rng(0))[0]
+        places = scipy.cluster.vq.vq(tips, found)[0].astype(np.int64)
         yield "rows in the socket where their tip lies: mend socket", replace(r, socket=places)
 
 

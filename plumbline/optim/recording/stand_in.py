@@ -5,7 +5,7 @@ readings like any others. Nothing is blamed on them.
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.errors import shown
 from plumbline.kinematics.robot import Robot
@@ -28,7 +28,7 @@ def poses_robot() -> Robot:
 
 def pose_readings(T: Array) -> Array:
     """Joint readings (N, 6) [m, rad] of :func:`poses_robot` at poses (N, 4, 4)."""
-    turns = Rotation.from_matrix(T[:, :3, :3]).as_euler("ZYX")
+    turns = scipy.spatial.transform.Rotation.from_matrix(T[:, :3, :3]).as_euler("ZYX")
     return np.hstack([T[:, :3, 3], turns])
 
 

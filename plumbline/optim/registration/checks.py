@@ -25,9 +25,8 @@ from functools import lru_cache
 from itertools import combinations, permutations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist, pdist
 from scipy.special import chdtrc
 
 from plumbline.errors import fault
@@ -178,9 +177,9 @@ def _turned(ct: Array, robot: Array, apart: Array, wanted: Array) -> NDArray[np.
     there = _triples(apart[np.ix_(triple, triple)], wanted)
     T = rigid_match(np.broadcast_to(ct[triple], (len(there), 3, 3)), robot[there])
     placed = ct @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
-    off = [cdist(robot, points, "sqeuclidean") for points in placed]
+    off = [scipy.spatial.distance.cdist(robot, points, "sqeuclidean") for points in placed]
     nearest = np.argsort([d.min(axis=1).sum() for d in off], kind="stable")[: 2 * FITTED]
-    orders = {tuple(linear_sum_assignment(off[k])[1].tolist()) for k in nearest}
+    orders = {tuple(scipy.optimize.linear_sum_assignment(off[k])[1].tolist()) for k in nearest}
     orders.discard(tuple(range(len(ct))))
     return np.array(sorted(orders), dtype=np.intp).reshape(-1, len(ct))
 
@@ -228,7 +227,7 @@ def _same_unit(markers: Markers) -> None:
 def _apart(markers: Markers) -> None:
     first, second = np.triu_indices(len(markers), 1)
     for what, points in (("ct", markers.ct), ("robot", markers.robot)):
-        distances = pdist(points)
+        distances = scipy.spatial.distance.pdist(points)
         k = int(distances.argmin())
         if distances[k] < COINCIDENT:
             names = f"markers {markers.labels[first[k]]} and {markers.labels[second[k]]}"

@@ -22,8 +22,8 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from plumbline.optim.core.judged import Judgement, judged_by_gram
 from plumbline.optim.core.mapped import Gram
@@ -46,7 +46,7 @@ from plumbline.optim.rigid import rigid_match
 
 def move(T: Array, centre: Array, x: Array) -> Array:
     """Poses (N, 4, 4) displaced by x (N, 6): v [m] at the centre (N, 3), then rotation [rad]."""
-    turn = Rotation.from_rotvec(x[:, 3:6]).as_matrix().astype(np.float64)
+    turn = scipy.spatial.transform.Rotation.from_rotvec(x[:, 3:6]).as_matrix().astype(np.float64)
     moved = T.copy()
     moved[:, :3, :3] = turn @ T[:, :3, :3]
     arm = T[:, :3, 3] - centre

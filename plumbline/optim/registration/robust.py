@@ -33,8 +33,8 @@ from math import comb
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.distance import pdist
 from scipy.special import betaincinv, chdtri
 
 from plumbline.optim.core.problem import Array
@@ -146,7 +146,7 @@ def _holds(ct: Array) -> bool:
     """Whether some triple of points (n, 3) [m] has no angle below the least."""
     spread = np.linalg.svd(ct - ct.mean(axis=0), compute_uv=False)
     aside = np.hypot(spread[1], spread[2]) / np.sqrt(len(ct))
-    if aside >= np.sin(np.radians(LEAST_HELD)) * pdist(ct).max():
+    if aside >= np.sin(np.radians(LEAST_HELD)) * scipy.spatial.distance.pdist(ct).max():
         return True
     return bool(condition_of(ct).angle >= LEAST_HELD)
 

@@ -7,8 +7,8 @@ memory: for recordings of up to some ten thousand rows.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
@@ -43,7 +43,7 @@ class TrustRegion(OfRows):
             parts = [J.reshape(r.size, problem.size) for _, r, J in mapped.whitened(filled(z))]
             return np.vstack([*parts, mapped.shared(filled(z))[1].T])[:, free]
 
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             residuals,
             x[free],
             jacobian,

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import Bounds, minimize
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
@@ -36,12 +36,12 @@ class Slsqp:
             x = z * p.scale
             return mapped.cost(x) / size, mapped.gradient(x) * p.scale / size
 
-        found = minimize(
+        found = scipy.optimize.minimize(
             cost,
             first / p.scale,
             jac=True,
             method="SLSQP",
-            bounds=Bounds(p.lower / p.scale, p.upper / p.scale),
+            bounds=scipy.optimize.Bounds(p.lower / p.scale, p.upper / p.scale),
             constraints=_constraints(mapped),
             options={"maxiter": self.max_iterations, "ftol": self.tolerance},
         )

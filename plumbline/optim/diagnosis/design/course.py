@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
@@ -192,4 +192,4 @@ def _orientations(model: Model, q: Array, own: Nuisance | Own) -> Array:
     turns = cs.Function("turns", [nuisance.x], [own.T_device_world.R, own.R_tip_tool])
     R_device_world, R_tip_tool = (R.full() for R in turns(model.start[: nuisance.size]))
     R = R_device_world @ model.recording.chain.placement(q)[:, :3, :3] @ R_tip_tool
-    return np.asarray(Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]])
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]])

@@ -15,7 +15,6 @@ import numpy as np
 import pinocchio as pin
 import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline, interp1d
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.drive import Law
@@ -118,7 +117,9 @@ class Signals:
             # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
             a = self.acceleration[chosen]
             h = h + np.einsum("kij,kj->ki", masses, a) - inertia * a
-        between = interp1d(chosen, np.stack([h, np.maximum(inertia, LEAST_INERTIA)]), axis=1)
+        between = scipy.interpolate.interp1d(
+            chosen, np.stack([h, np.maximum(inertia, LEAST_INERTIA)]), axis=1
+        )
         found = between(np.arange(len(self.q)))
         return found[0], found[1]
 
@@ -243,7 +244,7 @@ def _foretold(recording: MotionRecording, seconds: float, most: int) -> Signals:
     """
     s = _smoothed(recording, seconds, most)
     chosen, *bodies = s.bodies
-    masses, h = (interp1d(chosen, x, axis=0)(np.arange(len(s.q))) for x in bodies)
+    masses, h = (scipy.interpolate.interp1d(chosen, x, axis=0)(np.arange(len(s.q))) for x in bodies)
     pushed = np.linalg.solve(masses, (s.command - h)[..., None])[..., 0]
     moved = [s.posture.copy(), s.speed.copy(), s.acceleration.copy()]
     for begin in np.unique(s.first):
@@ -324,7 +325,9 @@ def _between(t: Array, values: Array, at: Array) -> Array:
 
     Straight lines leave ten times an encoder's noise where one row of 50 a second is lost.
     """
-    return np.asarray(CubicHermiteSpline(t, values, np.gradient(values, t, axis=0))(at))
+    return np.asarray(
+        scipy.interpolate.CubicHermiteSpline(t, values, np.gradient(values, t, axis=0))(at)
+    )
 
 
 def _derivative(q: Array, dt: float, order: int, seconds: float) -> Array:

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.kinematics.chain import Joint
 from plumbline.kinematics.frames import homogeneous
@@ -108,7 +108,7 @@ def _inertial(body: ElementTree.Element, inertia: pin.Inertia) -> None:
 
 
 def _place(T: Array) -> dict[str, str]:
-    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+    quaternion = scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
     return {"pos": words(T[:3, 3]), "quat": words(quaternion)}
 
 
