@@ -50,7 +50,7 @@ from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.measurement.torque import own_units, stated_noise
-from plumbline.optim.recording.disagreement import unmet
+from plumbline.optim.recording.disagreement import unmet, zeros_by_mounting
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible, refuse_wrong_set_up
 
@@ -286,6 +286,7 @@ def usable(recording: Recording | str | Path, force: bool) -> Recording:
         recording = load_to_diagnose(recording)
     if not force and not recording.several:  # of several each was asked on its own
         refuse_wrong_set_up(recording)
+    recording = zeros_by_mounting(recording)
     if not recording.several and copied(recording):
         recording = replace(recording, alike=1.0)
     if (recording.noise_std or 0.0) > plausible(recording):

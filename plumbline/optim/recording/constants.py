@@ -51,6 +51,9 @@ HUGE = 0.05  # of the tips' spread: no robot that is one misses its model so far
 UNMET = 0.25
 FEWEST = 5  # rows: frame and tool fit almost any four
 OUT_OF_BASE = 0.25  # of the tips' spread: readings so far off are not in the robot's base frame
+# [rad or m] that a second encoder's zero is off when it is no joint's error: three times the widest
+# width that a joint's zero has before the data (32 mrad), beyond which no prior of ours reaches.
+MOUNTED = 0.1
 
 # Noise
 LEAST_NOISE = 1e-8  # [m or rad]: less than any device reads

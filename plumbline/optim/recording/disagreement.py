@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plumbline.optim.recording.constants import FEWEST, HUGE, OUT_OF_BASE, UNMET
+from plumbline.optim.recording.constants import FEWEST, HUGE, MOUNTED, OUT_OF_BASE, UNMET
 from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.set_up import missed as misfit_of
 from plumbline.optim.recording.set_up import wrong_set_up
@@ -56,6 +56,25 @@ def counted_from_one_turn(r: Recording, origin: Origin) -> tuple[Recording, list
             rows = f"in {np.count_nonzero(turns)} of {len(r)} rows: taken to a turn"
             notes.append(f"{origin.file}: m{j + 1} is {off} off q{j + 1} {rows}")
     return (replace(r, measured=measured) if notes else r), notes
+
+
+def zeros_by_mounting(r: Recording) -> Recording:
+    """The recording with second encoders' zeros always fitted where some are no joint's error.
+
+    A link-side encoder may be mounted at any angle, of which its readings cannot tell the joint's
+    own zero. One that is farther off than a zero ever was tells that zeros are where they were put.
+    """
+    if not r.kind.encoders or "joint_offset" in r.always:
+        return r
+    off = {j + 1: float(np.median(r.measured[:, j] - r.q[:, j])) for j in r.measured_joints}
+    far = {j: zero for j, zero in off.items() if abs(zero) > MOUNTED}
+    if not far:
+        return r
+    units = {j: "m" if r.chain.kinds[j - 1] == "prismatic" else "rad" for j in far}
+    said = ", ".join(f"m{j} by {zero:.3g} {units[j]}" for j, zero in far.items())
+    note = f"zeros of second encoders are off ({said}): all are taken for their mounting, fitted"
+    told = f"{note} and not judged"
+    return replace(r, always=(*r.always, "joint_offset"), notes=(*r.notes, told))
 
 
 def far_from_base(r: Recording) -> float:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import plumbline
+from plumbline.optim.recording.disagreement import zeros_by_mounting
 from plumbline.optim.recording.loading import load_recording
 from tests.recording_folders import (
     ROWS,
@@ -175,6 +176,37 @@ def test_second_encoders_may_be_mounted_at_any_angle(tmp_path):
     assert answer.verdict.outside_probability < 0.05
     zeros = answer.verdict.nuisances
     assert abs(zeros["joint_offset 1 offset"].value - 1.8) < 1e-3
+
+
+def of_second_encoders(folder, zero, error=lambda q: 0.0):
+    """Readings of encoders whose third one has a zero, and of joint 2 an error of its angle."""
+    noise = np.random.default_rng(0).normal(0.0, 2e-5, (6, ROWS))
+
+    def read(table):
+        m = {f"m{j}": table[f"q{j}"] + noise[j - 1] for j in range(1, 7)}
+        return table | m | {"m3": m["m3"] + zero, "m2": m["m2"] + error(table["q2"])}
+
+    with_columns(folder, read, "joint_position")
+    settings = 'name = "b"\nobservation = "joint_position"\nnoise_std = 2e-5\n'
+    (folder / "dataset.toml").write_text(settings + '[robot]\nbundled = "ur5"\n')
+    return load_recording(folder)
+
+
+@pytest.mark.parametrize(("zero", "by_mounting"), [(0.09, False), (-0.11, True)])
+def test_a_zero_beyond_what_a_joint_errs_by_is_a_second_encoder_s_mounting(
+    tmp_path, zero, by_mounting
+):
+    taken = zeros_by_mounting(of_second_encoders(tmp_path, zero))
+    assert ("joint_offset" in taken.always) == by_mounting
+    assert any("m3 by -0.11 rad" in note for note in taken.notes) == by_mounting
+
+
+def test_encoders_mounted_at_any_angle_hide_no_cause(tmp_path):
+    given = of_second_encoders(tmp_path, 0.29, lambda q: 1e-4 * np.sin(2.0 * q))
+    verdict = plumbline.diagnose(given).verdict
+    assert [c.label for c in verdict.causes] == ["transmission_ripple of joint 2"]
+    assert verdict.gap.before < 1e-4
+    assert any("not judged" in note for note in verdict.notes)
 
 
 def test_another_robot_is_noted_by_name(tmp_path):
