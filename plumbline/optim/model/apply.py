@@ -29,7 +29,7 @@ from plumbline.optim.diagnosis.prior import ROUNDS
 from plumbline.optim.measurement.candidates import candidates_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.measurement.refit import always_fitted, figure, gap_unit, refit
-from plumbline.optim.measurement.torque import newton_metres, stated_noise
+from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.origin import row_numbers
@@ -159,9 +159,9 @@ def apply(model: Fitted, other: Recording) -> Applied:
     solution, bad = _robust(other, effects, values, [*free, *more])
     nominal = refit(other, always, _nulls(always), free=always, weights=(~bad).astype(float))
     unit, per_row = gap_unit(other)
-    by = newton_metres(other)
+    own = own_units(other)
     before, after = (
-        by * figure(s.mapped.residuals(s.x)[~bad], per_row) for s in (nominal, solution)
+        figure(s.mapped.residuals(s.x)[~bad] * own, per_row) for s in (nominal, solution)
     )
     promised = _promised(model, other, per_row=per_row)
     changes = _changes(carried, solution, free, other)

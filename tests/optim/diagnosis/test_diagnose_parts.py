@@ -134,7 +134,9 @@ def test_causes_whose_choice_foretells_worse_than_none_are_not_named(monkeypatch
     assert found.verdict.gap.after == found.verdict.gap.before
     assert any("not named" in n and truth.name in n for n in found.verdict.notes)
     monkeypatch.undo()
-    told = Evaluation(*np.ones((2, 3, 1)), *np.ones((2, 3), bool), "rows", (0, 0), "m", False)
+    told = Evaluation(
+        *np.ones((2, 3, 1)), *np.ones((2, 3), bool), "rows", (0, 0), (0, 0), "m", False
+    )
     assert not told.misleads
     assert replace(told, after=2 * told.after).misleads
     assert not replace(told, after=2 * told.after, by=held_out.BY_COLUMN).misleads

@@ -327,6 +327,14 @@ def test_a_diagnosis_of_efforts_is_told_in_newton_metres(robot):
     for one, after in zip(found.by_joint, own, strict=True):
         assert (one.after, one.unit) == (pytest.approx(after), "N m")
     assert found.by_joint[1].before > 3.0 * found.by_joint[1].after
+    for side, steps in (
+        ("before", found.verdict.staircase[0]),
+        ("after", found.verdict.staircase[-1]),
+    ):
+        whole = np.sqrt(np.mean([getattr(one, side) ** 2 for one in found.by_joint]))
+        assert (getattr(gap, side), steps.gap) == pytest.approx((whole, whole))
+    assert gap.shrink == pytest.approx(1 - gap.after / gap.before)
+    assert gap.shrink_ci95[0] < gap.shrink < gap.shrink_ci95[1]
     model, r = found.model(), found.recording
     left = r.measured - model.tau(r.q, r.velocity, r.acceleration)
     np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), sigma, rtol=0.15)

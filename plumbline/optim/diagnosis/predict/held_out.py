@@ -33,6 +33,7 @@ from plumbline.optim.diagnosis.prior import ALARM
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.one_noise import as_measured, smear
 from plumbline.optim.measurement.refit import figure, gap_unit, refitted, rows_of_gap
+from plumbline.optim.measurement.torque import own_units
 from plumbline.optim.recording.recording import Recording
 
 BY_COLUMN = "the column held_out"
@@ -48,6 +49,7 @@ class Evaluation:
     trusted: NDArray[np.bool_]  # rows that are no gross errors (N,)
     by: str  # what was left out together
     interval: tuple[float, float]  # 95 % interval of the shrink
+    told: tuple[float, float]  # the same of what was measured, each joint's efforts in its own unit
     unit: str  # ``"m"`` or ``"rad"``
     per_row: bool  # whether the RMS is of rows' norms, or of single readings
     # how the fits behind the residuals ended; of those without each fold the worst
@@ -125,8 +127,12 @@ def evaluate(
     before, after = (as_measured(recording, r) for r in (before, after))
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
-    interval = shrink_interval(before[rows, :size], after[rows, :size], blocks[rows], seed)
-    found = Evaluation(before, after, rows, all_trusted, by, interval, unit, per_row)
+    own = own_units(recording)[:size]
+    interval, told = (
+        shrink_interval(before[rows, :size] * k, after[rows, :size] * k, blocks[rows], seed)
+        for k in (np.ones_like(own), own)
+    )
+    found = Evaluation(before, after, rows, all_trusted, by, interval, told, unit, per_row)
     wide = smear(recording.select(rows), size)
     return replace(found, fits=tuple(fits), models=tuple(models), smear=wide)
 

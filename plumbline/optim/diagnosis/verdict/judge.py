@@ -76,7 +76,7 @@ def judge(
     named = [key for key in keys if key in told.named]
     confounded = [key for key in keys if key not in told.named]
     fitted = selected.model.recording  # which knows what a turn counts
-    gap = replace(_gap(evaluation, noise), rotation=_rotation(fitted, evaluation, noise))
+    gap = replace(gap_of(evaluation, noise), rotation=_rotation(fitted, evaluation, noise))
     # Other stretches of time do not foretell a bump or a drift in the one that is left out.
     timed = any(effect.runs_with_time() for effect in selected.effects)
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
@@ -188,7 +188,8 @@ def _candidates(
     return (*causes, *others)
 
 
-def _gap(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
+def gap_of(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
+    """The gap of these residuals, and how much of what noise leaves to remove is gone."""
     before, after = evaluation.rms_before, evaluation.rms_after
     floor = noise.sigma * evaluation.per_point
     shrink = 1 - after / before if before > 0 else 0.0

@@ -1,7 +1,7 @@
 """A verdict on efforts in newton metres, whose residuals are fitted in units of each joint's noise.
 
-One factor brings them back: the root mean square of the joints' noises. So the gap in newton metres
-is that of an arm whose joints were all as noisy, and the noise floor is the noise.
+The gap is the root mean square over all joints of what was measured, as the noise is, so that
+some joint misses by as much or more. What a linear problem says of fewer causes keeps its ratio.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from plumbline.optim.diagnosis.findings import Cause, Verdict
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.predict.held_out import Evaluation
+from plumbline.optim.diagnosis.verdict.judge import gap_of
 from plumbline.optim.measurement.torque import newton_metres, own_units
 from plumbline.optim.recording.recording import Recording
 
@@ -22,16 +23,24 @@ def in_own_unit(verdict: Verdict, recording: Recording, evaluation: Evaluation) 
     """The verdict with its gap, its causes' gaps and its noise in the unit that was measured."""
     if not recording.kind.efforts:
         return verdict
-    by, gap, noise = newton_metres(recording), verdict.gap, verdict.noise
+    by, own = newton_metres(recording), own_units(recording)
+    sides = (evaluation.before * own / by, evaluation.after * own / by)
+    measured = replace(evaluation, before=sides[0], after=sides[1], interval=evaluation.told)
+    gap, least = gap_of(measured, verdict.noise), max(evaluation.rms_after, 1e-300)
+    per = by * measured.rms_after / least  # of what the linear problem says of fewer causes
+    first, *steps = verdict.staircase
     return replace(
         verdict,
         gap=replace(
             gap, before=by * gap.before, after=by * gap.after, noise_floor=by * gap.noise_floor
         ),
-        noise=replace(noise, sigma=by * noise.sigma),
-        causes=tuple(_scaled(cause, by) for cause in verdict.causes),
-        candidates=tuple(_scaled(cause, by) for cause in verdict.candidates),
-        staircase=tuple(replace(step, gap=by * step.gap) for step in verdict.staircase),
+        noise=replace(verdict.noise, sigma=by * verdict.noise.sigma),
+        causes=tuple(_scaled(cause, per) for cause in verdict.causes),
+        candidates=tuple(_scaled(cause, per) for cause in verdict.candidates),
+        staircase=(
+            replace(first, gap=by * gap.before),
+            *(replace(step, gap=per * step.gap) for step in steps),
+        ),
         joints=tuple(_joints(recording, evaluation)),
     )
 
