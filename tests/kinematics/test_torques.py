@@ -38,7 +38,7 @@ def motion(n, rows=N, seed=3):
 
 
 def recording(robot, q, v, a, efforts=None, **given):
-    efforts = np.zeros_like(q) if efforts is None else efforts
+    efforts = robot.dynamics().torques(q, v, a) if efforts is None else efforts
     return build_recording(
         observation="joint_torque", robot=robot, q=q, velocity=v, acceleration=a, measured=efforts,
         noise_by_joint=np.ones(q.shape[1]), **given,

@@ -105,8 +105,7 @@ def _import(
         print(shown.words(raws, found))
     if not yes:
         _ask(to, json)
-    settings = {"name": to.resolve().name, "observation": found.observation,
-                **request.settings}  # fmt: skip
+    settings = writing.described(to, found, request.settings)
     checked = writing.write(found, settings, request.files, to, _checked)
     facts = {
         "folder": str(to), "observation": found.observation, "rows": len(found.samples),

@@ -51,5 +51,5 @@ def import_files(
     raws = tables.told_apart([raw for path in paths for raw in reading.read(Path(path))])
     request = asked(options, lines, None, raws)
     found = understand(raws, request.request)
-    settings = {"name": target.resolve().name, "observation": found.observation}
-    return writing.write(found, settings | dict(request.settings), request.files, target, load)
+    settings = writing.described(target, found, request.settings)
+    return writing.write(found, settings, request.files, target, load)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.experiments.importing import units
 from plumbline.experiments.importing.tables import Raw, find
-from plumbline.experiments.importing.targets import check_target, is_target
+from plumbline.experiments.importing.targets import check_target, from_one, is_target
 from plumbline.experiments.importing.units import Unit
 
 CLOCKS = ("time", "timestamp", "stamp", "t", "clock", "zeit", "secs", "seconds")
@@ -91,7 +91,7 @@ def _family(raws: list[Raw], want: Wanted) -> list[str]:
             f"--map {want.target}={want.source}: expected # in {shown(pattern)}, for the number "
             f"of a column; best matches: {best_matches(pattern, names)}"
         )
-    for first in (1, 0):
+    for first in (0, 1):
         numbers = [f"{before}{k}{after}" for k in range(first, MOST_JOINTS)]
         there = [n for k, n in enumerate(numbers) if n in names and set(numbers[:k]) <= set(names)]
         if there:
@@ -133,8 +133,9 @@ def _told(raw: Raw, joints: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Column of the table -> column of a recording, and by what it is told."""
     told: dict[str, tuple[str, str]] = {}
     by_joint = _by_joint(raw, joints)
-    for column in raw.columns:
-        plain = units.of_header(column)[0].lower()
+    plains = {column: units.of_header(column)[0].lower() for column in raw.columns}
+    for column, name in plains.items():
+        plain = from_one(name, plains.values())
         if column in by_joint:
             told[column] = by_joint[column], "joint name"
         elif is_target(plain) and (not by_joint or plain not in by_joint.values()):

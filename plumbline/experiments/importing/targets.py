@@ -48,6 +48,14 @@ def numbered(name: str) -> tuple[str, int] | None:
     return (match[1], int(match[2])) if match and match[1] in NUMBERED else None
 
 
+def from_one(name: str, names: Iterable[str]) -> str:
+    """``q1`` of ``q0``, where columns of that beginning count from 0; else the name itself."""
+    match = re.fullmatch(r"([a-z]+)([0-9]{1,3})", name)
+    if match is None or match[1] not in NUMBERED or f"{match[1]}0" not in names:
+        return name
+    return f"{match[1]}{int(match[2]) + 1}"
+
+
 def check_target(name: str) -> None:
     """Refuse a column that no recording has.
 

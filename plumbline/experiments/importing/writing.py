@@ -5,10 +5,28 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.console.places import place, toml_text
 from plumbline.experiments.importing.understood import Understood
+from plumbline.experiments.importing.units import UNITS
 
 Found = TypeVar("Found")
+
+
+def described(target: Path, understood: Understood, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``dataset.toml`` says: name, kind, amperes where efforts are read in them, the asked.
+
+    Raises:
+        PlumblineError: Some efforts are in amperes, and others are not.
+    """
+    told = {"name": target.resolve().name, "observation": understood.observation, **asked}
+    efforts = [name for name in understood.sources if name.startswith("effort")]
+    amperes = [UNITS[understood.sources[e].unit].dimension == "current" for e in efforts]
+    if any(amperes):
+        if not all(amperes):
+            raise PlumblineError(f"{efforts[amperes.index(False)]}: not in A, as others are")
+        told["motion"] = {"effort_unit": "A", **asked.get("motion", {})}
+    return told
 
 
 def write(

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import casadi as cs
+import numpy as np
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects.drive import TORQUES
@@ -19,6 +20,7 @@ from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, St
 from plumbline.kinematics.parameters import Parameter
 
 LEAST_MASS = 1e-3  # kg: what weighs less has no centre worth moving
+LEAST_REACH = 0.01  # m: no arm is shorter; of one joint bodies alone say how far it reaches
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ class LinkInertia(Effect):
 def size_of(chain: Chain) -> tuple[float, float]:
     """What the bodies of an arm weigh [kg], and how far it reaches [m], to two digits."""
     mass = sum(body.mass for body in chain.joints)
-    return float(f"{max(mass, LEAST_MASS):.2g}"), float(f"{chain.reach:.2g}")
+    reach = max(chain.reach, LEAST_REACH, *(float(np.linalg.norm(b.com)) for b in chain.joints))
+    return float(f"{max(mass, LEAST_MASS):.2g}"), float(f"{reach:.2g}")
 
 
 def steiner(mass: cs.SX, centre: cs.SX) -> cs.SX:

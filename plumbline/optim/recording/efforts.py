@@ -226,12 +226,18 @@ def refuse_other_rates(r: Recording, origin: Origin) -> None:
 def refuse_strange(r: Recording, origin: Origin) -> None:
     """Refuse efforts of another joint, against their joint, without signs, or of another set-up.
 
+    One that nothing drives, or that is not read, is fitted best by bodies of no mass.
+
     Raises:
-        PlumblineError: They are, or never change sign where the model's do.
+        PlumblineError: They are, are one throughout, or never change sign where the model's do.
     """
     if len(r) < FEWEST_EFFORTS:
         return
     model = nominal_efforts(r)
+    for one in np.flatnonzero((np.ptp(r.measured, axis=0) == 0.0) & (np.ptp(model, axis=0) > 0.0)):
+        found = f"{shown(float(r.measured[0, one]))} in every row, where the model's change"
+        mend = "if the joint has no drive or none is read, end at a [robot] tip_frame before it"
+        raise fault(origin.at(f"effort{one + 1}"), found, "efforts that change", mend)
     large = np.abs(model) >= np.median(np.abs(model), axis=0)
     changes = [0.2 < (model[large[:, j], j] > 0).mean() < 0.8 for j in range(r.chain.n)]
     positive = (r.measured >= 0).mean(axis=0) >= UNSIGNED

@@ -20,9 +20,10 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.importing import deriving, joining, mapping, reading, text, units
 from plumbline.experiments.importing.understood import Request, understand
-from plumbline.kinematics.robot import makers_joints
+from plumbline.kinematics.robot import Robot, makers_joints
 from tests.experiments.commands.test_command_line import contents, refused
 from tests.made_up_diagnosis import BENCH
+from tests.random_trees import Tree
 
 TOOL = "-0.0324863,-0.0268989,0.2335573"
 DEGREES, JOINTS = 180.0 / np.pi, [f"q{k}" for k in range(1, 7)]
@@ -65,6 +66,36 @@ def test_any_separator_and_decimal_mark_gives_the_same_recording(tmp_path, bench
     lab_rows(bench).to_csv(log, index=False, sep=mark, decimal=decimal)
     same(imported(tmp_path, log, *MAP), bench)
     assert contents(tmp_path / "made").keys() == {"dataset.toml", "samples.csv", "."}
+
+
+@pytest.mark.parametrize("named", [[], ["--map", "q#=q#"]])
+def test_joints_that_count_from_0_are_the_joints_from_1_on(tmp_path, bench, named):
+    rows = bench.rename(columns={f"q{k}": f"q{k - 1}" for k in range(1, 7)})
+    rows.to_csv(tmp_path / "log.csv", index=False)
+    made = imported(tmp_path, tmp_path / "log.csv", *named, "--robot", "ur5", "--yes")
+    same(made, bench)
+
+
+def test_efforts_in_amperes_are_never_taken_for_newton_metres(tmp_path, capsys):
+    t = np.arange(200) / 100.0
+    arm = tmp_path / "arm.urdf"
+    arm.write_text(Tree(3, ("revolute",) * 2).urdf())
+    q = np.stack([np.sin(3.0 * t), np.cos(5.0 * t)], axis=1)
+    v = np.stack([3.0 * np.cos(3.0 * t), -5.0 * np.sin(5.0 * t)], axis=1)
+    a = -q * [9.0, 25.0]
+    tau = Robot.from_urdf(arm).dynamics().torques(q, v, a)
+    columns = {"time": t, "q1": q[:, 0], "q2": q[:, 1], "velocity1": v[:, 0], "velocity2": v[:, 1]}
+    log = pd.DataFrame(columns).assign(i1=1e3 * tau[:, 0] / 0.2, i2=1e3 * tau[:, 1] / 0.1)
+    log.to_csv(tmp_path / "log.csv", index=False)
+    words = [str(tmp_path / "log.csv"), "--to", str(tmp_path / "made"), "--robot", str(arm), "-qy"]
+    said = refused(capsys, "import", *words, "--map", "effort#=i#:mA")
+    assert 'effort_unit: found "A" without torque_constant' in said
+    said = refused(capsys, "import", *words, "--map", "effort1=i1:mA", "--map", "effort2=i2")
+    assert "effort2: not in A, as others are" in said
+    lab = tmp_path / "lab.toml"
+    lab.write_text("[motion]\ntorque_constant = [0.2, 0.1]\n")
+    assert run(["import", *words, "--map", "effort#=i#:mA", "--map", str(lab)]) == 0
+    np.testing.assert_allclose(load(tmp_path / "made").measured, tau, atol=1e-9)
 
 
 @pytest.mark.parametrize("indent", ["", "   "])

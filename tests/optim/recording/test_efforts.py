@@ -213,6 +213,28 @@ def test_efforts_without_signs_turned_ones_and_exchanged_ones_are_refused(robot)
         recorded(robot, measured=tau[:, [0, 2, 1, 3]])
 
 
+def test_a_joint_whose_effort_is_always_the_same_is_refused(robot):
+    """No drive, or none read: bodies without mass, or a noise of nothing, would be told of it."""
+    tau = recorded(robot).measured * [1, 0, 1, 1]
+    with pytest.raises(PlumblineError, match=r"effort2.*0 in every row.*end at a .*tip_frame"):
+        recorded(robot, measured=tau)
+    with pytest.raises(PlumblineError, match=r"effort2.*0 in every row"):
+        recorded(robot, measured=tau, noise_by_joint=np.ones(4))
+
+
+def test_an_arm_of_one_joint_is_as_long_as_its_body():
+    """What its bodies may weigh beside the model has a width though no link leads on."""
+    arm = Robot.from_dh([{"alpha": 0.0, "mass": 1.0, "com": [0.2, 0.0, 0.0]}])
+    arm = arm.with_gravity([0.0, -9.81, 0.0])
+    t, q, v, a = swing(1)
+    tau = tree_of(arm).dynamics.torques(q, v, a) * 1.3
+    given = {"measured": tau + np.random.default_rng(1).normal(0.0, 0.02, tau.shape), "time": t}
+    rec = build_recording(
+        observation="joint_torque", robot=arm, q=q, velocity=v, noise_std=0.02, **given
+    )
+    assert diagnose(rec).gap.shrink > 0.9
+
+
 @pytest.mark.parametrize(
     ("gravity", "words"),
     [
