@@ -79,8 +79,6 @@ def measured(chain, q, observation):
         return None
     if observation == "joint_position":
         return np.array(q)
-    if observation == "joint_torque":
-        return np.zeros_like(q)  # of drives that read nothing: what is wrong shows beside it
     if observation == "tip_position":
         return places
     turns = R_DEVICE_BASE * Rotation.from_matrix(T[:, :3, :3])
@@ -100,10 +98,9 @@ def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
     if observation == "fixed_point":
         values["socket"] = np.arange(len(q)) % 4
     if observation == "joint_torque":
-        values |= {
-            "acceleration": 3.0 * values["velocity"][:, ::-1],
-            "noise_by_joint": np.ones(chain.n),
-        }
+        v = values["velocity"]
+        tau = robot.dynamics().torques(q, v, a := 3.0 * v[:, ::-1])
+        values |= {"acceleration": a, "noise_by_joint": np.ones(chain.n), "measured": tau}
         values.pop("effort")
     if observation == "plane_range":
         return _ranges(robot, chain, q, values)
@@ -111,9 +108,8 @@ def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
         observation=observation,
         robot=robot,
         q=q,
-        measured=measured(chain, q, observation),
         tool_offset=TOOL,
-        **{**values, **given},
+        **{"measured": measured(chain, q, observation), **values, **given},
     )
 
 
