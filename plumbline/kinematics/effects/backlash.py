@@ -67,7 +67,8 @@ class Backlash(JointEffect):
             return []
         usual = SEAT * max(map(abs, scope.span[f"load{self.joint}"]))
         seats = [(self.seat or usual) * f for f in (0.3, 0.55, 1.0, 1.8, 3.0)]
-        return [replace(self, seat=seat) for seat in seats if seat != self.seat]
+        most = 3.0 * usual  # what is seated over more than friction bears is a spring
+        return [replace(self, seat=s) for s in seats if s != self.seat and s <= most]
 
     @classmethod
     def lacks(cls, scope: Scope) -> str:

@@ -27,7 +27,7 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
-from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.building import build_recording
 from tests.benches import TOOL, bench, measured, readings
 from tests.explained import library_without, told
@@ -69,6 +69,35 @@ def test_a_drive_that_stiffens_is_a_compliant_drive_and_nothing_unknown(tmp_path
     assert causes(diagnosis) == [("joint_compliance", 2)]
     assert diagnosis.verdict.verdict == Outcome.EXPLAINED
     assert "fall" in {name.split()[-1] for name in diagnosis.verdict.causes[0].parameters}
+
+
+@pytest.mark.parametrize("power", [0.5, 2.0 / 3.0])
+def test_a_spring_that_is_softest_about_no_load_has_no_play_besides(power):
+    """As of Hertz's contacts: an odd power of the load below one is a compliance alone."""
+    rng, chain = np.random.default_rng(3), Robot.bundled("ur5").chain()
+    q = rng.uniform(-1.0, 1.0, (100, 6)) * [2.8, 1.2, 1.5, 2.5, 2.0, 3.0] + [0, -1.3, 0.8, 0, 0, 0]
+    load = chain.gravity_torque.map(len(q))(q.T, np.zeros((1, len(q)))).full()[2]
+    twist = np.sign(load) * (np.abs(load) / np.abs(load).max()) ** power
+    given = q - 1.5e-3 * np.outer(twist, np.eye(6)[2])
+    T = chain.placement(given)
+    tip = T[:, :3, 3] + T[:, :3, :3] @ TOOL + rng.normal(0.0, 5e-5, (len(q), 3))
+    found = diagnose(build_recording(
+        observation="tip_position", robot="ur5", q=q, measured=tip, tool_offset=TOOL,
+        noise_std=5e-5))  # fmt: skip
+    assert causes(found) == [("joint_compliance", 3)]
+    assert found.verdict.verdict == Outcome.EXPLAINED
+
+
+def test_play_is_seated_by_friction_over_a_tenth_of_the_load_at_most_and_is_a_spring_beyond():
+    scope = scope_of(bench("ur5", "tip_position"))
+    most = max(map(abs, scope.span["load2"]))
+    variants = [REGISTRY["backlash"](joint=2, by="load")]
+    for _ in range(4):
+        variants += [n for v in variants for n in v.neighbours(scope)]
+    assert max(v.seat for v in variants) == pytest.approx(0.09 * most)
+    wound = [v.windup for v in REGISTRY["joint_compliance"](joint=2).neighbours(scope)]
+    assert max(wound) == pytest.approx(0.27 * most)
+    assert min(filter(None, wound)) == pytest.approx(0.03 * most)
 
 
 def test_a_needle_that_leans_still_sags(tmp_path):
