@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 from scipy.special import gammaincinv
 
 from plumbline.errors import fault, shown
@@ -259,36 +260,40 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     Raises:
         PlumblineError: It names the gravity, or the factor, that mends them.
     """
-    r = r.select(np.linspace(0, len(r) - 1, min(len(r), EFFORT_ROWS)).astype(int))
-    read, model = _rubbed(r, r.measured), _rubbed(r, nominal_efforts(r))
-    tried = {g: _rubbed(r, _under(r, g)) for g in _mountings(r)}
-    own = float(np.mean((read - model) ** 2))
-    left, gravity = min(((float(np.mean((read - m) ** 2)), g) for g, m in tried.items()),
-                        default=(own, ()))  # fmt: skip
-    factor = float(np.sum(read * model) / max(np.sum(model**2), 1e-300))
-    scaled = float(np.mean((read - factor * model) ** 2))
+    r = r.select(np.linspace(0, len(r) - 1, min(len(r), INERTIA_ROWS)).astype(int))
+    read, model = r.measured, nominal_efforts(r)
+    tried = {g: _under(r, g) for g in _mountings(r)}
+    own, turned = _off(r, read - model)[0], _off(r, read + model)[0]
+    left, gravity = min(((_off(r, read - m)[0], g) for g, m in tried.items()), default=(own, ()))
+    scaled, factor = _off(r, read, model)
     moved = tried.get((0.0, 0.0, 0.0), model)
     heavy = np.sum((model - moved) ** 2) > np.sum(moved**2)
-    far = factor > 0.0 and not 1 / NEAR_SCALE < factor < NEAR_SCALE
-    if heavy and far and MIXED_UP * scaled < min(own, MIXED_UP * left):
-        mend = 'divide by 1000 if in N mm, or write effort_unit = "A" with torque_constant'
-        raise fault(origin.at("effort1"), f"efforts {factor:.3g} times the model's", "N m", mend)
+    read_square, far = float(np.mean(read**2)), not 1 / NEAR_SCALE < factor < NEAR_SCALE
     # Of drives that read next to nothing no mounting explains what they read; nor are signs alone.
-    if MIXED_UP * left < min(own, float(np.mean(read**2))) and left < np.mean((read + model) ** 2):
+    mounted = MIXED_UP * left < min(own, read_square) and left < turned
+    unit = factor > 0.0 and far and MIXED_UP * scaled < min(own, MIXED_UP * left)
+    if heavy and (unit or (not mounted and MIXED_UP * read_square < own)):
+        times = factor if unit else np.sqrt(read_square / np.mean(model**2))
+        mend = 'divide by 1000 if in N mm, or write effort_unit = "A" with torque_constant'
+        raise fault(origin.at("effort1"), f"efforts {times:.3g} times the model's", "N m", mend)
+    if mounted:
         found = f"efforts {own**0.5:.2g} N m off the model, {left**0.5:.2g} with another gravity"
         off = "" if any(gravity) else ": the controller takes the arm's weight off"
         where, mend = origin.key("[robot] gravity"), f"write gravity = {list(gravity)}{off}"
         raise fault(where, found, "the gravity of this mounting", mend)
 
 
-def _rubbed(r: Recording, torques: Array) -> Array:
-    """Torques (N, n) without what friction of each joint may be: its sense of turning and speed."""
+def _off(r: Recording, read: Array, model: Array | None = None) -> tuple[float, float]:
+    """Mean square of efforts (N, n) beside what friction takes, and the share of a model in them.
+
+    Friction goes with each joint's sense of turning and speed, and is never below nothing.
+    """
     assert r.turning is not None
-    left = torques.copy()
-    for j, v in enumerate(_moved(r)[0].T):
-        basis = np.linalg.qr(np.column_stack([r.turning[:, j], v]))[0]
-        left[:, j] -= basis @ (basis.T @ left[:, j])
-    return left
+    sides = (r.turning, _moved(r)[0])
+    rubs = [np.outer(side[:, j], e) for j, e in enumerate(np.eye(r.chain.n)) for side in sides]
+    parts = np.array(rubs if model is None else [model, *rubs]).reshape(-1, read.size)
+    shares, left = nnls(parts.T, read.ravel())
+    return left**2 / read.size, float(shares[0])
 
 
 def _mountings(r: Recording) -> list[tuple[float, ...]]:

@@ -277,6 +277,24 @@ def test_efforts_of_another_size_than_any_scale_are_of_another_unit(robot, times
         recorded(robot, measured=tau)
 
 
+@pytest.mark.parametrize("rises", [1.0, -1.0])
+def test_a_weight_lifted_with_next_to_no_effort_is_of_another_unit(rises):
+    """Along one way a weight and dry friction go together; yet no friction bears what is lifted."""
+    links = '<link name="a"/><link name="b"><inertial><mass value="20"/><inertia ixx="1" iyy="1"'
+    links += ' izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="prismatic">'
+    links += '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    lift = Robot.from_urdf(f'<robot name="lift">{links}{limit}</robot>')
+    t = np.arange(100) / 25.0
+    v = 0.05 * (1.0 + 0.5 * np.sin(3.0 * t))[:, None]
+    given = {"q": np.cumsum(v, axis=0) / 25.0, "velocity": v, "time": t}
+    rng = np.random.default_rng(1)
+    tau = 20.0 * 9.81 + rng.normal(0.0, 1.0, v.shape)
+    with pytest.raises(PlumblineError, match=r"efforts 0.0\d+ times the model's"):
+        recorded(lift, **given, measured=0.01 * rises * tau)
+    recorded(lift, **given, measured=tau + 150.0)  # friction of the way is no other unit
+
+
 def test_a_rotor_is_no_other_unit_where_nothing_is_lifted():
     turntable = Robot.from_dh([{"a": 0.3, "mass": 1.0, "com": [-0.15, 0.0, 0.0]}])
     t, q, v, a = swing(1)
