@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.frames import homogeneous
+from plumbline.optim.core.constants import SAMPLE
 from plumbline.optim.core.problem import Array
-
-SAMPLE = 500  # rows that are enough to tell units
 
 
 def some_of(rows: int) -> NDArray[np.int64]:

@@ -15,6 +15,7 @@ SOURCES = sorted((ROOT / "plumbline").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 # Spelt in halves, so that this file keeps its own law.
 SILENCERS = ("# no" + "qa", "# type: " + "ignore", "TO" + "DO", "FIX" + "ME")
+NUMBERS = {"constants.py", "prior.py"}  # of a method
 UNSAFE_MODULES = {"pickle", "marshal", "shelve", "dill", "cloudpickle"}
 UNSAFE_CALLS = {"eval", "exec", "compile"}
 
@@ -113,6 +114,48 @@ def test_simulators_loops_and_sweeps_refuse_by_the_one_class_of_errors():
         if isinstance(node, ast.Raise) and ast.unparse(node).startswith("raise ValueError(")
     ]
     assert not raised
+
+
+def is_number(node: ast.expr | None) -> bool:
+    """Whether an expression is a number, or numbers, written out."""
+    if isinstance(node, ast.Tuple):
+        return bool(node.elts) and all(is_number(part) for part in node.elts)
+    if isinstance(node, ast.BinOp):
+        return is_number(node.left) and is_number(node.right)
+    if isinstance(node, ast.UnaryOp):
+        return is_number(node.operand)
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+
+
+def numbers_of(tree: ast.Module) -> Iterator[ast.Assign | ast.AnnAssign]:
+    """Statements that name a number of a module."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and is_number(node.value):
+            yield node
+
+
+def own_numbers(path: Path, tree: ast.Module) -> Iterator[str]:
+    """Numbers of a method that stand outside its module of them; a file's version may."""
+    if ROOT / "plumbline/optim" in path.parents and path.name not in NUMBERS:
+        found = (ast.unparse(node).split(" = ")[0] for node in numbers_of(tree))
+        yield from (name for name in found if name != "VERSION")
+
+
+def test_numbers_of_a_method_stand_in_one_place():
+    broken = [f"{label(p)}: {name}" for p in SOURCES for name in own_numbers(p, tree_of(p))]
+    assert not broken
+    method = ROOT / "plumbline/optim/hand_eye/made_up.py"
+    source = "VERSION = 1\nHALF: float = 1 / 2\nBOTH = A, B = -1, 2.0\nNAME = 'a'\nSIX = (F,)"
+    assert list(own_numbers(method, ast.parse(source))) == ["HALF: float", "BOTH"]
+
+
+def test_every_number_in_its_place_says_what_it_is():
+    """By words behind it, or above it: what it is of, its unit, where it comes from."""
+    for path in (p for p in SOURCES if p.name in NUMBERS):
+        lines = text_of(path).splitlines()
+        for node in numbers_of(tree_of(path)):
+            above, own = lines[node.lineno - 2], lines[node.lineno - 1]
+            assert "  # " in own or above.startswith(("# ", "#: ")), f"{label(path)}: {own}"
 
 
 def test_half_of_all_functions_have_seven_lines_or_fewer():

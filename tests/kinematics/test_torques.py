@@ -10,8 +10,8 @@ from plumbline.kinematics.effects.payload import LIGHTEST, CarriedMass
 from plumbline.kinematics.effects.trocar_load import SHORTEST_SHAFT
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
+from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.observation import scope_of
-from plumbline.optim.measurement.torque import UNIT
 from plumbline.optim.recording.building import build_recording
 from tests.benches import residuals
 from tests.random_trees import Tree

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
 
-ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
-
-
 def effects_beginning(begun: str) -> list[str]:
     """Names of effects, for the shell to complete."""
     from plumbline.kinematics.effects import REGISTRY
@@ -194,6 +191,8 @@ def _calibrated(diagnosis: Diagnosis, cases: int, *, quiet: bool) -> Calibration
 
 def _check_same_robot(recording: Recording, other: Recording) -> None:
     """Refuse a second recording that the first one's model cannot predict."""
+    from plumbline.optim.recording.session import placed_alike
+
     for what, one, two in (
         ("joints", recording.chain.n, other.chain.n),
         ("observation", recording.observation, other.observation),
@@ -203,20 +202,11 @@ def _check_same_robot(recording: Recording, other: Recording) -> None:
                 f"--also {other.name}: {what} {two}, expected {one} as in {recording.name}; give a "
                 "recording of the same robot"
             )
-    if not _placed_alike(recording, other):
+    if not placed_alike(recording, other):
         raise PlumblineError(
             f"--also {other.name}: robot {other.robot.name} with joints placed elsewhere, expected "
             f"{recording.robot.name} as in {recording.name}; give a recording of the same robot"
         )
-
-
-def _placed_alike(recording: Recording, other: Recording) -> bool:
-    """Whether two chains of as many joints have them in the same places, the first one's aside."""
-    import numpy as np
-
-    joints = zip(recording.chain.joints[1:], other.chain.joints[1:], strict=True)
-    placed = ((a.T_parent_joint, b.T_parent_joint) for a, b in joints)
-    return all(np.allclose(one, two, rtol=0.0, atol=ALIKE) for one, two in placed)
 
 
 def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:

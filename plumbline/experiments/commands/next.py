@@ -301,7 +301,7 @@ def _lettered(words: str, explanations: Sequence[str]) -> str:
 def _foreseen(found: NextExperiment, forecast: Forecast) -> str:
     """What the rows are expected to bring, in a line."""
     from plumbline.optim.core.quantities import chance
-    from plumbline.optim.diagnosis.design.next_experiment import RANDOM_COUNTS
+    from plumbline.optim.diagnosis.constants import RANDOM_COUNTS
 
     leading = dict(zip(found.explanations, LETTERS, strict=False)).get(
         forecast.leading, "the first"

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.errors import fault
+from plumbline.optim.budget.constants import ROUNDING
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import percent, quantity
 
-ROUNDING = 1e-9  # of a root that is real
 COLUMNS = ("link", "alone", "share", "95 %", "cured", "share then", "95 % then", "to gain")
 
 

@@ -15,11 +15,10 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
 from plumbline.optim.budget.answer import Budget, Part
+from plumbline.optim.budget.constants import DRAWS
 from plumbline.optim.budget.sources import Source
+from plumbline.optim.core.constants import SIDES
 from plumbline.optim.core.problem import Array
-
-DRAWS = 2000  # two digits of a 95 % bound
-LEVEL = (2.5, 97.5)  # [%] of an interval
 
 
 def add_up(
@@ -53,7 +52,7 @@ def add_up(
     rng = np.random.default_rng(seed)
     drawn, squares = now.drawn(rng)
     drawn_after, squares_after = after.drawn(rng)
-    spans, spans_after = (np.percentile(d, LEVEL, axis=0).T for d in (drawn, drawn_after))
+    spans, spans_after = (np.quantile(d, SIDES, axis=0).T for d in (drawn, drawn_after))
     square, square_after = now.parts().sum(), after.parts().sum()
     shares, shares_after = now.parts() / _some(square), after.parts() / _some(square_after)
     gains = [_gain(sources, cross, k) for k in range(len(sources))]
@@ -185,5 +184,5 @@ def _some(square: float) -> float:
 
 
 def _interval(squares: Array) -> tuple[float, float]:
-    low, high = np.sqrt(np.maximum(np.percentile(squares, LEVEL), 0.0))
+    low, high = np.sqrt(np.maximum(np.quantile(squares, SIDES), 0.0))
     return float(low), float(high)

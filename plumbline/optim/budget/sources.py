@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
+from plumbline.optim.budget.constants import FEWEST, SYMMETRIC
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.answer import HandEye
 from plumbline.optim.hand_eye.constants import LONGEST
@@ -22,9 +23,7 @@ from plumbline.optim.model.arm import Arm
 from plumbline.optim.registration.constants import COARSEST
 from plumbline.optim.registration.target import TargetError
 
-FEWEST = 4  # rows of a closed loop: a covariance of three axes needs them
 MEAN_TO_RMS = float(np.sqrt(3.0 * np.pi / 8.0))  # of a length whose axes are normal and alike
-SYMMETRIC = 1e-9  # of a covariance's largest entry, by which two entries may differ
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ import numpy as np
 from plumbline.errors import PlumblineError, did_you_mean, fault, listed, shown
 from plumbline.kinematics.files import is_file
 from plumbline.optim.budget.answer import Budget
+from plumbline.optim.budget.constants import MOST_LINKS
 from plumbline.optim.budget.shares import add_up
 from plumbline.optim.budget.sources import Source, size_of
 from plumbline.optim.budget.told import told
@@ -34,7 +35,6 @@ from plumbline.optim.recording.settings import Section, read_settings_file
 T = TypeVar("T")
 FIGURES = ("rms", "mean_length", "mean", "std")
 COMMON = ("name", "origin", "cured")
-MOST_LINKS = 100  # a chain has ten
 
 
 def read_budget(path: str | Path) -> Budget:

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import fault, listed, shown
 from plumbline.kinematics.files import read_file
+from plumbline.optim.budget.constants import SAME_PLACE
 from plumbline.optim.budget.sources import Source
-from plumbline.optim.core.answer import LARGEST_ANSWER
+from plumbline.optim.core.constants import LARGEST_ANSWER
 from plumbline.optim.core.problem import Array
 
-SAME_PLACE = 1e-6  # [m]: what six written digits round
 ASK_AGAIN = "write it again with --json"
 
 

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
 from plumbline.kinematics.files import new_file, read_file, reason
+from plumbline.optim.core.constants import LARGEST_ANSWER
 from plumbline.optim.core.stored import plain, restored, stored
 from plumbline.pictures import CARDS, DRAWN
 
 if TYPE_CHECKING:
     from plumbline.optim.core.judged import Judgement
 
-LARGEST_ANSWER = 500_000_000  # [byte]: a fit of 100,000 rows with all its arrays takes a tenth
 FORMAT = "plumbline answer"
 SAVE_IT = "save the answer again: answer.save(FILE) in Python, not --json"
 

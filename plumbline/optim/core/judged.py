@@ -30,17 +30,19 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.constants import (
+    FEASIBLE,
+    LEAST_RESIDUAL,
+    LISTED,
+    SINGULAR,
+    STATIONARY,
+    STILL,
+)
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 
-STILL = 0.1  # standard errors: what moves by less changes no figure by half a per cent
-STATIONARY = 1e-5  # of the scales: ten times what solvers are asked for
-FEASIBLE = 1e-8  # of a bound or constraint, in the unknowns' own units: what rounding leaves
-LEAST_RESIDUAL = 1e-9  # [the residual's unit] below lies rounding, which no step makes smaller
-SINGULAR = 1e-12  # of the largest curvature: below, a direction is not told by the rows
 LONG = re.compile(r"\d+\.\d{5,}")  # a number that was computed
-LISTED = 4  # unknowns at a bound that a line names
 
 
 @dataclass(frozen=True)

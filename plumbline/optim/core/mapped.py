@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.constants import CHUNK_NUMBERS, NEARBY
 from plumbline.optim.core.problem import Array, Problem, Symbols
-
-CHUNK_NUMBERS = 4_000_000
-NEARBY = 0.1  # of a step, for differences along it (Transtrum and Sethna 2012, sec. 3.2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-LEVEL = 0.95  # of every interval here; the field's habit
+from plumbline.optim.core.constants import LEVEL
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from plumbline.optim.core.constants import NEAR
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
-
-NEAR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

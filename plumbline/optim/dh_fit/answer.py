@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.judged import FEASIBLE, STILL, Judged, Judgement
+from plumbline.optim.core.constants import FEASIBLE, STILL
+from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.stored import plain
 from plumbline.optim.dh_fit.constants import ROUNDING
 from plumbline.optim.dh_fit.fitted import Fitted
@@ -24,8 +25,8 @@ from plumbline.optim.dh_fit.solvers import promised_drop
 from plumbline.optim.dh_fit.statement import Unknown
 from plumbline.optim.dh_fit.task import readings_of
 from plumbline.optim.recording import storing as storing
-from plumbline.optim.recording.origin import FIRST_ROW
-from plumbline.optim.recording.set_up import ASKED, plausible
+from plumbline.optim.recording.constants import ASKED, FIRST_ROW
+from plumbline.optim.recording.set_up import plausible
 
 UNITS = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg")}
 

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.kinematics.evaluate import over_rows
+from plumbline.optim.core.constants import CHUNK_NUMBERS
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.statement import DHStatement, Readings
-
-CHUNK_NUMBERS = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
 
 ================  ==================================================================================
 ``prior``         Every width, odds, range and threshold, with unit and source.
+``constants``     The numbers that are none of these: rounding, effort, what a line names.
 ``of_recordings`` What is said of each of several recordings, and of what carries over.
 ``meaning``       What a verdict comes to, in a sentence each.
 ``findings``      What a verdict is: data, without a computation.

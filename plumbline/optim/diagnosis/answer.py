@@ -14,6 +14,7 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.stored import parts_of, register, restored, restored_parts
+from plumbline.optim.diagnosis.constants import LEAST_NOISE
 from plumbline.optim.diagnosis.findings import AlwaysFitted, Estimate, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
@@ -29,8 +30,6 @@ from plumbline.optim.model.making import FitEnd, beam_model, model_of
 from plumbline.optim.model.part import number_of, of_part
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
-
-LEAST_NOISE = 1e-12  # [m or rad]: of readings made without noise, whose errors are none
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,6 +14,7 @@ from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
+from plumbline.optim.diagnosis.constants import NOTHING
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
 from plumbline.optim.diagnosis.findings import Key, NoiseLevel, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -53,8 +54,6 @@ from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.recording.disagreement import unmet, zeros_by_mounting
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible, refuse_wrong_set_up
-
-NOTHING = 1e-9  # of a parameter's scale: what a bound at its null leaves of it
 
 
 def diagnose(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import chance, quantity
+from plumbline.optim.diagnosis.constants import LISTED
 from plumbline.optim.diagnosis.meaning import (
     MEANING,
     MEANING_BY_FORM,
@@ -44,7 +45,6 @@ NOUNS = {
     "joint": "joint", "link": "link", "actuation": "drive", "registration": "marker",
     "sensor": "plane",
 }  # fmt: skip
-LISTED = 3  # causes that a line names
 
 
 @dataclass(frozen=True)

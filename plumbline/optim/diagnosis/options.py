@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect
 from plumbline.optim.core.solvers import Solver
+from plumbline.optim.diagnosis.constants import LARGEST_SEED
 from plumbline.optim.diagnosis.posterior.search import SOLVER
 from plumbline.optim.diagnosis.predict.folds import KINDS
 from plumbline.optim.diagnosis.prior import UNLISTED
 from plumbline.optim.measurement.storing import effect_named
-
-LARGEST_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)

@@ -38,8 +38,7 @@ ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without
 
 # Selection (posterior/selection). Odds that a slot is filled, before the data: what is diagnosed
 # has a cause about as often as not, and one cause more is rare.
-FIRST_SLOT_ODDS = 0.7
-NEXT_SLOT_ODDS = 0.1
+FIRST_SLOT_ODDS, NEXT_SLOT_ODDS = 0.7, 0.1
 # How alike the causes of one robot are: k of them are of some ALIKE log(1 + k / ALIKE) effects. The
 # UR5's 14 are of 4, panda-1's 12 of 6, the KUKA's 8 of 3, the KR 300's 3 of 2: 1.3 to 4.
 ALIKE = 2.0
@@ -174,7 +173,7 @@ REST_PAYS = 1.2  # how much more a row must add with a rest before it than witho
 NOTHING_WRONG = 0.25  # share of the cases in which nothing is wrong
 LEAST_GAP = 0.35  # of a simulated case [noise]: the faintest of the withheld sets
 GAP_SPREAD = 2.0  # gaps are drawn between the found one over this and times this
-MOST_SIMULATED_CAUSES = 3
+MOST_SIMULATED_CAUSES = 3  # of a case, as many as withheld sets have
 SLOPE_WIDTH, OFFSET_WIDTH = 0.5, 1.0  # priors of the recalibration's line about the identity
 TRUTH_HELD = 0.9  # share of cases whose true causes the set of causes holds
 SUREST = 1e-6  # of a stated probability, from 0 and 1: what it counts for is finite

@@ -22,6 +22,7 @@ from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.answer import Diagnosis
+from plumbline.optim.diagnosis.constants import MOST_ROWS, MOST_SECONDS
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.fit import fitted
 from plumbline.optim.diagnosis.motion.signals import spread
@@ -46,9 +47,7 @@ from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.rigid import rigid_match
 
-MOST_ROWS = 2_000  # that the causes are fitted to again: a proof shall not take as long as a search
 CORRECTED = "what links cannot hold the readings are told"
-MOST_SECONDS = 60.0  # of a motion that is replayed
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,12 @@ from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.constants import (
+    ARM,
     ARM_SHAPES,
     BIAS_STD,
+    BOW,
     FEW_READINGS,
+    FIXED,
     GROSS,
     GROSS_ROUNDS,
     LARGEST_NOISE,
@@ -137,7 +140,7 @@ class Calibration:
     def solution(self) -> Solution:
         """The solver's point with its statement, weights as fitted."""
         planes, biased = len(self.frames.c), self.bias > 0.0
-        arm = self.rows.shape[1] - direct.FIXED - planes - self.shapes - biased
+        arm = self.rows.shape[1] - FIXED - planes - self.shapes - biased
         symbols = direct.symbols(planes, self.shapes, arm, biased)
         problem = direct.stated(symbols, self.rows, self.fit.relative)
         return Solution(problem, self.x, self.iterations, self.message)
@@ -284,8 +287,8 @@ def _answer(
         covariance=covariance,
         planes=direct.planes_of(solution.x, frames),
         variance=fit.variance,
-        bow=float(fit.spreads[direct.BOW]),
-        arm=float(fit.spreads[direct.ARM]),
+        bow=float(fit.spreads[BOW]),
+        arm=float(fit.spreads[ARM]),
         bias=_bias(given),
         readings=kept,
         incidence=incidence,

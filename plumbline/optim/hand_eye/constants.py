@@ -30,11 +30,11 @@ PARALLEL = np.deg2rad(5.0)  # [rad]: planes closer than this are one direction
 # Robust fit
 CAUCHY = 2.385  # sigmas: 95 % efficiency on normal errors (Holland and Welsch 1977)
 TO_SIGMA = 1.4826  # of a normal's median absolute deviation
-ROBUST_ROUNDS = 40
+ROBUST_ROUNDS = 40  # at most (effort)
 ROBUST_SETTLED = 1e-5  # largest step over the unknowns' scale that ends the robust rounds
 INNER = 1.5  # robust sigmas within which readings place the frames
 SCATTER_SETTLED = 0.98  # of the scatter before: less gained than that ends the refinement
-REFINEMENTS = 12
+REFINEMENTS = 12  # at most (effort)
 # Wrong starts on a fifth of wrong boards left 0.7 mm and more, right ones 0.3 mm at most.
 SURE_SCATTER = 0.5e-3  # [m]: scatter that no wrong start leaves
 BEYOND, FEW = 4.5, 0.2  # robust sigmas, and the share of readings beyond them that is no matter
@@ -60,10 +60,10 @@ LEAST_BOWED = 20  # readings on a plane: below that many a bow is not looked for
 ARM_SHIFT = 0.3  # [m]: l_t, a link of the arms that carry range finders
 ARM_TURN = 0.3  # [rad]: l_R; at 1 rad errors stated across the beam held 89 % (300 set-ups)
 READINGS_A_SHAPE = 4  # of the arm, at the least
-VARIANCE_ROUNDS = 8
+VARIANCE_ROUNDS = 8  # at most (effort)
 VARIANCE_FLOOR = 0.05  # of the variance at normal incidence, and of the mean
 LEAST_SLANT = 1e-3  # of sin^2 of the largest incidence: below, no slope is told
-LINEAR_ROUNDS, LIKELY_ROUNDS = 3, 15
+LINEAR_ROUNDS, LIKELY_ROUNDS = 3, 15  # by squares, then by likelihood, at most (effort)
 VARIANCE_SETTLED = 1e-3  # relative change of a variance that ends the rounds
 
 # What is said and refused
@@ -105,7 +105,39 @@ SURFACE_POINTS = 30_000  # on a head's surface, of 0.15 m^2: 2 mm apart
 LEAST_SURFACE = 100  # points: normals and matches need neighbours
 LARGEST_SURFACE = 3.0  # [m]: no patient and no phantom is larger, but in millimetres it is
 LEAST_POINTS = 4  # of another instrument: three are left for a fit
-LEAST_LANDMARKS = 3
+LEAST_LANDMARKS = 3  # points that hold a rigid frame
 
 # Baseline of SciPy's robust losses
 SCIPY_SCALE = 0.1e-3  # [m]: beyond it they bend; finder and arm of the paper together
+
+# Design
+DESIGN_DAMPING = 1e-6  # [1 or m^2] of a step to a pose: it stays finite at a singular posture
+
+# Direct
+# r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
+SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)
+FIXED = 14  # numbers of a row that do not depend on planes and shapes: R', t', d, 1
+BOW, ARM, BIAS = 0, 1, 2  # kinds of the prior's rows
+
+# Reweighting
+BEAM = 5  # first unknowns of the statement: r and the slope of v
+NUISANCE_RANK = 1e-10  # of the largest singular value: nuisances that no row shows
+NOTHING = 1e-12  # singular value [scaled] below which nothing is known: an error of 10^10 m
+LEAST = 1e-12  # of the largest square: no reading is exact
+LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
+
+# Scan
+SCAN_STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
+
+# Shapes
+LEAST_SPAN = 1e-9  # of a column [1 or m]: below, no reading has it
+
+# Surface
+# z of drawn balls, pipes and planes is at most 3.1, of drawn heads and boxes 6.7 at the least (8
+# draws each of 60 to 1000 points).
+SHOWN = 4.0
+FINEST_NORMAL = 1e-3  # [rad]: no normal of a dozen points of CT is known better
+SLIDE = 0.3  # of a motion's way at the scan's edge: what turns by less slides
+
+# Three planes
+MILLIMETRES = 1e3  # [mm/m]: the weights of the paper are for lengths in mm

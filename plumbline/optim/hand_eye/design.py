@@ -32,6 +32,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.calibrate import Calibration
 from plumbline.optim.hand_eye.constants import (
     ARRIVED,
+    DESIGN_DAMPING,
     LARGEST_TILT,
     LEAST_INCIDENCE,
     LONGEST_STEP,
@@ -41,8 +42,6 @@ from plumbline.optim.hand_eye.constants import (
 from plumbline.optim.hand_eye.planes import unit
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import rows_at
-
-DAMPING = 1e-6
 
 
 @lru_cache(maxsize=4)
@@ -64,7 +63,7 @@ def reach(chain: Chain, near: Array, T: Array) -> tuple[Array, NDArray[np.bool_]
     for _ in range(REACH_STEPS):
         error, J = over_rows(_error(chain), np.hstack([q, goals]))
         e, J = error[:, 0], J.transpose(0, 1, 2)
-        gram = J @ np.swapaxes(J, 1, 2) + DAMPING * np.eye(6)
+        gram = J @ np.swapaxes(J, 1, 2) + DESIGN_DAMPING * np.eye(6)
         step = np.einsum("nij,ni->nj", J, np.linalg.solve(gram, e[..., None])[..., 0])
         size = np.linalg.norm(step, axis=1, keepdims=True)
         q = q + step * np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-12))

@@ -24,13 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.hand_eye.constants import ARM, BIAS, BOW, FIXED, SIZES
 from plumbline.optim.hand_eye.planes import Frames, Plane, marks_of_planes, unit
 from plumbline.optim.hand_eye.readings import Beam, Readings
-
-# r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
-SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)
-FIXED = 14  # numbers of a row that do not depend on planes and shapes: R', t', d, 1
-BOW, ARM, BIAS = 0, 1, 2  # kinds of the prior's rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,10 +34,17 @@ import numpy as np
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.hand_eye.constants import (
+    ARM,
+    BEAM,
+    BOW,
     CAUCHY,
+    LEAST,
+    LEAST_SIGMA,
     LEAST_SLANT,
     LIKELY_ROUNDS,
     LINEAR_ROUNDS,
+    NOTHING,
+    NUISANCE_RANK,
     ROBUST_ROUNDS,
     ROBUST_SETTLED,
     TO_SIGMA,
@@ -45,11 +52,7 @@ from plumbline.optim.hand_eye.constants import (
     VARIANCE_ROUNDS,
     VARIANCE_SETTLED,
 )
-from plumbline.optim.hand_eye.direct import ARM, BOW, prior_kinds
-
-BEAM = 5  # first unknowns of the statement: r and the slope of v
-NUISANCE_RANK = 1e-10  # of the largest singular value: nuisances that no row shows
-NOTHING = 1e-12  # singular value [scaled] below which nothing is known: an error of 10^10 m
+from plumbline.optim.hand_eye.direct import prior_kinds
 
 
 def marginal_covariance(problem: Problem, J: Array, weights: Array) -> Array:
@@ -61,9 +64,6 @@ def marginal_covariance(problem: Problem, J: Array, weights: Array) -> Array:
     _, s, Vt = np.linalg.svd(free, full_matrices=False)
     root = problem.scale[:BEAM, None] * Vt.T / np.maximum(s, NOTHING)
     return np.asarray(root @ root.T)
-
-
-LEAST = 1e-12  # of the largest square: no reading is exact
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,6 @@ def fit_variance(squares: Array, incidence: Array) -> Variance:
 
 
 FREE = (BOW, ARM)  # kinds whose spread the readings tell
-LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,14 +33,13 @@ from plumbline.optim.hand_eye.constants import (
     LEAST_ROBUST,
     LEAST_SINE,
     LOST_EDGE,
+    SCAN_STEP,
     TO_SIGMA,
 )
 from plumbline.optim.hand_eye.planes import least_median_plane
 from plumbline.optim.hand_eye.readings import Beam
 from plumbline.optim.hand_eye.scan_recording import ScanRecording, load_scan
 from plumbline.optim.hand_eye.surface import open_motions, register_surface, rows_of
-
-STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +172,8 @@ def _block(
     found = faces(beam)
     first = _angles(found)
     x = np.concatenate([beam.r, beam.v])
-    shifted = [_angles(faces(Beam.of(y[:3], y[3:]))) for y in x + STEP * np.eye(6)]
-    slope = (np.array(shifted) - first) / STEP
+    shifted = [_angles(faces(Beam.of(y[:3], y[3:]))) for y in x + SCAN_STEP * np.eye(6)]
+    slope = (np.array(shifted) - first) / SCAN_STEP
     by_beam = np.einsum("pa,pq,qa->a", slope, covariance, slope)
     own = np.array([_own_variance(one, two) for one, two in combinations(found, 2)])
     names = combinations(r.labels, 2)

@@ -28,6 +28,7 @@ from plumbline.optim.hand_eye.constants import (
     ARM_TURN,
     BOARD_REACH,
     LEAST_BOWED,
+    LEAST_SPAN,
     READINGS_A_SHAPE,
 )
 from plumbline.optim.hand_eye.planes import Frames, marks_of_planes
@@ -59,9 +60,6 @@ def _shapes(places: Array, count: int) -> Array:
     values, vectors = np.linalg.eigh(free @ kernel @ free)
     leading = np.argsort(values)[::-1][:count]
     return np.asarray(vectors[:, leading] * np.sqrt(np.maximum(values[leading], 0.0)))
-
-
-LEAST_SPAN = 1e-9  # of a column [1 or m]: below, no reading has it
 
 
 def arm_shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Array:

@@ -35,10 +35,13 @@ from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.constants import (
+    FINEST_NORMAL,
     FIRST_REACH,
     LAST_REACH,
     LEAST_MATCHED,
     NEIGHBOURS,
+    SHOWN,
+    SLIDE,
     SURFACE_DAMPING,
     SURFACE_GAP,
     SURFACE_REST,
@@ -169,13 +172,6 @@ def judge(points: Array, target: Surface) -> Judged:
     return judged_by_gram(gram, "the fit to the surface")
 
 
-# z of drawn balls, pipes and planes is at most 3.1, of drawn heads and boxes 6.7 at the least (8
-# draws each of 60 to 1000 points).
-SHOWN = 4.0
-LEAST_TURN = 1e-3  # [rad]: no normal of a dozen points of CT is known better
-SLIDE = 0.3  # of a motion's way at the scan's edge: what turns by less slides
-
-
 def rows_of(points: Array, normals: Array) -> Array:
     """How unit turns about the middle of points (N, 3) [m], and shifts, move them (N, 6)."""
     return np.hstack([np.cross(points - points.mean(axis=0), normals), normals])
@@ -193,7 +189,7 @@ def open_motions(points: Array, fit: SurfaceFit, surface: Array) -> tuple[str, .
         towards = np.sign(np.sum(normals * fit.normals, axis=1, keepdims=True))
         halves.append(rows_of(points, towards * normals @ R) * scale @ ways.T)
     a, b = halves
-    noise = np.maximum((a - b) ** 2 / 2.0, LEAST_TURN**2)
+    noise = np.maximum((a - b) ** 2 / 2.0, FINEST_NORMAL**2)
     z = np.sum(a * b, axis=0) / np.sqrt(np.sum(noise**2, axis=0))
     left = ways[z < SHOWN]
     # Any mixture of open motions is open: turns are told from slides.

@@ -25,12 +25,11 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
-from plumbline.optim.hand_eye.constants import PARALLEL
+from plumbline.optim.hand_eye.constants import MILLIMETRES, PARALLEL
 from plumbline.optim.hand_eye.planes import Frames, Plane, marks_of_planes, unit
 from plumbline.optim.hand_eye.readings import Beam, Readings, mean_beam
 from plumbline.optim.hand_eye.single_plane import SinglePlane, slope
 
-MILLIMETRES = 1e3
 SCALES = {"r": 1e-2, "slope": 1e-1, "offset": 1e-2}  # m, 1, m
 
 

@@ -14,11 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.constants import SMOOTH
 from plumbline.optim.recording.recording import Recording
-
-# Share of the way from the row before to the row behind by which a row is off their middle, up to
-# which these tell its speed: of a sine of 0.93 radian a row to 14 %. Stops anywhere are off by 0.9.
-SMOOTH = 0.25
 
 
 def may_jitter(recording: Recording) -> bool:

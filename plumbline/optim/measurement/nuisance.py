@@ -17,16 +17,11 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.constants import COINCIDENT, FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS
 from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording, Session, one_hot_sockets, socket_labels
 from plumbline.optim.recording.session import apart
 from plumbline.optim.rigid import rigid_match
-
-FRAME_SCALE = (0.1, 0.1)
-TOOL_SCALE = 0.05
-COINCIDENT = 1e-12  # [m]: lost in the rounding of any distance
-WIDE_BOUNDS = 1e3  # either side of the start, in units of typical size
-
 
 Anchor = tuple[Array, Array]
 

@@ -22,6 +22,7 @@ from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.measurement.clock import along, rates
+from plumbline.optim.measurement.constants import MASS_PER_METRE
 from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.parts import on_its_plane, spans_of_parts
@@ -32,7 +33,7 @@ from plumbline.optim.measurement.session import (
     session_residual,
 )
 from plumbline.optim.measurement.torque import torque_residual
-from plumbline.optim.recording.constants import SAME_POSTURE
+from plumbline.optim.recording.constants import LEVER, SAME_POSTURE
 from plumbline.optim.recording.recording import Recording, one_hot_sockets
 from plumbline.optim.recording.session import apart
 
@@ -42,7 +43,6 @@ LOADS, SCOPE = "loads", "scope"
 COLUMNS = (
     "time", "temperature", "payload", "group", "direction", "velocity", "effort", "force",
 )  # fmt: skip
-MASS_PER_METRE, LEVER = 15.0, 0.3
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,10 @@ import numpy as np
 from plumbline.kinematics.effects import State
 from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.constants import LEAST_HALF
 from plumbline.optim.measurement.nuisance import Nuisance, basis
 from plumbline.optim.recording.recording import Recording
 
-LEAST_HALF = 1e-3  # [m]: a plane on which all beams meet one spot has no width, and none matters
 HALVES = "half widths"
 
 

@@ -20,9 +20,9 @@ from plumbline.kinematics.effects import Effect, Stage, State
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.tree import Tree, dynamics_of_chain
 from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.recording.recording import Recording
 
-UNIT = 1e-4  # noise of a weighed residual: as that of a good tracker in metres
 BODIES = (Stage.LINK, Stage.TOOL, Stage.BASE)
 DRIVES = (Stage.ACTUATION,)
 

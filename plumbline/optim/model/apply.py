@@ -30,15 +30,13 @@ from plumbline.optim.measurement.candidates import candidates_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.measurement.refit import always_fitted, figure, gap_unit, refit
 from plumbline.optim.measurement.torque import own_units, stated_noise
+from plumbline.optim.model.constants import CHANGED, MARGIN, NAMED, STILL_HOLDS, WORTH
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import columns_of
+from plumbline.optim.recording.constants import ONE_ROBOT
 from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 
-ALIKE = 0.01  # of joints' placements, within which two robots are one [m] and [rad]
-MARGIN = 0.02  # of its range by which a column may leave it: two rows in a hundred would by chance
-CHANGED = 4.0  # standard errors from which a cause counts as changed: 6e-5 by chance, times causes
-WORTH = 0.1  # share of the gap that a change must explain: less may be anything
 NUISANCES = (
     "frame ",
     "tool ",
@@ -46,8 +44,6 @@ NUISANCES = (
     "beam ",
     "plane ",
 )  # what their unknowns' names begin with
-NAMED = 3  # of many changes; JSON names all
-STILL_HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows, other noise
 
 
 @dataclass(frozen=True)
@@ -239,7 +235,7 @@ def refuse_another_robot(model: Fitted, other: Recording) -> None:
             raise fault(f"{other.name}, {what}", two, f"{one} as in {model.recording}", mend)
     both = zip(model.chain.joints[1:], other.chain.joints[1:], strict=True)
     placed = [np.abs(a.T_parent_joint - b.T_parent_joint).max() for a, b in both]
-    if max(placed, default=0.0) > ALIKE:
+    if max(placed, default=0.0) > ONE_ROBOT:
         found = f"{other.robot.name} with joints placed elsewhere"
         raise fault(f"{other.name}, robot", found, model.robot.name, mend)
 

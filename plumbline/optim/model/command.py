@@ -20,21 +20,23 @@ from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.near import DAMPING, LEVER, Context, near
+from plumbline.optim.model.constants import (
+    EASED,
+    FAR_STEPS,
+    FIRST_STEPS,
+    LONGEST,
+    NEAR_DAMPING,
+    NEAR_LEVER,
+    PLACE_FIRST,
+    REACHED,
+    SETTLED,
+    SLACK,
+    STARTS,
+    STEPS,
+)
+from plumbline.optim.model.near import Context, near
 from plumbline.optim.model.pathed import pathed
 from plumbline.optim.model.rows import of_rows, postures
-
-FIRST_STEPS = 12  # towards both: what stays of the place is for the steps that follow
-STEPS = 30  # with the nominal arm's slope each leaves some hundredths of what the last has left
-SETTLED = 1e-11  # [rad or m] of a step after which no other is needed
-FAR_STEPS = 60  # steps from another posture
-LONGEST = 0.4  # [rad or m] of one step from another posture, within which an arm is near linear
-PLACE_FIRST = 100.0  # times as dear is the place where the orientation cannot be had with it
-# times as free after a step that brought the tool nearer, as dear after another (Marquardt 1963)
-EASED = 10.0
-STARTS = 12  # postures of the recording that are tried for a pose
-REACHED = 1e-6  # [m] from its goal within which a tip has arrived: far below any arm's noise
-SLACK = 1e-9  # [rad or m] beyond a limit that rounding makes
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +96,7 @@ def _nearest(
         there = _approach(arm, start[open_rows], goal[open_rows], posed=posed)
         found = _solved(arm, there, goal[open_rows], some, placed=posed)
         best = found if best is None else _better(best, found, open_rows)
-        short = ~best.reached | ((best.turned > REACHED / LEVER) & posed)
+        short = ~best.reached | ((best.turned > REACHED / NEAR_LEVER) & posed)
         open_rows = np.flatnonzero(short)
         if not len(open_rows):
             break
@@ -117,7 +119,7 @@ def _placed(arm: Arm, goal: Array, starts: list[Array], context: Context, best: 
 
 def _better(best: Command, found: Command, rows: NDArray[np.intp]) -> Command:
     """The best so far with those rows exchanged that came nearer."""
-    badness, found_bad = (c.missed + LEVER * c.turned for c in (best, found))
+    badness, found_bad = (c.missed + NEAR_LEVER * c.turned for c in (best, found))
     nearer = found_bad < badness[rows]
     nearer = np.where(found.reached == best.reached[rows], nearer, found.reached)
     merged = {f.name: getattr(best, f.name).copy() for f in fields(best)}
@@ -133,7 +135,7 @@ def _starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
     away = np.linalg.norm(T[None, :, :3, 3] - goal[:, None, :3, 3], axis=2)
     if posed:
         together = np.einsum("kij,nij->nk", T[:, :3, :3], goal[:, :3, :3])
-        away = away + LEVER * np.arccos(np.clip((together - 1.0) / 2.0, -1.0, 1.0))
+        away = away + NEAR_LEVER * np.arccos(np.clip((together - 1.0) / 2.0, -1.0, 1.0))
     order = np.argsort(away, axis=1)[:, :STARTS]
     return [known[order[:, k]] for k in range(order.shape[1])]
 
@@ -180,8 +182,8 @@ def _refuse_outside(arm: Arm, q: Array) -> None:
 def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool, dear: float = 1.0) -> Array:
     """Walk from other postures (N, n) towards the goals on the nominal arm, places so dear."""
     weight = np.array([dear, dear, dear, 1.0, 1.0, 1.0])
-    lever = LEVER if posed else 0.0
-    steps, damping = FAR_STEPS, 30 * DAMPING
+    lever = NEAR_LEVER if posed else 0.0
+    steps, damping = FAR_STEPS, 30 * NEAR_DAMPING
     return _walk(arm.nominal, q, goal, {}, None, lever, weight=weight, steps=steps, damping=damping)
 
 
@@ -198,7 +200,7 @@ def _solved(
         rest = np.arange(len(q)) if remembers else rest
         at, to, told = wanted[rest], goal[rest], of_rows(context, rest, len(q))
         if placed and not far:
-            at = _walk(arm, at, to, told, at, LEVER, steps=FIRST_STEPS)
+            at = _walk(arm, at, to, told, at, NEAR_LEVER, steps=FIRST_STEPS)
         at = _walk(arm, at, to, told, None, 0.0)
         left, _ = _misfit(arm, at, to, told, 1.0)
         if far or not remembers or _worst(left) < _worst(miss):  # of a path: all of it or nothing
@@ -241,12 +243,13 @@ def _walk(
         found, slope = _misfit(arm, q[rows], goal[rows], of_rows(context, rows, len(q)), lever)
         found = found * weight
         back = np.zeros_like(q) if wanted is None else wanted - q
-        cost = (found**2).sum(axis=1) + DAMPING**2 * (back[rows] ** 2).sum(axis=1)
+        cost = (found**2).sum(axis=1) + NEAR_DAMPING**2 * (back[rows] ** 2).sum(axis=1)
         well = (cost <= least[rows]) | remembers
         new = rows[well]
         at[new], least[new], miss[new] = q[new], cost[well], found[well]
         J[new] = slope[well] * np.reshape(weight, (-1, 1))
-        more[rows] = np.where(well, more[rows] / EASED, EASED * np.maximum(more[rows], DAMPING))
+        dearer = EASED * np.maximum(more[rows], NEAR_DAMPING)
+        more[rows] = np.where(well, more[rows] / EASED, dearer)
         back = np.zeros_like(at) if wanted is None else wanted - at
         step = _step(arm, at[rows], miss[rows], J[rows], back[rows], more[rows])
         size = np.abs(step).max(axis=1, initial=0.0)
@@ -291,8 +294,8 @@ def _step(arm: Arm, q: Array, miss: Array, J: Array, back: Array, more: Array) -
 
 
 def _least(J: Array, miss: Array, back: Array, more: Array) -> Array:
-    right = np.einsum("nij,ni->nj", J, miss) + DAMPING**2 * back
-    dear = DAMPING**2 + more**2
+    right = np.einsum("nij,ni->nj", J, miss) + NEAR_DAMPING**2 * back
+    dear = NEAR_DAMPING**2 + more**2
     matrix = J.transpose(0, 2, 1) @ J + dear[:, None, None] * np.eye(J.shape[2])
     return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
 

@@ -19,10 +19,9 @@ from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import played
 from plumbline.optim.diagnosis.motion.signals import signals_of, spread
-from plumbline.optim.model.apply import MARGIN, Applied
+from plumbline.optim.model.apply import Applied
+from plumbline.optim.model.constants import LOAD_ROUNDS, MARGIN
 from plumbline.optim.model.known import Known
-
-ROUNDS = 2  # of rolling out: the loads of the first are those at the commands
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +109,7 @@ class Driven:
         places = self.law.follows
         first = np.asarray(start, dtype=float) if np.size(start) else u[0] if places else 0 * u[0]
         q = u - u[0] + first if places else np.broadcast_to(first, u.shape)
-        for _ in range(ROUNDS):
+        for _ in range(LOAD_ROUNDS):
             q = self._played(t, u, np.vstack([first, q[1:]]))
         return np.asarray(q)
 

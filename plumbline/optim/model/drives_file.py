@@ -12,9 +12,9 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.files import read_file
+from plumbline.optim.model.constants import LARGEST_MODEL
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.reading import (
-    LARGEST_MODEL,
     SAVE_IT,
     array_of,
     number_of,

@@ -16,13 +16,12 @@ from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.nuisance import Nuisance
+from plumbline.optim.model.constants import WIDE
 from plumbline.optim.model.fitted import Held
 from plumbline.optim.model.known import left_jacobian
 from plumbline.optim.model.model import Model
 from plumbline.optim.model.rows import columns_of, ranges_of, some_rows
 from plumbline.optim.recording.recording import Recording, socket_labels
-
-WIDE = 1e3  # of a typical size: what is as wide as this is not told at all
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,16 +22,18 @@ from numpy.typing import ArrayLike, NDArray
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.constants import (
+    FARTHEST,
+    NEAR_DAMPING,
+    NEAR_LEVER,
+    NEAR_STEPS,
+    PLACED,
+    STILL,
+)
 from plumbline.optim.model.rows import Columns, of_rows
 from plumbline.optim.model.statement import ModelFunctions
 
 Context = Mapping[str, ArrayLike]  # of rows, by name
-LEVER = 0.1  # [m]: a milliradian of orientation counts as much as 0.1 mm of place
-DAMPING = 1e-3  # [m/rad]: a joint of less leverage than this is not moved for a small gain
-NEAR_STEPS = 12  # each leaves some thousandths of what the last has left (cost only)
-PLACED = 1e-9  # [m] that a tip may stay from its goal
-STILL = 1e-8  # [rad or m] of the step that would be next
-FARTHEST = 0.1  # [rad or m] that a joint may go: next to a singular posture damping decides
 
 
 def near(
@@ -105,8 +107,8 @@ def _gain(nominal: ModelFunctions, placed: bool) -> cs.Function:
     """``q -> (n, 6)``: the step for what is missing in place [m] and orientation [rad]."""
     row = nominal.row
     J = nominal.slope(row)[1]
-    own, turns = J[:3, :], LEVER * J[3:, :] if placed else 0.0 * J[3:, :]
-    whole, lever = cs.vertcat(own, turns), cs.diag([1.0] * 3 + [LEVER] * 3)
+    own, turns = J[:3, :], NEAR_LEVER * J[3:, :] if placed else 0.0 * J[3:, :]
+    whole, lever = cs.vertcat(own, turns), cs.diag([1.0] * 3 + [NEAR_LEVER] * 3)
     first = _damped(whole.T @ whole, whole.T)
     rest = cs.horzcat(cs.SX.eye(3), cs.SX(3, 3)) - own @ first
     gain = (first + own.T @ _damped(own @ own.T, rest)) @ lever
@@ -115,7 +117,7 @@ def _gain(nominal: ModelFunctions, placed: bool) -> cs.Function:
 
 def _damped(square: cs.SX, right: cs.SX) -> cs.SX:
     """The solution by Cholesky's factor of a damped square (n, n)."""
-    factor = cs.chol(square + DAMPING**2 * cs.SX.eye(square.shape[0]))
+    factor = cs.chol(square + NEAR_DAMPING**2 * cs.SX.eye(square.shape[0]))
     return cs.solve(factor, cs.solve(factor.T, right))
 
 

@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.near import PLACED, Context, missing, near
+from plumbline.optim.model.constants import LAG_ROUNDS, NARROWEST, PLACED
+from plumbline.optim.model.near import Context, missing, near
 from plumbline.optim.model.rows import Columns
-
-ROUNDS = 8  # of lags told anew (cost only)
-NARROWEST = 1e-6  # of its width: a play that is undone whole has none left (rounding of its path)
 
 
 def pathed(
@@ -29,7 +27,7 @@ def pathed(
     """As :func:`.near` for an arm some of whose joints remember their path, to twice as much."""
     columns, plays = arm.columns(wanted, context), _plays(arm)
     q, moved = wanted, np.zeros((len(plays), len(wanted)))
-    for _ in range(ROUNDS):
+    for _ in range(LAG_ROUNDS):
         before = moved
         lags = [_lag(play, size, {**columns, "q": q}, own)
                 for (play, size), own in zip(plays, moved, strict=True)]  # fmt: skip

@@ -20,15 +20,13 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.storing import effect_named
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.constants import LARGEST_MODEL, MOST_EFFECTS, MOST_JOINTS
 from plumbline.optim.model.fitted import Held, chain_of
 from plumbline.optim.model.rows import CONTEXT, SCALARS, VECTORS
 from plumbline.optim.model.stored import FORMAT, VERSION
 from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.settings import Section, read_settings
 
-LARGEST_MODEL = 64_000_000  # [byte]: a thousand unknowns take 10 MB, a URDF at most 16
-MOST_EFFECTS = 2_000  # 23 joints with 40 ripple orders each, twice over
-MOST_JOINTS = 64  # of one chain
 SAVE_IT = "save the model again"
 
 

@@ -16,13 +16,12 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
+from plumbline.optim.model.constants import LARGEST, SAMPLES
 from plumbline.optim.recording.recording import Recording
 
 SCALARS = ("time", "temperature", "payload", "group")
 VECTORS = ("direction", "velocity", "acceleration", "effort")
 IN_SPACE = ("force",)  # three numbers, whatever the number of joints
-SAMPLES = 100  # rows of the recording that a model keeps: enough for a mean over its postures
-LARGEST = 1e9  # no angle, time or load of an arm is larger [SI]
 
 
 # What a posture is reached with: one value for all rows, or one a row (N,), or (N, n) of joints.

@@ -91,3 +91,69 @@ FEWEST_EFFORTS = 20  # rows from which the signs of efforts say anything
 LEAST_EFFORT_NOISE = 1e-6  # of a joint's efforts: less than 20 bits resolve
 INERTIA_ROWS = 200  # postures over which an inertia is averaged (cost only)
 EFFORT_ROWS = 3000  # rows from which the efforts' noise is estimated (cost only)
+
+# Derivatives
+ORDER = 3  # of the polynomials of smoothed derivatives (Savitzky and Golay 1964)
+USUAL = 0.99  # of steps, which a motion in fifty rows at most leaves out
+SPEEDS_UP = 3.0  # times the largest of a motion's own steps: no joint moves so for one row
+SHORTEST = 50  # rows of a run, on average: what leaps more often is no motion
+# Median size of third differences (1, 3, 3, 1) of white noise of one.
+THIRD_DIFFERENCE = 0.6745 * 20**0.5
+
+# Efforts
+ONE_COURSE = 0.9  # cosine of what differs by its unit alone, noise of an encoder beside it
+
+# Late
+LATEST = 0.2  # [s]: filters of drives and loggers' queues take less
+# Nats of likelihood: one channel in twenty is late (3), by some hundredth of the latest either way
+# (5). Noise and smoothing made at most 4 of 48 that were not (test_late_channels.py).
+SURELY_LATE = 10.0
+LEAST = 0.05  # of a row: less is of the smoothing and of the parabola
+FINE = 401  # places between the rows before and after the best: 0.1 ms of rows 20 ms apart
+
+# Mixed up
+# Ratio of squares between unit vectors, 2 (1 - c), at which columns are mixed up: a third of the
+# distance. A reversed column is refused from c = -0.8 on; two joints that carry the same weight,
+# whose columns run with each other at 0.85, are told apart where the right ones reach 0.984.
+MIXED_UP = 9.0
+ROUNDING = 0.01  # of a cosine: rows at the ends, which do not meet another
+
+# Noise shape
+TIP_AXES = 3  # axes of a place
+
+# Origin
+FIRST_ROW = 2  # of a table, as an editor counts lines: the header is row 1
+
+# Recording
+SOCKETS = 1_000_000  # by which the sockets of one recording are told from those of the next
+
+# Repeated
+REPEATED = 0.1  # of the rows in which joints move: as many that bring nothing new are no chance
+FEW = 5  # rows that may bring nothing new by chance
+UNDER_WAY = 3.0  # times the least step of an encoder, on both sides of a row: a joint is under way
+EVEN = 2.0  # ratio of these two steps: it neither stops nor sets off between them
+
+# Session
+ONE_ROBOT = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
+NO_SOCKET = -1  # of a row that is in none
+
+# Set up
+PLAUSIBLE = 0.01  # of the robot's reach, of a radian for encoders: see plausible()
+ASKED = 0.1  # of the plausible: the sign of a joint with a short lever misses by little
+MENDED = 0.1  # of the misfit is left, at most, by the set-up that is right
+FEWEST_POSTURES = 10  # postures: the best of two hundred set-ups may fit fewer by chance
+MOST_SIGNS = 7  # joints of which all patterns of signs are tried: 127 of them
+# Of the misfit: two set-ups that leave less are one, such as a half turn of a shoulder.
+ONE_SET_UP = 1e-3
+IN_A_SOCKET = 4  # rows, at least: k-means then left a fifth of 300 drawn scatters at the least
+SOCKET_STARTS = 20  # of k-means
+LISTED_SET_UPS = 3  # set-ups that a line names
+LEVER = 0.3  # [m]: an angle counts as the way that it moves a tip so far off
+
+# Slips
+FRAME_STEPS = 8  # of Gauss and Newton for frame and tool
+UNTOLD = 1e-3  # of the largest singular value: a tool's direction that hardly any row tells
+
+# Stand in
+MOST_NAMED = 30  # labels that a note lists
+SLIDE = 1.0 / 3.0  # [m] of travel, so that the reach of all three is a metre

@@ -22,16 +22,14 @@ from plumbline.optim.recording.constants import (
     BANDWIDTH,
     GAP_IN_TIME,
     LEAST_WINDOW,
+    ORDER,
+    SHORTEST,
+    SPEEDS_UP,
     SURE_SPEED,
+    THIRD_DIFFERENCE,
+    USUAL,
 )
 from plumbline.optim.recording.origin import Array, Origin
-
-ORDER = 3
-USUAL = 0.99  # of steps, which a motion in fifty rows at most leaves out
-SPEEDS_UP = 3.0  # times the largest of a motion's own steps: no joint moves so for one row
-SHORTEST = 50  # rows of a run, on average: what leaps more often is no motion
-# Median size of third differences (1, 3, 3, 1) of white noise of one.
-THIRD_DIFFERENCE = 0.6745 * 20**0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,12 +34,14 @@ from plumbline.optim.recording.constants import (
     INERTIA_ROWS,
     LARGEST,
     LEAST_EFFORT_NOISE,
+    MIXED_UP,
     NEAR_SCALE,
+    ONE_COURSE,
     UNSIGNED,
 )
 from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by
-from plumbline.optim.recording.mixed_up import MIXED_UP, refuse_mixed_up
+from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.settings import Section
 
@@ -48,7 +50,6 @@ if TYPE_CHECKING:
 
 UNITS = ("N m", "A")
 RATES = ("velocity", "acceleration", "turning")
-ALIKE = 0.9  # cosine of what differs by its unit alone, noise of an encoder beside it
 
 
 def torque_constants(settings: Section, joints: int) -> Array:
@@ -215,7 +216,7 @@ def refuse_other_rates(r: Recording, origin: Origin) -> None:
         moved = np.where(usual, np.diff(place, axis=0), 0.0)
         told = np.where(usual, step * (rate[1:] + rate[:-1]) / 2, 0.0)
         sizes = np.linalg.norm(told), np.linalg.norm(moved)
-        alike = np.sum(told * moved) > ALIKE * sizes[0] * sizes[1] > 0.0
+        alike = np.sum(told * moved) > ONE_COURSE * sizes[0] * sizes[1] > 0.0
         if alike and not 1 / NEAR_SCALE < (factor := float(sizes[0] / sizes[1])) < NEAR_SCALE:
             names = name, "q" if place is r.q else "velocity"
             large, other = names if factor > 1 else names[::-1]

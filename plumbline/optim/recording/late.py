@@ -20,17 +20,18 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from plumbline.optim.recording.constants import EFFORT_ROWS, FEWEST_EFFORTS
+from plumbline.optim.recording.constants import (
+    EFFORT_ROWS,
+    FEWEST_EFFORTS,
+    FINE,
+    LATEST,
+    LEAST,
+    SURELY_LATE,
+)
 from plumbline.optim.recording.derivatives import stretches
 from plumbline.optim.recording.origin import Array
 
 Rows = NDArray[np.intp]
-LATEST = 0.2  # [s]: filters of drives and loggers' queues take less
-# Nats of likelihood: one channel in twenty is late (3), by some hundredth of the latest either way
-# (5). Noise and smoothing made at most 4 of 48 that were not (test_late_channels.py).
-SURELY_LATE = 10.0
-LEAST = 0.05  # of a row: less is of the smoothing and of the parabola
-FINE = 401  # places between the rows before and after the best: 0.1 ms of rows 20 ms apart
 
 
 def late_by(time: Array, read: Array, designs: Callable[[Rows], Sequence[Array]]) -> float:

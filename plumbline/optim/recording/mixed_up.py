@@ -23,13 +23,8 @@ from itertools import combinations
 import numpy as np
 
 from plumbline.errors import fault
+from plumbline.optim.recording.constants import MIXED_UP, ROUNDING
 from plumbline.optim.recording.origin import Array, Origin
-
-# Ratio of squares between unit vectors, 2 (1 - c), at which columns are mixed up: a third of the
-# distance. A reversed column is refused from c = -0.8 on; two joints that carry the same weight,
-# whose columns run with each other at 0.85, are told apart where the right ones reach 0.984.
-MIXED_UP = 9.0
-ROUNDING = 0.01  # of a cosine: rows at the ends, which do not meet another
 
 
 def refuse_mixed_up(

@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import fault, shown
-from plumbline.optim.recording.constants import LARGEST
+from plumbline.optim.recording.constants import LARGEST, TIP_AXES
 from plumbline.optim.recording.origin import Array, Origin
-
-TIP_AXES = 3
 
 
 def with_noise_shape(

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import Spot, shown
+from plumbline.optim.recording.constants import FIRST_ROW
 
-FIRST_ROW = 2  # of a table, as an editor counts lines: the header is row 1
 HEADER = "the header being row 1"
 
 Array = NDArray[np.float64]

@@ -19,6 +19,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.recording.constants import SOCKETS
 from plumbline.optim.recording.kinds import ROWS, Kind
 from plumbline.optim.recording.origin import Array, Flags, Integers
 
@@ -312,7 +313,6 @@ class Session:
         return 0 if "sockets" in self.shared else k * SOCKETS
 
 
-SOCKETS = 1_000_000  # by which the sockets of one recording are told from those of the next
 CONTEXT = (
     "time", "temperature", "direction", "velocity", "acceleration", "effort", "force", "payload",
     "group", "held_out",

@@ -3,12 +3,8 @@
 import numpy as np
 
 from plumbline.errors import fault
+from plumbline.optim.recording.constants import EVEN, FEW, REPEATED, UNDER_WAY
 from plumbline.optim.recording.origin import Array, Origin
-
-REPEATED = 0.1  # of the rows in which joints move: as many that bring nothing new are no chance
-FEW = 5  # rows that may bring nothing new by chance
-UNDER_WAY = 3.0  # times the least step of an encoder, on both sides of a row: a joint is under way
-EVEN = 2.0  # ratio of these two steps: it neither stops nor sets off between them
 
 
 def refuse_repeated(told: Array, read: Array, letter: str, origin: Origin) -> None:

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, fault, one_line
+from plumbline.optim.recording.constants import FIRST_ROW, NO_SOCKET, ONE_ROBOT
 from plumbline.optim.recording.kinds import EFFORTS, MIXED, PLACES
-from plumbline.optim.recording.origin import FIRST_ROW, Array, Integers
+from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.recording import CONTEXT, Recording, Session, hash_of
 
 SHARED = ("frame", "tool", "sockets")
-ALIKE = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
-NO_SOCKET = -1
 MEAN = ("time", "temperature")  # columns that are filled up with their mean; others with nothing
 
 
@@ -237,7 +236,7 @@ def placed_alike(one: Recording, other: Recording) -> bool:
     """Whether two chains of as many joints have them in the same places, the first one's aside."""
     both = zip(one.chain.joints[1:], other.chain.joints[1:], strict=True)
     placed = ((a.T_parent_joint, b.T_parent_joint) for a, b in both)
-    return all(np.allclose(a, b, rtol=0.0, atol=ALIKE) for a, b in placed)
+    return all(np.allclose(a, b, rtol=0.0, atol=ONE_ROBOT) for a, b in placed)
 
 
 def apart(recording: Recording) -> tuple[Session, Integers]:

@@ -25,10 +25,22 @@ import scipy
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot, bundled_names
+from plumbline.optim.recording.constants import (
+    ASKED,
+    FEWEST_POSTURES,
+    IN_A_SOCKET,
+    LEVER,
+    LISTED_SET_UPS,
+    MENDED,
+    MOST_SIGNS,
+    ONE_SET_UP,
+    PLAUSIBLE,
+    SOCKET_STARTS,
+    UNTOLD,
+)
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.slips import (
     TURNED,
-    UNTOLD,
     counted_from_others,
     matched,
     moved_zero,
@@ -46,18 +58,6 @@ from plumbline.optim.rigid import nearest_rotation, rotations, some_of
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
-PLAUSIBLE = 0.01  # of the robot's reach, of a radian for encoders: see plausible()
-ASKED = 0.1  # of the plausible: the sign of a joint with a short lever misses by little
-MENDED = 0.1  # of the misfit is left, at most, by the set-up that is right
-FEWEST = 10  # postures: the best of two hundred set-ups may fit fewer by chance
-MOST_SIGNS = 7  # joints of which all patterns of signs are tried: 127 of them
-ALIKE = (
-    1e-3  # of the misfit: two set-ups that leave less are one, such as a half turn of a shoulder
-)
-IN_A_SOCKET = 4  # rows, at least: k-means then left a fifth of 300 drawn scatters at the least
-STARTS = 20  # of k-means
-LISTED = 3  # set-ups that a line names
-LEVER = 0.3  # [m]: an angle counts as the way that it moves a tip so far off
 # x, y, z, and qw, qx, qy, qz of the rotations seen in a mirror
 MIRROR = np.array([1.0, 1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
 
@@ -111,14 +111,14 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
     """The simple set-up that leaves the least, if it leaves a tenth of what the recording's does.
 
     None as well where the misfit is below :data:`ASKED` of :func:`plausible`, or where there are
-    fewer than :data:`FEWEST` postures: those say too little of anything. Of 180 drawn gaps of the
-    robot alone above that limit, the best other set-up left a third at the least.
+    fewer than :data:`FEWEST_POSTURES` postures: those say too little of anything. Of 180 drawn gaps
+    of the robot alone above that limit, the best other set-up left a third at the least.
     """
     if recording.element is not None:
         return None  # what reads ranges and fiducials has refused what is no plane, no body
     if recording.kind.efforts:
         return None  # what moves the bodies tells their signs and order itself: see checks
-    if len(np.unique(np.round(recording.q, 6), axis=0)) < FEWEST:
+    if len(np.unique(np.round(recording.q, 6), axis=0)) < FEWEST_POSTURES:
         return None
     if recording.kind.encoders:
         return _wrong_encoder(recording)
@@ -132,8 +132,8 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
     left = min(left for _, left in tried)
     if not left < MENDED * own:
         return None
-    alike = [change for change, other in tried if other <= max(2.0 * left, ALIKE * own)]
-    return WrongSetUp(", or ".join(alike[:LISTED]), own, left)
+    alike = [change for change, other in tried if other <= max(2.0 * left, ONE_SET_UP * own)]
+    return WrongSetUp(", or ".join(alike[:LISTED_SET_UPS]), own, left)
 
 
 def missed(r: Recording) -> float:
@@ -227,7 +227,8 @@ def _sockets_by_place(r: Recording) -> Iterator[tuple[str, Recording]]:
     count = len(np.unique(r.socket))
     if 1 < count <= len(r) // IN_A_SOCKET:
         tips = r.chain.tips(r.q, r.tool_offset)
-        found = scipy.cluster.vq.kmeans(tips, count, iter=STARTS, rng=np.random.default_rng(0))[0]
+        rng = np.random.default_rng(0)
+        found = scipy.cluster.vq.kmeans(tips, count, iter=SOCKET_STARTS, rng=rng)[0]
         places = scipy.cluster.vq.vq(tips, found)[0].astype(np.int64)
         yield "rows in the socket where their tip lies: mend socket", replace(r, socket=places)
 

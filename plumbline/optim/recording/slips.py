@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from plumbline.kinematics.evaluate import Array
+from plumbline.optim.recording.constants import FRAME_STEPS, UNTOLD
 from plumbline.optim.rigid import best_rotation
 
 TURNED = ("", "90 degrees", "180 degrees", "-90 degrees")
-STEPS = 8  # of Gauss and Newton for frame and tool
-UNTOLD = 1e-3  # of the largest singular value: a tool's direction that hardly any row tells
 
 
 class Slip(NamedTuple):
@@ -106,7 +105,7 @@ def matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array,
     a, y = p - p.mean(axis=0), measured - measured.mean(axis=0)
     inner, tool = R - R.mean(axis=0), np.zeros(3)
     F = best_rotation(a, y)
-    for _ in range(STEPS if fit_tool else 0):
+    for _ in range(FRAME_STEPS if fit_tool else 0):
         v = a + inner @ tool
         J = np.concatenate([-_cross(v), inner], axis=2).reshape(-1, 6)
         step = np.linalg.lstsq(J, (y @ F - v).ravel(), rcond=UNTOLD)[0]

@@ -9,10 +9,9 @@ import scipy
 
 from plumbline.errors import shown
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.recording.constants import MOST_NAMED, SLIDE
 from plumbline.optim.recording.origin import Array
 
-MOST_NAMED = 30  # labels that a note lists
-SLIDE = 1.0 / 3.0  # [m] of travel, so that the reach of all three is a metre
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 

@@ -33,8 +33,6 @@ from plumbline.optim.registration.checks import Condition
 from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.target import TargetError, Unstated, arc, lever, point_of
 
-MM = 1e3  # [mm/m]
-
 
 @dataclass(frozen=True, eq=False)
 class Registration(Answer):

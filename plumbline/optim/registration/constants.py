@@ -77,3 +77,6 @@ ASIDE = 0.1  # [m] off the markers' line, where their hold on the rotation is qu
 WIDE_TURN = np.radians(5.0)  # [rad] of rotation error beyond which first order is rough
 FINE, COARSE = 2e-3, 5e-3  # [m]: how far a target may be off that is found well, or fairly
 ENOUGH_FREEDOMS = 8.0  # of a variance: from fewer, one in twenty is found three times too small
+
+# Statement
+POSE = 15  # numbers of a pose in a row: A by columns, t, c

@@ -23,9 +23,8 @@ import numpy as np
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import rotation
 from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.registration.constants import POSE
 from plumbline.optim.registration.markers import Markers
-
-POSE = 15  # numbers of a pose in a row: A by columns, t, c
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.crooked import Reality, draw_crooked
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.core.judged import STILL
+from plumbline.optim.core.constants import STILL
 from plumbline.optim.dh_fit import constants, fit_dh
 from plumbline.optim.dh_fit import fitted as numbers
 from plumbline.optim.dh_fit.softness import SIZES, turns

@@ -12,6 +12,7 @@ from plumbline.experiments.reality.outside_effects import CrossRipple
 from plumbline.kinematics.effects import JointOffset
 from plumbline.kinematics.effects import JointScale as ModelledScale
 from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.diagnosis.constants import GRID
 from plumbline.optim.diagnosis.discrepancy import design
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     GrossRow,
@@ -25,7 +26,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     spread_of_noise,
 )
 from plumbline.optim.diagnosis.discrepancy.dependences import FULLEST, Dependence, dependences
-from plumbline.optim.diagnosis.discrepancy.functions import GRID, nearness
+from plumbline.optim.diagnosis.discrepancy.functions import nearness
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.parts import apart

@@ -18,8 +18,9 @@ from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation
 from plumbline.optim.diagnosis.verdict.confounding import _of_another_world
 from plumbline.optim.loading import load_to_diagnose
+from plumbline.optim.measurement.constants import LEAST_HALF
 from plumbline.optim.measurement.observation import scope_of
-from plumbline.optim.measurement.parts import LEAST_HALF, half_widths
+from plumbline.optim.measurement.parts import half_widths
 from plumbline.optim.recording.stand_in import points_robot, pose_readings, poses_robot
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 from tests.benches import bench

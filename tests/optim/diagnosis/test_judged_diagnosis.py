@@ -15,7 +15,7 @@ from plumbline.experiments.report.page.words import print_page
 from plumbline.experiments.report.writing import report_html
 from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
 from plumbline.kinematics.effects.viscous_friction import ViscousFriction
-from plumbline.optim.core.judged import STILL
+from plumbline.optim.core.constants import STILL
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import _idle, diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions

@@ -16,9 +16,10 @@ from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
 from plumbline.kinematics.effects.acceleration_limit import AccelerationLimit
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
-from plumbline.optim.core.judged import STILL
+from plumbline.optim.core.constants import STILL
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion import signals as signals_module
+from plumbline.optim.diagnosis.motion.constants import WIDE
 from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated, fitted, to_go
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import (
@@ -28,7 +29,7 @@ from plumbline.optim.diagnosis.motion.recording import (
     build_motion,
     load_motion,
 )
-from plumbline.optim.diagnosis.motion.rollout import WIDE, roll_out
+from plumbline.optim.diagnosis.motion.rollout import roll_out
 from plumbline.optim.diagnosis.motion.search import _with_parts, errors_of
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals

@@ -5,9 +5,9 @@ import pytest
 
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.drive import Law
-from plumbline.optim.diagnosis.motion.recording import MENDED, ROUNDED
+from plumbline.optim.diagnosis.motion.constants import MENDED, ROUNDED
 from plumbline.optim.diagnosis.motion.signals import signals_of
-from plumbline.optim.recording.derivatives import SPEEDS_UP, USUAL
+from plumbline.optim.recording.constants import SPEEDS_UP, USUAL
 from tests.motions import arm, multisine, servo
 
 NOISE, DT = 2e-4, 0.02

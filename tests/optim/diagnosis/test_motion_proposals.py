@@ -11,9 +11,8 @@ from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
 from plumbline.optim.diagnosis.findings import Blame, Cause
+from plumbline.optim.diagnosis.motion.constants import CHIRP, SECONDS
 from plumbline.optim.diagnosis.motion.proposals import (
-    CHIRP,
-    SECONDS,
     commanded,
     motion_of,
     proposals,

@@ -8,10 +8,11 @@ import pytest
 from plumbline.experiments.report.diagnosis.ripples import curves, with_curves
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.constants import POINTS
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.verdict.curves import POINTS, _angles
+from plumbline.optim.diagnosis.verdict.curves import _angles
 from tests.benches import bench, readings
 
 LIBRARY = tuple(REGISTRY[name] for name in ("transmission_ripple", "joint_offset"))

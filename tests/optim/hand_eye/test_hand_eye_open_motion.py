@@ -8,9 +8,9 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.ranging.phantoms import radius
 from plumbline.optim.hand_eye import surface
-from plumbline.optim.hand_eye.constants import LOST_EDGE
+from plumbline.optim.hand_eye.constants import LOST_EDGE, SHOWN
 from plumbline.optim.hand_eye.scan import _laid, _refuse_open
-from plumbline.optim.hand_eye.surface import SHOWN, open_motions, register_surface
+from plumbline.optim.hand_eye.surface import open_motions, register_surface
 
 SIZE = 0.08  # [m]
 

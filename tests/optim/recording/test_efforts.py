@@ -21,8 +21,7 @@ from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.model import apply
 from plumbline.optim.recording import derivatives
 from plumbline.optim.recording.building import build_recording
-from plumbline.optim.recording.constants import BANDWIDTH, SURE_SPEED
-from plumbline.optim.recording.derivatives import THIRD_DIFFERENCE
+from plumbline.optim.recording.constants import BANDWIDTH, SURE_SPEED, THIRD_DIFFERENCE
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.recording import Recording

@@ -11,9 +11,8 @@ from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
-from plumbline.optim.recording.constants import AT_ITS_END, ENDS_OFF, ENDS_WITHIN
+from plumbline.optim.recording.constants import AT_ITS_END, ENDS_OFF, ENDS_WITHIN, LATEST
 from plumbline.optim.recording.efforts import nominal_efforts, without_saturated
-from plumbline.optim.recording.late import LATEST
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.origin import Origin
 from tests.random_trees import Tree

@@ -14,14 +14,9 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording import set_up
 from plumbline.optim.recording.building import build_recording
+from plumbline.optim.recording.constants import MENDED
 from plumbline.optim.recording.disagreement import unmet
-from plumbline.optim.recording.set_up import (
-    MENDED,
-    missed,
-    plausible,
-    refuse_wrong_set_up,
-    wrong_set_up,
-)
+from plumbline.optim.recording.set_up import missed, plausible, refuse_wrong_set_up, wrong_set_up
 from plumbline.optim.rigid import spread
 from tests.benches import TOOL, measured, readings
 from tests.recording_folders import write_folder
@@ -294,7 +289,7 @@ def test_a_large_gap_of_the_robot_is_not_refused(kind, size):
     refuse_wrong_set_up(recording)
 
 
-@pytest.mark.parametrize("rows", [set_up.FEWEST, 14])
+@pytest.mark.parametrize("rows", [set_up.FEWEST_POSTURES, 14])
 def test_few_rows_that_mean_nothing_are_not_refused(rows):
     """Among some two hundred other set-ups none mends by chance what is nonsense."""
     chain = Robot.bundled("ur5").chain()
@@ -318,10 +313,10 @@ def test_shuffled_sockets_are_refused_by_name_also_where_they_are_close_together
 
 
 def test_fewer_postures_than_tell_are_not_refused(monkeypatch):
-    given = room("tip_position", rows=set_up.FEWEST - 1)
+    given = room("tip_position", rows=set_up.FEWEST_POSTURES - 1)
     wrong = told(given, q=turned(given["q"], 3))
     assert wrong_set_up(wrong) is None
-    monkeypatch.setattr(set_up, "FEWEST", set_up.FEWEST - 1)
+    monkeypatch.setattr(set_up, "FEWEST_POSTURES", set_up.FEWEST_POSTURES - 1)
     assert wrong_set_up(wrong) is not None
 
 

@@ -5,7 +5,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from plumbline.optim.core.judged import STILL
+from plumbline.optim.core.constants import STILL
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.registration import METHODS, Anisotropic, Kabsch, Robust, least_squares
 from plumbline.optim.registration.words import trust

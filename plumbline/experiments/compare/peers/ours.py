@@ -19,10 +19,10 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.dh_fit import DHOptions, Readings, Squares, fit_dh
 from plumbline.optim.diagnosis.motion.fit import evaluated, fitted
 from plumbline.optim.diagnosis.motion.rollout import Windows
+from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.measurement.refit import refit
-from plumbline.optim.measurement.torque import UNIT
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.registration import MarkerNoise, build_fiducials, register

@@ -7,7 +7,8 @@ import numpy as np
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
 from plumbline.optim.dh_fit import DHFit, HeldOut, Misfit, Quantity, Status
 from plumbline.optim.dh_fit.answer import UNITS
-from plumbline.optim.recording.origin import FIRST_ROW, HEADER
+from plumbline.optim.recording.constants import FIRST_ROW
+from plumbline.optim.recording.origin import HEADER
 
 MM = 1e3
 SHOWN = 12  # worst rows, and gross ones that are named one by one

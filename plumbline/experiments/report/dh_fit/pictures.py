@@ -28,7 +28,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit import DHFit, Misfit
 from plumbline.optim.dh_fit.local import LocalGlobal, Space
 from plumbline.optim.dh_fit.poses import Design
-from plumbline.optim.recording.origin import FIRST_ROW
+from plumbline.optim.recording.constants import FIRST_ROW
 
 SIGNED = LinearSegmentedColormap.from_list("signed", [AFTER, "#f4f4f2", GUILTY])
 BRIGHTEST = 98.0  # percentile that the colours reach

@@ -12,7 +12,7 @@ from plumbline.experiments.report.style import SIZES, by_depth, house_style, new
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.hand_eye.scan import ScanAnswer
-from plumbline.optim.recording.origin import FIRST_ROW
+from plumbline.optim.recording.constants import FIRST_ROW
 
 
 def page(answer: ScanAnswer) -> Page:

@@ -13,15 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.optim.core.constants import GROWTH, KEPT, LEAST, MOST_TURN
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers.solver import OfRows, refuse
-
-GROWTH = 2.0  # of the damping where a step fails, doubled each time it fails again (Nielsen)
-LEAST = 0.1  # of the damping that stays where a step keeps its promise; Nielsen takes a third
-KEPT = 0.5  # of a step's promise; who keeps less goes along a valley that bends
-MOST_TURN = 0.75  # of a step, twice its turn (Transtrum and Sethna 2012, eq. 15)
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.constants import LEAST_COST
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers.solver import refuse
-
-LEAST_COST = 1e-30  # of a row: below it F_0 is rounding
 
 
 class Hessian(StrEnum):

@@ -19,10 +19,10 @@ from scipy.optimize import root
 from scipy.special import expit, logit
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import FLAT
 from plumbline.optim.diagnosis.prior import OFFSET_WIDTH, SLOPE_WIDTH, SUREST
 
 IDENTITY = np.array([1.0, 0.0])  # slope and offset of a line that changes nothing
-FLAT = 1e-12  # relative error of the line: no digit that is shown depends on it
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import TRIES
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.prior import ROUNDS
@@ -33,8 +34,6 @@ from plumbline.optim.measurement.observation import (
 )
 from plumbline.optim.measurement.torque import effort_weights
 from plumbline.optim.recording.recording import Recording
-
-TRIES = 60
 
 
 @dataclass(frozen=True, eq=False)

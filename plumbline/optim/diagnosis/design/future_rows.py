@@ -19,15 +19,12 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import DRAW_ROUNDS, NEAR, PLACES, REACHING_STEPS, RESTS
 from plumbline.optim.diagnosis.prior import WIDER
 from plumbline.optim.recording.recording import Recording
 
 RECORDED, LIMITS = "recorded", "limits"
 TURN = np.pi  # range of a joint that has neither moved nor limits [rad]
-DRAW_ROUNDS = 40  # of as many postures as are asked for, until enough are in reach (cost only)
-PLACES = 8  # at which a joint is tried when it alone is changed
-RESTS = (0.0, 0.0, 0.0, 0.0, 1 / 3, 1.0)  # waits to draw from, over the recording's length
-REACHING_STEPS, NEAR = 25, 1e-6  # of bringing a tip into a socket, and how near it must come [m]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import chance, counted
+from plumbline.optim.diagnosis.constants import ORDERS, RANDOM_COUNTS
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
@@ -41,8 +42,6 @@ COLUMNS = {
     "temperature": "record the temperature",
     "payload": "record the mass carried (payload)",
 }
-RANDOM_COUNTS = (12, 18, 24, 30, 36, 48, 60, 80, 100)
-ORDERS = 6
 CHEAP = DesignOptions(pool=400, rivals=4, glance=100, exchanges=2, compare=False)
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import EXCHANGES, GLANCE, MOST_RIVALS, POOL, ROWS
 from plumbline.optim.diagnosis.design.course import Course
 from plumbline.optim.diagnosis.design.explanations import Contest
 from plumbline.optim.diagnosis.design.future_rows import (
@@ -29,10 +30,6 @@ from plumbline.optim.diagnosis.design.future_rows import (
 )
 from plumbline.optim.diagnosis.design.separation import Beliefs, Criterion, Resolution, divergences
 from plumbline.optim.diagnosis.prior import REST_PAYS
-
-ROWS, POOL, MOST_RIVALS = 12, 3000, 20
-GLANCE = 400  # rows looked at for each choice
-EXCHANGES = 6
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
-    STILL,
     cosines,
     level,
     loads,
@@ -51,8 +51,8 @@ from plumbline.optim.diagnosis.prior import (
     WARMTH,
 )
 from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.recording.constants import NO_SOCKET
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.session import NO_SOCKET
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """
     for i, (port, weight) in enumerate(zip(ports.link, weight_directions(recording), strict=True)):
         words = f"the shape of link {i + 1}, or its weight"
-        if np.ptp(weight, axis=1).max() > STILL:  # about upright axes it is as if it was still
+        if np.ptp(weight, axis=1).max() > UNMOVED:  # about upright axes it is as if it was still
             yield _at(words, "load", "link", i + 1, level(weight), port)
         words = f"the place of link {i + 1} depends on joint {i + 1}'s angle"
         angle = recording.q[:, i]
@@ -191,7 +191,7 @@ def _of_base_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """The base, as it gives way to what the arm's weight and posture do to it."""
     load = loads(recording)
     first = load[:, : min(2, load.shape[1])]
-    if np.ptp(first, axis=0).max(initial=0.0) <= STILL or not len(ports.body):
+    if np.ptp(first, axis=0).max(initial=0.0) <= UNMOVED or not len(ports.body):
         return
     q1 = recording.q[:, :1]
     around = np.concatenate([np.cos(q1), np.sin(q1)], axis=1)
@@ -247,7 +247,7 @@ def _levelled(forms: Iterable[Array]) -> list[Array]:
 def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     load = loads(recording)
     for j, port in enumerate(ports.joint):
-        if np.ptp(load[:, j]) > STILL:
+        if np.ptp(load[:, j]) > UNMOVED:
             words = f"joint {j + 1}'s error depends on its load"
             curved, plain = cosines(load[:, j], 4), load[:, [j]].T / np.abs(load).max()
             forms = ([_at(words, "load", "joint", j + 1, f, port[None])] for f in (curved, plain))
@@ -257,14 +257,14 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
             both = around * normal(load[:, [j]]).T
             on = "own angle and load"
             yield _at(words, on, "joint", j + 1, np.concatenate([around, both]), port[None])
-    if np.abs(load).max() > STILL:
+    if np.abs(load).max() > UNMOVED:
         shares = load / np.abs(load).max()
         yield _each("the loads of the joints", "load", shares, ports.joint)
 
 
 def _of_payload(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """What is carried, joint by joint, apart from the torque that it makes."""
-    if recording.payload is None or np.ptp(recording.payload) < STILL:
+    if recording.payload is None or np.ptp(recording.payload) < UNMOVED:
         return
     carried = normal(recording.payload[:, None]).T
     forms = _levelled([carried, np.concatenate([carried, carried**2])])

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from plumbline.optim.core.mapped import CHUNK_NUMBERS
+from plumbline.optim.core.constants import CHUNK_NUMBERS
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import JITTER
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.linearise.linear import (
-    JITTER,
     Columns,
     Linear,
     flat_prior,

@@ -11,13 +11,10 @@ import numpy as np
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import GRID, NYSTROM, UNMOVED
 from plumbline.optim.diagnosis.prior import CENTRES, FEATURES, MESHES, PLAYS, SPOT_WIDTHS, TURNS
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
-
-STILL = 1e-9
-GRID = 60  # places of an angle at which its process is worked out (cost only)
-NYSTROM = 1e-3  # share of a process's variance below which a feature is left out (cost only)
 
 
 def normal(values: Array) -> Array:
@@ -108,7 +105,7 @@ def memories(angle: Array, order: Array, count: int) -> Array:
 def plays(angle: Array) -> Array:
     """Lags (K, N) of play operators of several widths, between -1/2 and 1/2."""
     travel = float(np.ptp(angle))
-    if travel < STILL:
+    if travel < UNMOVED:
         return np.empty((0, len(angle)))
     found = [Hysteresis(joint=1, width=share * travel) for share in PLAYS]
     rows = {"q": angle[:, None]}

@@ -23,9 +23,9 @@ from plumbline.kinematics.effects import Effect, Stage
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import UNMOVED, VARIANTS_SEEN
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, leading
 from plumbline.optim.diagnosis.discrepancy.functions import (
-    STILL,
     cosines,
     loads,
     normal,
@@ -47,7 +47,6 @@ from plumbline.optim.diagnosis.prior import (
 )
 from plumbline.optim.recording.recording import Recording
 
-VARIANTS_SEEN = 8  # of each of the best effects, so that enough effects are among them (cost only)
 # Families of many forms, which stand on their own, and shifts of single rows.
 APART = ("another joint's angle", "two angles", "moment")
 
@@ -88,7 +87,7 @@ def resembling(
             if (f.stage, f.element) == at and f.on not in APART
         ]
         sized = ((on, d, log, visible(d) / size) for on, d, log in beside)
-        found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > STILL]
+        found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > UNMOVED]
         # Forms share; those that the data have chosen bear the price of that choice.
         ways = float(logsumexp([log for *_, log in found])) if found else 0.0
         ways += float(np.log(len(DEVIATIONS) / RESEMBLING))
@@ -164,7 +163,7 @@ def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[tuple[s
     elif effect.stage != Stage.SENSOR:
         yield turn, turns(angle, 2, constant=False)
         own = load[:, min(joint - 1 + (element is None), load.shape[1] - 1)]
-        if np.ptp(own) > STILL:
+        if np.ptp(own) > UNMOVED:
             yield "load", polynomials(normal(own[:, None]), 2)
     else:
         place = recording.chain.placement(recording.q)[:, :3, 3]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
-    STILL,
     cosines,
     nearness,
     normal,
@@ -38,7 +38,7 @@ def torque_functions(recording: Recording) -> Iterator[Offered]:
     for j in range(recording.chain.n):
         own = _of_own(recording, load[:, j], change[:, j], j)
         for on, words, forms in (*own, *_of_others(recording, load, j)):
-            live = [f for f in forms if len(f) and np.ptp(f, axis=1).max() > STILL]
+            live = [f for f in forms if len(f) and np.ptp(f, axis=1).max() > UNMOVED]
             if live:
                 yield f"joint {j + 1}'s torque depends on {words}", on, j, live
 

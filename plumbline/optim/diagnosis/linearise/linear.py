@@ -19,10 +19,9 @@ from scipy.linalg.lapack import dtrtri
 
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import FLATTEST, JITTER
 
 Columns = NDArray[np.intp]
-JITTER = 1e-12
-FLATTEST = 1e-100  # precision of a prior where no row shows anything; its inverse has a square
 
 
 @dataclass(frozen=True, eq=False)

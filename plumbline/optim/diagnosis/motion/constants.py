@@ -74,3 +74,34 @@ OWN_PAST = 0.3  # of what is left, foretold by the sample before: noise of an en
 CORRELATED = 0.95  # of two estimates: the recording tells their sum, hardly which is which
 CONFOUNDED = 0.05  # probability from which another effect is named as what it may be instead
 DRAWS = 500  # of windows for the interval of the shrink
+
+# Diagnose
+STILL = 1e-6  # [rad] a command and an encoder that move less tell nothing of a drive
+
+# Proposals
+SECONDS = 30.0  # [s] of one motion: three periods of its slowest wave
+CHIRP = (0.1, 5.0)  # [Hz] from where delay and lag are one to where they part
+LIKELY = 0.05  # of an effect that may stand in another's place
+
+# Recording
+AXIS_LEVER = (
+    0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
+)
+LEAP = 10.0  # times what readings usually are off the line of their neighbours: no noise is that
+ROUNDED = 0.01  # of a step: stamps of a tenth of a millisecond at 100 Hz
+MENDED = 4.0  # times in mean square that an even clock is smoother by: twice in root mean square
+LISTED_ROWS = 5  # rows that a note names
+LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
+
+# Rollout
+TOGETHER = 240  # windows that are rolled out at once: some 50 MB
+PIECE, PIECES, ABREAST = 20, 5, 12  # samples of a compiled piece, these and windows of a call
+WIDE = 0.03  # of a parameter, or of its width: differences of a planned way
+
+# Set up
+STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
+ALIKE, SAME_UNIT = 0.9, 1.5  # correlation and ratio of motions that may differ by their unit alone
+LATEST = 1.0  # [s]: no drive obeys later
+
+# Unlisted
+APART = 2  # samples: neighbours on an even clock may be averages of the same reading

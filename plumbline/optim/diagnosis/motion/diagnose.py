@@ -12,7 +12,7 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
-from plumbline.optim.diagnosis.motion.constants import SEARCH_SAMPLES, SEARCHED
+from plumbline.optim.diagnosis.motion.constants import SEARCH_SAMPLES, SEARCHED, STILL
 from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import evident
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -21,8 +21,6 @@ from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import Found, verdict_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-
-STILL = 1e-6  # [rad] a command and an encoder that move less tell nothing of a drive
 
 
 def diagnose_motion(

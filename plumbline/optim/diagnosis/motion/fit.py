@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.optim.core.judged import STILL
+from plumbline.optim.core.constants import STILL
 from plumbline.optim.diagnosis.motion.constants import ENDED, ENOUGH, ITERATIONS
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows, roll_out
 

@@ -16,6 +16,7 @@ import numpy as np
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
 from plumbline.optim.diagnosis.findings import Cause
+from plumbline.optim.diagnosis.motion.constants import CHIRP, LIKELY, SECONDS
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 
@@ -52,9 +53,6 @@ PARTED_EFFORTS: tuple[tuple[str, str, frozenset[str]], ...] = (
         frozenset(("payload", "link_inertia", "gravity_direction", "torque_scale")),
     ),
 )  # fmt: skip
-SECONDS = 30.0  # [s] of one motion: three periods of its slowest wave
-CHIRP = (0.1, 5.0)  # [Hz] from where delay and lag are one to where they part
-LIKELY = 0.05  # of an effect that may stand in another's place
 
 
 def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:

@@ -22,8 +22,17 @@ from plumbline.errors import fault, shown
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.quantities import counted
+from plumbline.optim.diagnosis.motion.constants import (
+    AXIS_LEVER,
+    LEAP,
+    LEAST_ROWS,
+    LISTED_ROWS,
+    MENDED,
+    ROUNDED,
+)
 from plumbline.optim.diagnosis.motion.set_up import refuse_wrong_set_up
 from plumbline.optim.recording.columns import numbered
+from plumbline.optim.recording.constants import FIRST_ROW
 from plumbline.optim.recording.derivatives import elsewhere
 from plumbline.optim.recording.loading import (
     KEYS,
@@ -32,18 +41,12 @@ from plumbline.optim.recording.loading import (
     open_folder,
     read_robot,
 )
-from plumbline.optim.recording.origin import FIRST_ROW, Array, Flags, Integers, Origin
+from plumbline.optim.recording.origin import Array, Flags, Integers, Origin
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Table, as_integers
 
 OBSERVATION, TRACKING = "motion", "tracking"
-LEVER = 0.1  # [m/rad] of a tip that far behind its trocar: what a radian of an axis is in metres
-LEAP = 10.0  # times what readings usually are off the line of their neighbours: no noise is that
-ROUNDED = 0.01  # of a step: stamps of a tenth of a millisecond at 100 Hz
-MENDED = 4.0  # times in mean square that an even clock is smoother by: twice in root mean square
-LISTED = 5  # rows that a note names
-LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
 OPTIONAL = ("velocity", "effort")  # read by other programs: positions alone are fitted
 
 
@@ -108,7 +111,7 @@ class MotionRecording:
     @property
     def size(self) -> float:
         """What a radian is in the unit of a measured position."""
-        return LEVER if self.observation == TRACKING else 1.0
+        return AXIS_LEVER if self.observation == TRACKING else 1.0
 
     def __repr__(self) -> str:
         """Name, rows, joints and what a command is."""
@@ -305,7 +308,7 @@ def _run_by_run(r: MotionRecording) -> MotionRecording:
         return r
     group = np.zeros(len(r), np.int64) if r.group is None else r.group
     anew = np.cumsum(np.append(False, begins | (np.diff(group) != 0)))
-    rows = ", ".join(map(str, np.flatnonzero(begins)[:LISTED] + FIRST_ROW + 1))
+    rows = ", ".join(map(str, np.flatnonzero(begins)[:LISTED_ROWS] + FIRST_ROW + 1))
     note = f"joints are elsewhere at once from rows {rows} on: motions of their own, as by 'group'"
     return replace(r, group=anew.astype(np.int64), notes=(*r.notes, note))
 
@@ -356,7 +359,7 @@ def _without_leaps(r: MotionRecording) -> MotionRecording:
     q[rows, columns] -= off[rows, columns]
     told = [
         f"{r.noun} {j + 1} leaps away and back in {counted(len(at), 'row')}, taken for gross "
-        f"errors: {', '.join(map(str, at[:LISTED]))}{', ...' * (len(at) > LISTED)}"
+        f"errors: {', '.join(map(str, at[:LISTED_ROWS]))}{', ...' * (len(at) > LISTED_ROWS)}"
         for j in range(r.n)
         if len(at := rows[columns == j] + FIRST_ROW)
     ]

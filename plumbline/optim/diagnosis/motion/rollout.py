@@ -25,16 +25,20 @@ from numpy.typing import NDArray
 from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.motion_effect import MotionEffect
-from plumbline.optim.diagnosis.motion.constants import OPEN, POSTURE
+from plumbline.optim.diagnosis.motion.constants import (
+    ABREAST,
+    OPEN,
+    PIECE,
+    PIECES,
+    POSTURE,
+    TOGETHER,
+    WIDE,
+)
 
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
 MEMORY = tuple(field.name for field in fields(Memory))
 SENT, PLAIN = MEMORY.index("sent"), MEMORY.index("told")  # what lags has more, what plans all
-TOGETHER = 240  # windows that are rolled out at once: some 50 MB
-PIECE, PIECES, ABREAST = 20, 5, 12  # samples of a compiled piece, these and windows of a call
-
-WIDE = 0.03  # of a parameter, or of its width: differences of a planned way
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,26 +16,20 @@ import scipy
 from plumbline.errors import fault
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.actuation_offset import ActuationOffset
-from plumbline.optim.diagnosis.motion.constants import LENGTH
+from plumbline.optim.diagnosis.motion.constants import ALIKE, LATEST, LENGTH, SAME_UNIT, STATED
 from plumbline.optim.recording.constants import (
     LARGEST_ARM,
     LARGEST_EFFORT,
     LARGEST_SPEED,
-    TURNS,
-)
-from plumbline.optim.recording.mixed_up import (
     MIXED_UP,
     ROUNDING,
-    latest_cosine,
-    refuse_mixed_up,
+    TURNS,
 )
+from plumbline.optim.recording.mixed_up import latest_cosine, refuse_mixed_up
 from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.repeated import refuse_repeated
 
 Motion = Any  # a MotionRecording, whose own module asks this one
-STATED = 1e3  # [rad or m] what a file without limits has for one is far beyond
-ALIKE, SAME_UNIT = 0.9, 1.5  # correlation and ratio of motions that may differ by their unit alone
-LATEST = 1.0  # [s]: no drive obeys later
 
 
 def refuse_wrong_set_up(r: Motion, origin: Origin) -> None:

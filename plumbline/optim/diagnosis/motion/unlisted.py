@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.optim.diagnosis.motion.constants import (
+    APART,
     BUMPS,
     DEVIATIONS,
     LEAST_SHARE,
@@ -41,7 +42,6 @@ PAST = "past commands"
 ALONG = ("velocity", "load", "angle", "command", "time")  # what a function may run along
 OWN_PAST = "its own past"
 NO_FORM = "nothing that was recorded"  # more than the noise is left, by no function of anything
-APART = 2  # samples: neighbours on an even clock may be averages of the same reading
 VARIABLES = (*ALONG, PAST, OWN_PAST, NO_FORM)
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
-from plumbline.optim.core.judged import STILL, Judged, Judgement
+from plumbline.optim.core.constants import STILL
+from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.findings import (
     Blame,

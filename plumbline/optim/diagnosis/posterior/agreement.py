@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import JITTER, solved
+from plumbline.optim.diagnosis.constants import JITTER
+from plumbline.optim.diagnosis.linearise.linear import solved
 
 
 def agreement(

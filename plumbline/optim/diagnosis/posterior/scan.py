@@ -24,8 +24,10 @@ from plumbline.kinematics.effects.confined import parts_of, plain
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.tool_offset import ToolOffset
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.optim.core.mapped import CHUNK_NUMBERS, Mapped
+from plumbline.optim.core.constants import CHUNK_NUMBERS
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import TWIST
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
 from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS
@@ -34,7 +36,6 @@ from plumbline.optim.measurement.one_noise import in_noise
 from plumbline.optim.recording.recording import Recording
 
 PORTS = (Stage.JOINT, Stage.BASE, Stage.TOOL)  # that a model has columns of
-TWIST = 6  # columns of the base's own motion, behind those of the joints
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.diagnosis.constants import LISTED
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
@@ -39,7 +40,6 @@ from plumbline.optim.recording.recording import Recording
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
 STEP_EFFECTS = (BaseBump, ToolSlip)  # effects that move all later rows at once
 BRIEF = LevenbergMarquardt(max_iterations=8, tolerance=1e-6)
-MOST_NAMED = 4  # causes that a line names
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class SelectedModel:
     def __repr__(self) -> str:
         """How many effects of how many candidates, and the first of them."""
         labels = list(dict.fromkeys(effect.label for effect in self.effects))
-        named = ", ".join(labels[:MOST_NAMED]) + (", ..." if len(labels) > MOST_NAMED else "")
+        named = ", ".join(labels[:LISTED]) + (", ..." if len(labels) > LISTED else "")
         of = len(self.pool.candidates)
         return f"<SelectedModel: {len(labels)} causes among {of} candidates: {named or 'none'}>"
 

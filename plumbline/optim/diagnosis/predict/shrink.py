@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect
-from plumbline.optim.core.judged import STILL, Judged, judged_by_gram
+from plumbline.optim.core.constants import STILL
+from plumbline.optim.core.judged import Judged, judged_by_gram
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution

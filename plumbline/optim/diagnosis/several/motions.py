@@ -26,7 +26,8 @@ from plumbline.optim.diagnosis.motion.search import Joint, errors_of, prior_at
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
 from plumbline.optim.diagnosis.of_recordings import Carries, Compared, OfRecording, Transfer
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.model.apply import ALIKE, CHANGED
+from plumbline.optim.model.constants import CHANGED
+from plumbline.optim.recording.constants import ONE_ROBOT
 from plumbline.optim.recording.origin import Flags
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.session import named_apart
@@ -114,7 +115,7 @@ def _refuse_other(first: MotionRecording, other: MotionRecording) -> None:
         np.array([T.homogeneous for T in m.robot.model.jointPlacements]) for m in (first, other)
     ]
     alike = placed[0].shape == placed[1].shape
-    if not (alike and np.allclose(placed[0], placed[1], rtol=0.0, atol=ALIKE)):
+    if not (alike and np.allclose(placed[0], placed[1], rtol=0.0, atol=ONE_ROBOT)):
         found = f"{other.robot.name} with joints placed elsewhere"
         raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
 

@@ -26,9 +26,10 @@ from plumbline.optim.diagnosis.several.motions import diagnose_motions, joined_m
 from plumbline.optim.diagnosis.several.together import diagnose_session
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model import Applied, Drives, Model
+from plumbline.optim.recording.constants import ONE_ROBOT
 from plumbline.optim.recording.kinds import EFFORTS, PLACES
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.session import ALIKE, build_session
+from plumbline.optim.recording.session import build_session
 
 Section = Diagnosis | MotionDiagnosis
 SECTION_ORDER = (PLACES, (EFFORTS,), ("motion",), ("tracking",), ("plane_range",), ("fiducials",))
@@ -215,7 +216,7 @@ def _refuse_other_arms(recordings: Sequence[Recording | MotionRecording]) -> Non
 def _holds(some: Array, more: Array) -> bool:
     """Whether these placements (n, 4, 4) are among those (m, 4, 4), in their order."""
     rest = iter(more)
-    return all(any(np.allclose(a, b, rtol=0.0, atol=ALIKE) for b in rest) for a in some)
+    return all(any(np.allclose(a, b, rtol=0.0, atol=ONE_ROBOT) for b in rest) for a in some)
 
 
 def _placed(one: Recording | MotionRecording) -> Array:

@@ -14,7 +14,8 @@ from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.confined import confined
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import quantity
-from plumbline.optim.diagnosis.answer import LEAST_NOISE, Diagnosis
+from plumbline.optim.diagnosis.answer import Diagnosis
+from plumbline.optim.diagnosis.constants import LEAST_NOISE, OWN_SHARE
 from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
 from plumbline.optim.diagnosis.findings import NoiseLevel
 from plumbline.optim.diagnosis.of_recordings import OfRecording
@@ -25,12 +26,11 @@ from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, find
 from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.candidates import runs_once
+from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.refit import gap_unit
-from plumbline.optim.measurement.torque import UNIT, newton_metres
+from plumbline.optim.measurement.torque import newton_metres
 from plumbline.optim.recording.recording import Recording, Session
 from plumbline.optim.recording.session import apart, joined
-
-OWN_SHARE = 0.4  # of the time, for the recordings one by one (progress only)
 
 
 @dataclass(frozen=True)

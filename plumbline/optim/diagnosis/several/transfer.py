@@ -21,6 +21,7 @@ from plumbline.kinematics.effects.confined import parts_of
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.answer import Diagnosis
+from plumbline.optim.diagnosis.constants import FLATTEST_TOLD
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
 from plumbline.optim.diagnosis.of_recordings import Carries, Compared, OfRecording, Transfer
@@ -31,12 +32,10 @@ from plumbline.optim.diagnosis.verdict.words import parameter_name
 from plumbline.optim.measurement.observation import Term
 from plumbline.optim.measurement.refit import figure, gap_unit
 from plumbline.optim.measurement.torque import own_units
-from plumbline.optim.model.apply import CHANGED
+from plumbline.optim.model.constants import CHANGED
 from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Session
 from plumbline.optim.recording.session import apart
-
-FLATTEST_TOLD = 1e-9  # of a precision's largest: directions below it are not told
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,8 @@ import numpy as np
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import JITTER, solved
+from plumbline.optim.diagnosis.constants import JITTER
+from plumbline.optim.diagnosis.linearise.linear import solved
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.folds import blocks_of
 from plumbline.optim.diagnosis.predict.shrink import FoldModel

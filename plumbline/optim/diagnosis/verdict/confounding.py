@@ -19,13 +19,12 @@ from plumbline.kinematics.effects import Effect, Scope
 from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES, TIP_OBSERVATIONS
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import MOST_TOLD
 from plumbline.optim.diagnosis.findings import Blame, Key
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE, SWALLOWED
-
-MOST_TOLD = 100.0  # nats: more is no number to anyone
 
 
 def rivals(

@@ -15,12 +15,10 @@ from plumbline.kinematics.effects import Effect, State
 from plumbline.kinematics.effects.confined import plain
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import A_PERIOD, POINTS
 from plumbline.optim.diagnosis.findings import Curve, Key, NoiseLevel
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.measurement.observation import loaded_chain
-
-POINTS = 721  # of a curve, at most: half a degree of a whole turn
-A_PERIOD = 8  # points that show a sine's shape
 
 
 def curve_of(selected: SelectedModel, key: Key, noise: NoiseLevel) -> Curve | None:

@@ -17,13 +17,13 @@ import numpy as np
 from plumbline.kinematics.effects import Effect, State
 from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import SPEEDS
 from plumbline.optim.diagnosis.findings import FrictionCurve, NoiseLevel
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.recording.efforts import nominal_efforts
 from plumbline.optim.recording.recording import Recording
 
 FRICTIONS = ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction")
-SPEEDS = 60  # points of a curve on either side of standstill
 
 
 def friction_curves(

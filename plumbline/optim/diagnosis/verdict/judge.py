@@ -9,6 +9,7 @@ from dataclasses import replace
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import quantity
+from plumbline.optim.diagnosis.constants import MOST_LISTED
 from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
@@ -52,11 +53,10 @@ from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import figure
 from plumbline.optim.measurement.torque import newton_metres
+from plumbline.optim.recording.constants import ASKED
 from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.set_up import ASKED, plausible
-
-MOST_LISTED = 60
+from plumbline.optim.recording.set_up import plausible
 
 
 def judge(

@@ -6,11 +6,10 @@ import casadi as cs
 import numpy as np
 
 from plumbline.optim.core.solution import Solution
+from plumbline.optim.diagnosis.constants import LEFT_OPEN
 from plumbline.optim.diagnosis.findings import Estimate
 from plumbline.optim.measurement.nuisance import Nuisance
 from plumbline.optim.model.making import FitEnd
-
-LEFT_OPEN = 1.0  # standard error of a direction [typical sizes] from which the rows do not tell it
 
 Named = list[tuple[str, str, str]]  # name, unit, meaning
 

@@ -17,6 +17,7 @@ from plumbline.optim.core.quantities import (
     quantity,
     significant,
 )
+from plumbline.optim.diagnosis.constants import LISTED, MOST_PLACES, SHOWN
 from plumbline.optim.diagnosis.findings import (
     NOUNS,
     Blame,
@@ -35,9 +36,6 @@ ORDER = re.compile(r"order (\S+) (sine|cosine)")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 MANY = {"it": "them", "its": "their", "needs": "need", "is always": "are always"}
 ONE = re.compile(rf"\b({'|'.join(sorted(MANY, key=len, reverse=True))})\b")  # said of one effect
-LISTED = 3  # orders of a ripple, or causes, that a line names
-SHOWN = 0.01  # probability from which a branch of the tree is shown: as it is told, to a percent
-MOST_PLACES = 5  # of the tree that are shown with their mechanisms
 SEVERAL = ("joint", "link")  # stages that an arm has more than once
 VERBS = (
     " depends on ",

@@ -30,16 +30,11 @@ from plumbline.kinematics.link_export import xml_text
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
+from plumbline.optim.model.constants import DAMPED, LEAST_DAMPED, MJCF_STEP, SAMPLE, SPAN, STIFF
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.export.exported import Exported, Lack, must_agree
 from plumbline.optim.model.export.mjcf import FRICTION, words, world
 
-STIFF = 300.0  # [rad/s] of a servo that gives way to nothing: its error is late by 7 ms
-DAMPED = 1.0  # of critical: the least that does not overshoot
-LEAST_DAMPED = 0.4  # of critical, where a soft spring would be later than what was found
-STEP = 1e-3  # [s] of the simulation: a third of a radian of the stiffest spring
-SPAN = 20.0  # [s] of commands that the size of what a file lacks is judged by
-SAMPLE = 0.02  # [s] of such commands: 50 a second, as hobby servos take them
 # What MuJoCo's actuators cannot be told.
 NO_WORD = ("velocity_limit", "acceleration_limit")
 TURN = 2 * np.pi  # [rad]
@@ -171,7 +166,7 @@ def _root(drives: Driven, robot: Robot, numbers: Mapping[int, int]) -> ElementTr
                     joint.attrib.pop(key, None)
     option = root.find("option")
     if option is not None:
-        option.attrib |= {"timestep": repr(STEP), "integrator": "implicitfast"}
+        option.attrib |= {"timestep": repr(MJCF_STEP), "integrator": "implicitfast"}
     actuators = ElementTree.SubElement(root, "actuator")
     for k, actuator in made.items():
         ElementTree.SubElement(actuators, "general", _attributes(drives.joints[k - 1], actuator))
@@ -184,7 +179,7 @@ def _attributes(joint: str, a: Actuator) -> dict[str, str]:
     if a.filter:
         own |= {"dyntype": "filterexact", "dynprm": repr(float(a.filter))}
     if a.delay:
-        kept = str(int(a.delay / STEP) + 2)
+        kept = str(int(a.delay / MJCF_STEP) + 2)
         own |= {"delay": repr(float(a.delay)), "nsample": kept, "interp": "linear"}
     if a.force:
         own["forcerange"] = words(np.array([-a.force, a.force]))

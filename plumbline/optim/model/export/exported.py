@@ -9,12 +9,10 @@ from plumbline.errors import PlumblineError, fault, listed
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.constants import AGREES, NAMED
 from plumbline.optim.model.efforts import MOTION, tau
 from plumbline.optim.model.statement import acts_on_places
 from plumbline.optim.recording.kinds import EFFORTS
-
-NAMED = 3  # of many lacks; the head of the file and JSON name all
-AGREES = 1e-9  # of a placement read again [m, or a rotation's entry]: beyond what text loses
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,8 @@ from plumbline.kinematics.link_table import LinkTable, drawn_rows
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import closed_chain
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.constants import ASKED, SAME_CONSTANT
 from plumbline.optim.model.statement import acts_on_places
-
-ASKED = 40  # rows drawn over the fitted ranges, so that what changed at one moment is met
-SAME = 1e-12  # [m or rad] that rounding makes of a constant
 
 
 @lru_cache(maxsize=8)
@@ -75,7 +73,7 @@ def _is_fixed(arm: Arm, effect: Effect) -> bool:
     first, *others = _asked(arm)
     for other in others:
         for one, two in zip(first, other, strict=True):
-            if not np.allclose(one, two, rtol=0.0, atol=SAME):
+            if not np.allclose(one, two, rtol=0.0, atol=SAME_CONSTANT):
                 return False
     return True
 

@@ -17,16 +17,13 @@ from plumbline.kinematics.link_export import xml_text
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.constants import LEAST_INERTIA, LEAST_MASS, UNTURNED
 from plumbline.optim.model.export.bodies import MUJOCO, bodies_of, drives_of, held_by
 from plumbline.optim.model.export.exported import Exported, head, lacking, must_agree
 from plumbline.optim.model.export.geometry import fixed_part, fixed_pose, placements, tool_of
 from plumbline.optim.model.export.readers import frames_by_mujoco, has_mujoco
 
 TOOL = "calibrated_tool"
-LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6  # [kg], [kg m^2] of a body without: MuJoCo needs some
-# Of a rotation's entries: MuJoCo reads a site whose quaternion is within 1e-6 of its body's as not
-# turned (user_model.cc, IsSamePose).
-UNTURNED = 4e-6
 # Dry friction as hard as MuJoCo has it: held off its command by play, a joint creeps 1 % a second.
 FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
 

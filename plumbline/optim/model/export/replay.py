@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault
 from plumbline.optim.core.problem import Array
-
-REST = 1.0  # [s] for which the first command is held before, so that filters and delays are full
+from plumbline.optim.model.constants import REST
 
 
 def replay(mjcf: str, time: ArrayLike, command: ArrayLike, start: ArrayLike = ()) -> Array:

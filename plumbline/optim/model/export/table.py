@@ -16,14 +16,12 @@ import numpy as np
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.constants import MOST_POINTS, SHAKEN, SLIDE_STEP
 from plumbline.optim.model.export.exported import Exported, lacking
 from plumbline.optim.model.statement import acts_on_places
 
 HEAD = ("kind", "joint", "effect", "name", "at", "value", "std", "unit", "meaning")
 STEP = np.pi / 360  # [rad] of a curve: a line between misses order 40 by a hundredth of its size
-SLIDE_STEP = 1e-3  # [m] of a slide's curve
-MOST_POINTS = 2_000  # a joint: five turns
-SHAKEN = 0.37  # [rad or m] by which all other readings are moved to see whether they matter
 
 
 def table(arm: Arm) -> Exported:
