@@ -11,6 +11,23 @@ STAND = {
         "ROUNDING": 1e-09, "DRAWS": 2000, "FEWEST": 4, "SYMMETRIC": 1e-09, "MOST_LINKS": 100,
         "SAME_PLACE": 1e-06,
     },
+    "capsule_mpc": {
+        "MM": 1000.0, "OBSTACLE": 10, "FAR": 1000000.0, "STILL": (0.0, 0.0, 0.0), "A_MAX": 1.0,
+        "J_MAX": 50.0, "V_OUTER": 0.25, "CONE": 80.0, "SHALLOW": 1.0, "REVOLUTE": 0.01,
+        "PRISMATIC": 0.001, "POWER": 8, "KEPT": 0.95, "TURN": 5.0, "REGULAR": 1e-06,
+        "ABSENT": -1000000000.0, "DROPPED": -100000000.0, "TOUCHING": 1e-09, "LIMITS": 10.0,
+        "ACROSS": 0.5, "COMMON": 0.001, "CURVATURE": 1e-06, "INFINITE": 10000.0, "WATCH": 8.0,
+        "SHORT": 0.001, "ROUNDS": 3, "OFF": 0.01, "SLACK": 0.001, "HALVINGS": 4, "ROUNDING": 1e-09,
+        "PASSES": 8, "SHORTER": 0.98, "HOLDING": 0.1, "WORSE": 0.005, "SUBSTEPS": 4, "REST": 1e-06,
+        "MOST_OF_A_STOP": 60, "NO_WAY": 1e-30, "EXACT": 1e-06, "CREEP": 0.1, "GRAIN": 0.01,
+        "LATEST": 0.2, "LATE": 0.1, "GAINS": 0.1, "LEARNT": 60.0, "SEEN_FROM": 0.01,
+        "STANDARD": 3.0, "NO_SEAT": 1000000.0, "SMOOTHING": 0.106, "SEEN": 0.53, "DAMPING": 0.7,
+        "AHEAD": 1.2, "STRAIGHT": 1.0, "TURNED": 1.0, "CHANGED": 0.1, "UNEVEN": 0.2,
+        "FEWEST_LOOKS": 5, "RECENT_LOOKS": 25, "FASTEST": 2000.0, "MEMORY": 10.0, "EVERY": 0.04,
+        "ROOM": 2.0, "FINER": 8, "LIKELY": 8, "ASIDE": 0.35, "SHARES": (1.0, 0.5), "SAMPLES": 17,
+        "CLEAR": 2.0, "DIRECTIONS": 12, "OFFSETS": (10.0, 18.0, 28.0, 40.0, 55.0),
+        "PATIENCE": 300.0, "MOMENT": 20.0,
+    },
     "core": {
         "LARGEST_ANSWER": 500000000, "STILL": 0.1, "STATIONARY": 1e-05, "FEASIBLE": 1e-08,
         "LEAST_RESIDUAL": 1e-09, "SINGULAR": 1e-12, "LISTED": 4, "CHUNK_NUMBERS": 4000000,
@@ -31,6 +48,35 @@ STAND = {
         "LEAST_SHAPE": 0.0001, "LEAST_LEFT": 0.1, "COUNT": 4, "FLATTEST": 0.001, "SPARE_STEPS": 2,
         "MOST_STEPS": 40, "CANDIDATES": 400, "TARGETS": 60, "SWEEPS": 8, "TRIES": 200,
         "VAGUE": 1e-08, "AGREES": 1e-09, "POSTURES": 20,
+    },
+    "hand_eye": {
+        "LONGEST": 20.0, "LARGEST_NOISE": 0.1, "LARGEST_ANGLE": 12.0, "SAME_TURN": 0.002,
+        "SAME_POSE": 1e-06, "SKEWED": 0.0001, "LEAST_ROWS": 8, "SPARE": 8, "LEAST_ON_PLANE": 3,
+        "LEAST_FACE": 4, "FLAT": 0.001, "ALIKE": 0.001, "LEAST_GROUP": 4, "LEAST_GROUPS": 3,
+        "PARALLEL": 0.08726646259971647, "CAUCHY": 2.385, "TO_SIGMA": 1.4826, "ROBUST_ROUNDS": 40,
+        "ROBUST_SETTLED": 1e-05, "INNER": 1.5, "SCATTER_SETTLED": 0.98, "REFINEMENTS": 12,
+        "SURE_SCATTER": 0.0005, "BEYOND": 4.5, "FEW": 0.2, "TRIALS": 120, "SAMPLE": 10,
+        "TRIAL_ROUNDS": 12, "KEPT": 4, "THREES": 300, "MOST_MISFIT": 0.02, "SUSPECT": 0.001,
+        "BETTER": 5.0, "SHAPES": 16, "ARM_SHAPES": 48, "GROSS": 4.5, "MAD_EFFICIENCY": 0.37,
+        "NORMAL_95": 1.96, "GROSS_ROUNDS": 3, "LEAST_FREE": 0.05, "BIAS_STD": 0.0004,
+        "BOARD_REACH": 0.4, "LEAST_BOWED": 20, "ARM_SHIFT": 0.3, "ARM_TURN": 0.3,
+        "READINGS_A_SHAPE": 4, "VARIANCE_ROUNDS": 8, "VARIANCE_FLOOR": 0.05, "LEAST_SLANT": 0.001,
+        "LINEAR_ROUNDS": 3, "LIKELY_ROUNDS": 15, "VARIANCE_SETTLED": 0.001, "LOST_R": 0.02,
+        "LOST_V": 0.05, "INFINITE": 1.0, "POOR_R": 0.0005, "POOR_V": 0.002, "PATCH": 0.03,
+        "LINE": 0.01, "ALONG": 0.9396926207859084, "LEAST_TURN": 0.01, "ONE_TURN": 0.005,
+        "ONE_AXIS": 0.02, "MANY_GROSS": 0.2, "FEW_READINGS": 2, "UNDERSTATED": 2.0,
+        "OVERSTATED": 5.0, "POSES": 5, "MOST_POSES": 50, "TRIES": 400,
+        "LARGEST_TILT": 1.0471975511965976, "LEAST_INCIDENCE": 0.5235987755982988,
+        "REACH_STEPS": 12, "LONGEST_STEP": 0.4, "ARRIVED": 1e-05, "LEAST_ROBUST": 10,
+        "FACE_GROSS": 6.0, "LEAST_GROSS": 0.0005, "LOST_EDGE": 0.01, "LEAST_SINE": 0.001,
+        "NEIGHBOURS": 12, "FIRST_REACH": 0.02, "LAST_REACH": 0.003, "SURFACE_GAP": 3.0,
+        "SURFACE_DAMPING": 1e-06, "SURFACE_STEPS": 60, "SURFACE_REST": 1e-09, "LEAST_MATCHED": 0.5,
+        "SURFACE_POINTS": 30000, "LEAST_SURFACE": 100, "LARGEST_SURFACE": 3.0, "LEAST_POINTS": 4,
+        "LEAST_LANDMARKS": 3, "SCIPY_SCALE": 0.0001, "DESIGN_DAMPING": 1e-06,
+        "SIZES": (0.01, 0.1, 0.1, 0.01, 0.0001, 0.001, 0.0001), "FIXED": 14, "BOW": 0, "ARM": 1,
+        "BIAS": 2, "BEAM": 5, "NUISANCE_RANK": 1e-10, "NOTHING": 1e-12, "LEAST": 1e-12,
+        "LEAST_SIGMA": 1e-09, "SCAN_STEP": 1e-06, "LEAST_SPAN": 1e-09, "SHOWN": 4.0,
+        "FINEST_NORMAL": 0.001, "SLIDE": 0.3, "MILLIMETRES": 1000.0,
     },
     "measurement": {
         "SMOOTH": 0.25, "FRAME_SCALE": (0.1, 0.1), "TOOL_SCALE": 0.05, "COINCIDENT": 1e-12,
@@ -60,6 +106,47 @@ STAND = {
         "SAMPLES": 64, "ROUNDING": 1e-09, "STILL": 1e-09, "RESOLUTION": 0.0001, "SLOTS": 16,
         "NEAR": 0.03, "SPARE": 0.0003, "PENALTY": 100.0, "ROUNDS": 4, "PATIENCE": 2, "NEAREST": 3,
     },
+    "recording": {
+        "LARGEST": 1000000000000.0, "MOST_ROWS": 1000000, "MOST_COLUMNS": 10000,
+        "LARGEST_SETTINGS": 1000000, "LONGEST_REASON": 200, "MOST_PARTS": 100,
+        "SAME_POSTURE": 1e-06, "BETTER_ROWS": 3, "STILL": 1e-09, "TURNS": 12.566370614359172,
+        "SLACK": 0.1, "BEYOND_LIMIT": 1e-06, "MILLIMETRES": 31.6, "LARGEST_TWIST": 7.0,
+        "AS_DEGREES": 0.05, "EXTREME": 0.1, "OUTSIDE": 0.5, "LARGEST_ARM": 100.0,
+        "LARGEST_TOOL": 1.0, "LARGEST_GRAVITY": 50.0, "EARTH": (9.7, 9.9), "MEETS": 0.2,
+        "CONVERTED": 0.1, "SMALLEST_SPREAD": 0.001, "NEAR_SCALE": 3.0, "FARTHEST": 2.4,
+        "HUGE": 0.05, "UNMET": 0.25, "FEWEST": 5, "OUT_OF_BASE": 0.25, "MOUNTED": 0.1,
+        "LEAST_NOISE": 1e-08, "COARSE": 0.01, "UNIT_TOLERANCE": 0.001, "ODD": 0.1, "BETTER": 0.2,
+        "ALIKE": 0.02, "LINE": 0.02, "LARGEST_SPEED": 1000.0, "LARGEST_ACCELERATION": 1000000.0,
+        "LARGEST_EFFORT": 1000000.0, "KELVIN": 200.0, "FAHRENHEIT": 60.0,
+        "TEMPERATURES": (-60.0, 120.0), "LARGEST_PAYLOAD": 5000.0, "BANDWIDTH": 10.0,
+        "LEAST_WINDOW": 3, "GAP_IN_TIME": 5.0, "SURE_SPEED": 0.005, "AT_ITS_END": 10,
+        "ENDS_WITHIN": 3.5, "ENDS_OFF": 0.05, "UNSIGNED": 0.98, "FEWEST_EFFORTS": 20,
+        "LEAST_EFFORT_NOISE": 1e-06, "INERTIA_ROWS": 200, "EFFORT_ROWS": 3000, "ORDER": 3,
+        "USUAL": 0.99, "SPEEDS_UP": 3.0, "SHORTEST": 50, "THIRD_DIFFERENCE": 3.0164557016472164,
+        "ONE_COURSE": 0.9, "LATEST": 0.2, "SURELY_LATE": 10.0, "LEAST": 0.05, "FINE": 401,
+        "MIXED_UP": 9.0, "ROUNDING": 0.01, "TIP_AXES": 3, "FIRST_ROW": 2, "SOCKETS": 1000000,
+        "REPEATED": 0.1, "FEW": 5, "UNDER_WAY": 3.0, "EVEN": 2.0, "ONE_ROBOT": 0.01,
+        "NO_SOCKET": -1, "PLAUSIBLE": 0.01, "ASKED": 0.1, "MENDED": 0.1, "FEWEST_POSTURES": 10,
+        "MOST_SIGNS": 7, "ONE_SET_UP": 0.001, "IN_A_SOCKET": 4, "SOCKET_STARTS": 20,
+        "LISTED_SET_UPS": 3, "LEVER": 0.3, "FRAME_STEPS": 8, "UNTOLD": 0.001, "MOST_NAMED": 30,
+        "SLIDE": 0.3333333333333333,
+    },
+    "registration": {
+        "LARGEST": 5.0, "COARSEST": 0.05, "FEWEST": 3, "FEWEST_DIAGNOSED": 4, "SAME_PLACE": 1e-09,
+        "FINEST_GRID": 0.0002, "ON_GRID": 1e-06, "COINCIDENT": 1e-06,
+        "MILLIMETRES": (300.0, 3000.0), "ON_A_LINE": 1.0, "STATED": 8.0, "UNEVEN": 1e-09,
+        "EXACT": 1e-12, "FEWEST_UNSTATED": 4, "DRAWS": 4000, "SMALLEST": 1e-13,
+        "LEAST_SHARE": 1e-08, "LEAST_FREEDOM": 1e-09, "STEPS": 60, "NEARLY": 1e-08,
+        "NO_WORSE": 1e-13, "LEAST_DAMPING": 0.001, "MORE_DAMPING": 10.0, "HOPELESS": 1000000.0,
+        "CHUNK": 4096, "CHUNK_OF_TRIPLES": 2048, "ALPHA": 0.001, "ALPHA_UNSTATED": 0.005,
+        "ROUNDING": 1e-24, "RIVAL": 13.815510557964274, "EVERY": 100, "TRIPLES": 2000, "STARTS": 12,
+        "KEPT": 3, "CONCENTRATIONS": 20, "SETTLED": 1e-12, "LEAST_HELD": 5.0, "MANY": 24,
+        "LEAST_ANGLE": 2.0, "MEAN_ROUNDS": 30, "STILL": 1e-11, "ALL_ORDERS": 7, "FITTED": 12,
+        "ALIKE": 200, "DOUBTFUL": 0.001, "SURPRISING": 0.05, "RELATIVE_DOUBT": 0.01, "NO_PAIR": 0.1,
+        "MUCH": 3.0, "MUCH_UNSTATED": 10.0, "NEARLY_ON_A_LINE": 15.0, "FLAT": 0.05, "ASIDE": 0.1,
+        "WIDE_TURN": 0.08726646259971647, "FINE": 0.002, "COARSE": 0.005, "ENOUGH_FREEDOMS": 8.0,
+        "POSE": 15,
+    },
 }  # fmt: skip
 
 
@@ -71,12 +158,17 @@ def named(tree):
             yield from ast.unparse(target).strip("()").split(", ")
 
 
+def is_number(value):
+    """Whether it is a number, or several."""
+    return isinstance(value, int | float) or (
+        isinstance(value, tuple) and all(isinstance(part, int | float) for part in value)
+    )
+
+
 @pytest.mark.parametrize("method", STAND)
 def test_every_number_stands_where_it_was_set(method):
     module = import_module(f"plumbline.optim.{method}.constants")
-    found = set(named(ast.parse(Path(module.__file__).read_text(encoding="utf-8"))))
-    assert {n for n in found if isinstance(getattr(module, n), int | float | tuple)} == set(
-        STAND[method]
-    )
+    found = named(ast.parse(Path(module.__file__).read_text(encoding="utf-8")))
+    assert {name for name in found if is_number(getattr(module, name))} == set(STAND[method])
     for name, value in STAND[method].items():
         assert getattr(module, name) == pytest.approx(value, rel=1e-12), name
