@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import minimize_scalar, nnls
 from scipy.special import gammaincinv
 
 from plumbline.errors import fault, shown
 from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.robot import STANDARD_GRAVITY
 from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording.constants import (
@@ -264,10 +265,12 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     r = r.select(np.linspace(0, len(r) - 1, min(len(r), INERTIA_ROWS)).astype(int))
     read, model = r.measured, nominal_efforts(r)
     tried = {g: _under(r, g) for g in _mountings(r)}
-    own, turned = _off(r, read - model)[0], _off(r, read + model)[0]
-    left, gravity = min(((_off(r, read - m)[0], g) for g, m in tried.items()), default=(own, ()))
-    scaled, factor = _off(r, read, model)
-    moved = tried.get((0.0, 0.0, 0.0), model)
+    each, against = _off(r, read - model), _off(r, -read - model)
+    own, turned = float(each.mean()), float(against.mean())
+    left, gravity = min((float(_off(r, read - m).mean()), g) for g, m in tried.items())
+    best = minimize_scalar(lambda k: _off(r, read - k * model).mean())
+    factor, scaled = float(best.x), float(best.fun)
+    moved = tried[0.0, 0.0, 0.0]
     heavy = np.sum((model - moved) ** 2) > np.sum(moved**2)
     read_square, far = float(np.mean(read**2)), not 1 / NEAR_SCALE < factor < NEAR_SCALE
     # Of drives that read next to nothing no mounting explains what they read; nor are signs alone.
@@ -282,27 +285,28 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
         off = "" if any(gravity) else ": the controller takes the arm's weight off"
         where, mend = origin.key("[robot] gravity"), f"write gravity = {list(gravity)}{off}"
         raise fault(where, found, "the gravity of this mounting", mend)
+    for one in np.flatnonzero(MIXED_UP * against < each):
+        found = f"effort{one + 1} against the model's and its friction"
+        mend = "turn the sign of this column"
+        raise fault(origin.at(f"effort{one + 1}"), found, "efforts that run with them", mend)
 
 
-def _off(r: Recording, read: Array, model: Array | None = None) -> tuple[float, float]:
-    """Mean square of efforts (N, n) beside what friction takes, and the share of a model in them.
+def _off(r: Recording, read: Array) -> Array:
+    """Mean squares (n,) of what is left of efforts (N, n) beside friction of each joint.
 
-    Friction goes with each joint's sense of turning and speed, and is never below nothing.
+    It goes with the sense of turning and the speed, and is never below nothing.
     """
     assert r.turning is not None
-    sides = (r.turning, _moved(r)[0])
-    rubs = [np.outer(side[:, j], e) for j, e in enumerate(np.eye(r.chain.n)) for side in sides]
-    parts = np.array(rubs if model is None else [model, *rubs]).reshape(-1, read.size)
-    shares, left = nnls(parts.T, read.ravel())
-    return left**2 / read.size, float(shares[0])
+    columns = zip(r.turning.T, _moved(r)[0].T, read.T, strict=True)
+    return np.array([nnls(np.stack(c[:2], axis=1), c[2])[1] ** 2 / len(read) for c in columns])
 
 
 def _mountings(r: Recording) -> list[tuple[float, ...]]:
     """Gravities (3,) of a robot that hangs, or is on a wall, and of one whose weight is borne."""
     g = np.asarray(r.chain.gravity, dtype=float)
-    size = float(np.linalg.norm(g))
+    size = float(np.linalg.norm(g)) or float(np.linalg.norm(STANDARD_GRAVITY))
     ways = [size * sign * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]
-    others = [np.zeros(3), *(way for way in ways if way @ g < size**2 / 2)] if size else []
+    others = [np.zeros(3), *(way for way in ways if way @ g < size**2 / 2)]
     return [tuple((way.round(3) + 0.0).tolist()) for way in others]
 
 

@@ -249,6 +249,22 @@ def test_a_mounting_that_is_not_stated_is_named(robot, gravity, words):
         recorded(robot, measured=tau + np.sign(v))  # beside friction on every joint
 
 
+def test_efforts_that_bear_a_weight_are_not_of_an_arm_without_gravity(robot):
+    _, q, v, a = swing(4)
+    tau = tree_of(robot).dynamics.torques(q, v, a) + np.sign(v)
+    with pytest.raises(PlumblineError, match=r"write gravity = \[0.0, 0.0, -9.81\]"):
+        recorded(robot.with_gravity([0.0, 0.0, 0.0]), measured=tau)
+
+
+def test_an_effort_that_runs_against_its_joint_s_friction_is_refused(robot):
+    """Where friction is most of it no likeness to the model's effort says so."""
+    tau = recorded(robot).measured.copy()
+    tau[:, 1] += 0.7 * np.abs(tau[:, 1]).max() * np.sign(recorded(robot).velocity[:, 1])
+    recorded(robot, measured=tau)
+    with pytest.raises(PlumblineError, match=r"effort2 against the model's and its friction"):
+        recorded(robot, measured=tau * [1, -1, 1, 1])
+
+
 def test_efforts_that_are_all_turned_are_no_other_mounting(robot):
     """Of a slow motion all but the weight is little, which another gravity turns as well."""
     _, q, v, a = swing(4)
