@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.sources import fetch
 from plumbline.kinematics.dh import rows_table
 from plumbline.kinematics.frames import homogeneous
@@ -123,7 +124,7 @@ def efforts(build: Path) -> Given:
     bodies = _without_shapes(urdf)
     given: dict[str, Array | str] = {"urdf": bodies, "gravity": r.robot.gravity}
     if r.velocity is None or r.acceleration is None:
-        raise ValueError("efforts come with velocities and accelerations")
+        raise PlumblineError(f"{r.name}: efforts alone, velocities and accelerations expected")
     data = model.createData()
     rows = zip(r.q, r.velocity, r.acceleration, strict=True)
     rigid = np.array([pin.rnea(model, data, q, v, a) for q, v, a in rows])

@@ -115,6 +115,6 @@ def _nameless(content: dict[str, Any]) -> Iterator[float]:
 def _statement(entry: dict[str, Any]) -> StatedCause:
     probability = float(entry["probability"])
     if not 0.0 <= probability <= 1.0 + ROUNDING:
-        raise ValueError(probability)
+        raise PlumblineError(f"probability: found {probability}, expected 0 to 1; mend it")
     rivals = tuple(key_of(rival) for rival in entry.get("confounded_with") or ())
     return StatedCause(key_of(entry), min(probability, 1.0), rivals)

@@ -31,7 +31,7 @@ SETS: Mapping[str, tuple[str, Design]] = {
         "each effect taken out of the library in turn",
         replace(RICH, leave_out=("each",)),
     ),
-    "beside": (
+    "one-unlisted": (
         "two causes, one of them taken out of the library",
         replace(RICH, kind="pair", leave_out=("one",)),
     ),

@@ -158,11 +158,11 @@ def _one_of(facts: Mapping[str, Any], rng: np.random.Generator) -> tuple[str, ..
     """The effect of one of the causes, whichever: they are listed in the order of the chain.
 
     Raises:
-        ValueError: The causes have one effect, so that nothing known would be left.
+        PlumblineError: The causes have one effect, so that nothing known would be left.
     """
     names = [str(effect["effect"]) for effect in facts["effects"]]
     if len(set(names)) < len(names):
-        raise ValueError(f"{names[0]}: twice in one case")
+        raise PlumblineError(f"{names[0]}: twice in one case, two effects expected; draw another")
     return (str(rng.choice(names)),)
 
 

@@ -149,7 +149,7 @@ def read_ledger(folder: Path) -> Ledger | None:
 def _entry(fields: dict[str, Any]) -> Entry:
     case = str(fields["case"])
     if Path(case).name != case or case in {".", ".."}:
-        raise ValueError(case)
+        raise PlumblineError(f"case: found {case!r}, expected a plain name; mend it")
     return Entry(
         case, str(fields["truth"]), str(fields["recording"]), tuple(map(str, fields["without"]))
     )

@@ -146,11 +146,11 @@ def key_of(entry: dict[str, Any]) -> Key:
     """Effect and element of an entry; an element that is missing is none.
 
     Raises:
-        ValueError: The element is no whole number.
+        PlumblineError: The element is no whole number.
     """
     element = entry.get("element")
     if element is not None and (isinstance(element, bool) or int(element) != float(element)):
-        raise ValueError(element)
+        raise PlumblineError(f"element: found {element}, expected a whole number; mend it")
     return (str(entry["effect"]), None if element is None else int(element))
 
 

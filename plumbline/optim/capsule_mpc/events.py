@@ -145,7 +145,7 @@ def moves_otherwise(k: int, seen: Obstacle, stated: Obstacle) -> Event:
 
 def acts_late(k: int, later: float) -> Event:
     """Rates of a body, from 0, act otherwise than was told [s]."""
-    words = f"instrument {k + 1}: rates act {1e3 * later:+.0f} ms beside what was told; as seen"
+    words = f"instrument {k + 1}: rates act {1e3 * later:+.0f} ms later than told; as seen"
     return Event(Trouble.LATE, words, later)
 
 

@@ -95,12 +95,14 @@ class StoredFit:
         """The model of the rows of the fit and its effects, and where its fit ended.
 
         Raises:
-            ValueError: They have another number of unknowns.
+            PlumblineError: They have another number of unknowns.
         """
         nuisance = nuisances_of(recording, self.anchor)
         model = build_model(
             recording, effects, nuisance=nuisance, weights=self.weights, ridge=self.ridge
         )
         if self.x.shape != model.start.shape:
-            raise ValueError(f"{self.x.size} values for {model.start.size} unknowns")
+            raise PlumblineError(
+                f"{self.x.size} values, one expected for each of {model.start.size} unknowns"
+            )
         return model, Solution(model.problem, self.x, self.iterations, self.message)

@@ -404,8 +404,8 @@ def test_beside_an_unknown_the_known_cause_must_be_named_and_the_unknown_flagged
         judged([SPOT], [], "outside-library", unknown=(SPOT,)),
     ]
     found = score(cases).overall
-    assert (found.share("beside_found").count, found.share("beside_found").of) == (3, 5)
-    assert (found.share("beside_flagged").count, found.share("beside_flagged").of) == (4, 5)
+    assert (found.share("partly_found").count, found.share("partly_found").of) == (3, 5)
+    assert (found.share("partly_flagged").count, found.share("partly_flagged").of) == (4, 5)
 
 
 def test_the_order_and_the_names_of_cases_change_nothing() -> None:

@@ -130,7 +130,7 @@ def test_the_tree_adds_up_level_by_level():
 # From marginals to names
 
 
-def sampled(scale=0.6, offset=0.3, lacked=0.2, beside=0.1, gross=0.7):
+def sampled(scale=0.6, offset=0.3, lacked=0.2, conditional=0.1, gross=0.7):
     """Two effects of joint 2, two unlisted mechanisms and a row that may be gross."""
     families = [
         Dependence(f"joint {j}'s error depends on it", "own angle", "joint", j, np.ones((1, 1, 1)))
@@ -195,7 +195,7 @@ def test_what_is_named_may_be_a_part_of_what_is_missing_unless_it_is_far_larger(
     assert doubted.probabilities[SCALE] == pytest.approx(0.9 * (1.0 - part))
     assert doubted.sensitive[SCALE] == pytest.approx((0.8 * (1.0 - part), 1.0 - part))
     assert told.doubted(0.0, 1.0, {SCALE: moved}).probabilities[SCALE] == 0.9
-    known = replace(told, beside=1.0).doubted(1.0, 1.0, {SCALE: moved})
+    known = replace(told, conditional=1.0).doubted(1.0, 1.0, {SCALE: moved})
     assert known.probabilities[SCALE] == pytest.approx(0.9)
     mechanism = next(m for m in told.mechanisms if m[3] == SCALE[0])
     assert doubted.mechanisms[mechanism] == pytest.approx(told.mechanisms[mechanism] * (1.0 - part))
@@ -431,7 +431,7 @@ def test_explained_are_rows_left_out_to_a_seventh_above_their_noise(
 
 @pytest.mark.parametrize(("p", "earned"), [(0.15, True), (0.25, False)])
 def test_explained_leaves_less_than_a_fifth_to_what_the_library_lacks(judged, p, earned):
-    assert (kind(judged, told={"beside": p}).verdict == Outcome.EXPLAINED) == earned
+    assert (kind(judged, told={"conditional": p}).verdict == Outcome.EXPLAINED) == earned
 
 
 def test_probabilities_of_a_part_of_the_rows_say_so(judged):
@@ -467,7 +467,7 @@ def test_what_a_search_chose_in_vain_is_told_with_the_reason(judged, p, why):
 
 
 def test_what_may_be_at_work_instead_leaves_no_gap(judged):
-    assert kind(judged, told={"unlisted": 0.4, "beside": 0.05}).verdict == Outcome.EXPLAINED
+    assert kind(judged, told={"unlisted": 0.4, "conditional": 0.05}).verdict == Outcome.EXPLAINED
 
 
 def test_beside_what_is_named_is_told_apart_from_instead_of_it():
@@ -476,7 +476,7 @@ def test_beside_what_is_named_is_told_apart_from_instead_of_it():
     both, one, other = frozenset({0, 2}), frozenset({0}), frozenset({2})
     logs = {both: np.log(0.1), one: np.log(0.5), other: np.log(0.4)}
     told = _told(alt, replace(found, seen=logs))
-    assert told.beside == pytest.approx(0.1 / 0.6)
+    assert told.conditional == pytest.approx(0.1 / 0.6)
 
 
 def test_a_noise_larger_than_stated_is_told_as_that_and_is_not_known(judged):
@@ -484,7 +484,7 @@ def test_a_noise_larger_than_stated_is_told_as_that_and_is_not_known(judged):
     assert (verdict.verdict, verdict.meaning) == (Outcome.PARTLY, NOISIER)
     assert verdict.outside_probability < 0.1
     assert any(note.startswith("noise larger than stated") for note in verdict.notes)
-    assert kind(judged, told={"unlisted": 0.4, "beside": 0.4}).meaning != NOISIER
+    assert kind(judged, told={"unlisted": 0.4, "conditional": 0.4}).meaning != NOISIER
 
 
 @pytest.mark.parametrize(("low", "shown"), [(-0.01, False), (0.01, True)])
@@ -493,7 +493,7 @@ def test_a_cause_of_which_rows_left_out_show_nothing_is_said_to_be_of_the_others
 ):
     recording, selected, seen, told, noise = judged
     parts = recording, selected, replace(seen, interval=(low, 0.5)), told, noise
-    verdict = kind(parts, told={"unlisted": 0.6, "beside": 0.6})
+    verdict = kind(parts, told={"unlisted": 0.6, "conditional": 0.6})
     assert verdict.verdict == Outcome.PARTLY
     assert (verdict.meaning != NOT_SHOWN) == shown
 

@@ -242,7 +242,7 @@ def test_what_the_rest_of_the_rows_says_counts_by_the_likelihood_s_power():
     """As if all rows had been worth that share from the first on: then it is open again."""
     asked, power = elsewhere("elsewhere"), 1e-4
     rest = asked.shared.beyond(frozenset({1})).share(power)
-    log = asked.beside([0], rest)(frozenset({0}))
+    log = asked.conditional([0], rest)(frozenset({0}))
     [part] = asked.share(power).parts([0, 1]).values()
     assert logit(part) == pytest.approx(logit(PART_OF_UNLISTED**2) - max(log, 0.0))
     assert asked.parts([0, 1])[0] < 1e-6 < 0.1 < part

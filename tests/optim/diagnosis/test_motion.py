@@ -369,7 +369,7 @@ def test_what_is_within_the_stated_noise_is_no_mechanism_whatever_its_form():
     for stated, told in ((0.0, True), (0.5, True), (1.0, False), (2.0, False)):
         shares = {
             u.on: u.share
-            for u in FunctionRivals(windows, fit, 100.0, 0.0, stated * fit.square).beside()
+            for u in FunctionRivals(windows, fit, 100.0, 0.0, stated * fit.square).conditional()
         }
         assert shares["command"] == pytest.approx(1 - max(stated, 1e-3) if told else 0.0, abs=1e-2)
 

@@ -184,7 +184,7 @@ class FamilyDesign:
 
         Each with the shifts of single rows that may be gross (R, m, N, m), and without them.
         """
-        log = self._beside(found, pool, looks(pool, chosen), gross) + shares
+        log = self._conditional(found, pool, looks(pool, chosen), gross) + shares
         best = np.max(log - logsumexp(log, axis=1, keepdims=True), axis=0)
         return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
 
@@ -192,9 +192,9 @@ class FamilyDesign:
         self, found: Sequence[Dependence], shares: Array, pool: Pool, state: Sequence[SelectedTerm]
     ) -> float:
         """Log evidence of all families together beside a state, weighed by their shares."""
-        return float(logsumexp(self._beside(found, pool, [state])[0] + shares))
+        return float(logsumexp(self._conditional(found, pool, [state])[0] + shares))
 
-    def _beside(
+    def _conditional(
         self,
         found: Sequence[Dependence],
         pool: Pool,

@@ -78,15 +78,15 @@ def resembling(
         size = visible(own)
         if size <= 0.0:
             continue
-        beside = [(on, leading(d), 0.0) for on, d in _modulated(own, recording, load, effect)]
+        looked = [(on, leading(d), 0.0) for on, d in _modulated(own, recording, load, effect)]
         # What bends a body moves all joints before it: an unknown torque of one is not like it.
         at = None if torques and effect.acts_at else place
-        beside += [
+        looked += [
             (f.on, f.columns, f.log_prior)
             for f in families
             if (f.stage, f.element) == at and f.on not in APART
         ]
-        sized = ((on, d, log, visible(d) / size) for on, d, log in beside)
+        sized = ((on, d, log, visible(d) / size) for on, d, log in looked)
         found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > UNMOVED]
         # Forms share; those that the data have chosen bear the price of that choice.
         ways = float(logsumexp([log for *_, log in found])) if found else 0.0

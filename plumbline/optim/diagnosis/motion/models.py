@@ -166,11 +166,11 @@ class Models:
         first = max(forms, key=rank)
         return max((k for k in known if names_of(k) == first), key=lambda k: self.score(k, time))
 
-    def negligible(self, key: Key, beside: Key) -> bool:
+    def negligible(self, key: Key, given: Key) -> bool:
         """Whether a model has more effects than another, which take next to nothing each."""
-        other = self.found[beside]
+        other = self.found[given]
         grows = other.square - self.found[key].square
-        more = len(key) - len(beside)
+        more = len(key) - len(given)
         return more > 0 and grows < max(more * LEAST_GAIN * other.square, self._steps(other))
 
     def spared(self, key: Key) -> Key:

@@ -97,9 +97,9 @@ def search(
     found = {e.name for e in fit.effects}
     instead = {name: _instead(name, found, share) for name in found}
     std = errors_of(models, fit, prior, sigma)
-    beside = FunctionRivals(windows, fit, effective).beside()
+    added = FunctionRivals(windows, fit, effective).conditional()
     if sigma is not None:
-        beside = (*beside, own_past(windows, fit, models.floor(fit, sigma), effective))
+        added = (*added, own_past(windows, fit, models.floor(fit, sigma), effective))
     outside = sum(p for names, p in share if any(name[0] == "?" for name in names))
     every, anything = _mechanisms(share)
     near = {name for name, p in probability.items() if p > CONFOUNDED}
@@ -109,7 +109,7 @@ def search(
         if e.is_limit and e.name not in near
     }
     return Joint(
-        number, windows, fit, probability, instead, beside, outside, every, anything, effective,
+        number, windows, fit, probability, instead, added, outside, every, anything, effective,
         unseen, std,
     )  # fmt: skip
 
@@ -170,13 +170,13 @@ def _weights(
         if best - score > RIVAL_FROM * effective:
             continue  # far too much for any function to make up for
         rivals = FunctionRivals(models.windows, fit, effective, own.square, stated)
-        beside = rivals.beside()
+        added = rivals.conditional()
         past: tuple[UnlistedFunction, ...] = ()
-        if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in beside):
+        if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in added):
             floor = models.floor(fit, sigma)
             past = (own_past(models.windows, fit, floor, effective),)  # that no function tells
         sizes = models.sizes(less)
-        for u in (*beside, *past):
+        for u in (*added, *past):
             if u.share > LEAST_SHARE:
                 large = (u.share * fit.square) ** 0.5
                 found += _with_parts(sizes, large, u.on, score + u.gain + each)

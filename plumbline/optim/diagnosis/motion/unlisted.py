@@ -129,7 +129,7 @@ class FunctionRivals:
             for on, Phi in _features(windows, fit, self.along)
         }
 
-    def beside(self) -> tuple[UnlistedFunction, ...]:
+    def conditional(self) -> tuple[UnlistedFunction, ...]:
         """Every variable's function, as large as what is left."""
         widths = [width * self.fit.square**0.5 for width in WIDTHS]
         return tuple(UnlistedFunction(on, *f.gain(widths)) for on, f in self.functions.items())

@@ -113,7 +113,7 @@ class JointProblem(TermProblem):
         shared = self.shared and self.shared.share(of)
         return replace(self, linear=self.linear.share(of), shared=shared)
 
-    def beside(self, indices: Sequence[int], linear: Linear) -> Evidence:
+    def conditional(self, indices: Sequence[int], linear: Linear) -> Evidence:
         """What tells the evidence of some of these terms beside the others, in another problem.
 
         All keep their widths, or the most probable ones of them together where none are known.
@@ -217,16 +217,16 @@ class Parts:
         for k, own in elsewhere.items():
             log = np.inf  # of what is far larger
             if moved and DEVIATIONS[0] ** 2 * moved(sorted(own)) <= moved(lacked):
-                log = self._beside(problem, listed, places)(own)
+                log = self._conditional(problem, listed, places)(own)
             found[k] = float(expit(logit(found[k]) - max(log, 0.0)))
         return found
 
-    def _beside(self, problem: JointProblem, listed: State, places: State) -> Evidence:
+    def _conditional(self, problem: JointProblem, listed: State, places: State) -> Evidence:
         """Of listed terms, by what no mechanism at some places could move."""
         if places not in self._rest:
             self._rest[places] = self.beyond(places)
         if (listed, places) not in self._logs:
-            self._logs[listed, places] = problem.beside(sorted(listed), self._rest[places])
+            self._logs[listed, places] = problem.conditional(sorted(listed), self._rest[places])
         return self._logs[listed, places]
 
 

@@ -185,12 +185,12 @@ def _parts(problem: JointProblem, shared: Parts, lacked: Array, held: Mapping[in
     at = np.zeros(size, dtype=np.intp)
     at[labels] = problem.labels[1]
 
-    def beside(related: NDArray[np.bool_]) -> Array:
+    def conditional(related: NDArray[np.bool_]) -> Array:
         return _elsewhere(np.minimum(lacked @ related.T, 1.0))
 
-    same, one, every = (beside(shared.apart <= k) for k in range(3))
+    same, one, every = (conditional(shared.apart <= k) for k in range(3))
     found = same + shared.prior * (one - same) + shared.prior**2 * (every - one)
-    there = same + shared.prior * (beside(at[:, None] == at) - same)
+    there = same + shared.prior * (conditional(at[:, None] == at) - same)
     told, parts = np.zeros(size), replace(problem, widths=held).parts(held)
     told[list(parts)] = list(parts.values())
     own = np.isin(np.arange(size), labels[list(held)])

@@ -37,17 +37,17 @@ def rivals(
         whole: What is left given all that is there, ``mine`` among it.
         mine: The terms of one cause.
     """
-    beside, others, added = selection.odds(whole)[0], whole, 0.0
-    in_place = beside
+    conditional, others, added = selection.odds(whole)[0], whole, 0.0
+    in_place = conditional
     for term in mine:
         others = others.without(term)
         in_place = selection.odds(others)[0]
         added += float(in_place[term.index])
     own = np.unique(selection.causes[[c.index for c in mine]])
-    in_place, beside = _by_cause(selection, in_place), _by_cause(selection, beside)
+    in_place, conditional = _by_cause(selection, in_place), _by_cause(selection, conditional)
     least = max(added, in_place[own].max(), 0.0) - NO_EVIDENCE
     # What is as likely beside the cause leaves it beyond doubt, and is no rival.
-    taken = in_place - np.maximum(beside, -np.finfo(float).max)
+    taken = in_place - np.maximum(conditional, -np.finfo(float).max)
     may_be = (in_place > least) & (taken > max(added - NO_EVIDENCE, NO_EVIDENCE))
     may_be[own] = False
     effects = {k: c.effect for k, c in zip(selection.causes, selection.candidates, strict=True)}
@@ -89,14 +89,14 @@ def unobservable(
 ) -> list[Blame]:
     """Effects that this recording cannot see, alone or beside the ``named`` terms, and why."""
     alone, found = _strengths(pool, selection, [], sigma), []
-    beside = _strengths(pool, selection, named, sigma)
+    conditional = _strengths(pool, selection, named, sigma)
     for key, (strength, share, effect) in alone.items():
         if strength < 1e-12 or share < SWALLOWED:
             why = "what is always fitted absorbs it" if strength else "no row excites it"
         elif strength < 1.0:
             size = f"{np.sqrt(strength):.1g}"
             why = f"at its usual size its whole signal is {size} times the noise"
-        elif beside[key][0] < 1.0 and key not in selection.keys(named):
+        elif conditional[key][0] < 1.0 and key not in selection.keys(named):
             why = f"the {_absorbing(pool, selection, named, key)} that is named absorbs it"
         else:
             continue

@@ -72,7 +72,7 @@ class Explanation:
     swept: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
     apart: float = 0.0  # the most by which two chains disagree about a probability
     prior: float = UNLISTED  # prior probability that a term is of no effect of the library
-    beside: float = 0.0  # the same, given that all that is named is at work as the library has it
+    conditional: float = 0.0  # the same, conditional on all that is named being at work
     # probability of rows, by their number from 0, to be gross
     gross: Mapping[int, float] = field(default_factory=dict)
     # of the noise of successive rows, of the readings of one posture, and what a clock errs by
@@ -100,7 +100,7 @@ class Explanation:
             missing: Square of what is.
             moved: Squares that the causes move.
         """
-        part = PART_OF_UNLISTED * lacking * (1.0 - self.beside)
+        part = PART_OF_UNLISTED * lacking * (1.0 - self.conditional)
         parts = {k for k, square in moved.items() if DEVIATIONS[0] ** 2 * square <= missing}
         less: dict[Key | None, float] = dict.fromkeys(self.probabilities, 1.0)
         less |= dict.fromkeys(parts, 1.0 - part)
@@ -254,7 +254,7 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         words,
         _lacked_at(alt, found),
         apart=found.apart,
-        beside=_beside(alt, found, named, p),
+        conditional=_conditional(alt, found, named, p),
         gross=rows,
     )
 
@@ -275,7 +275,9 @@ def _lacked_at(alt: Alternatives, found: Sampled) -> dict[Place, float]:
     return {}
 
 
-def _beside(alt: Alternatives, found: Sampled, named: Sequence[int], otherwise: float) -> float:
+def _conditional(
+    alt: Alternatives, found: Sampled, named: Sequence[int], otherwise: float
+) -> float:
     """Probability of what the library lacks where all that is named is at work.
 
     That one may be at work instead of the other is a doubt about a name, not a gap that is left.

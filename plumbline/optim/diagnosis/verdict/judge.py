@@ -90,7 +90,7 @@ def judge(
     least = by_chance(recording, selected, evaluation) * max(noise.ratio, 1.0)
     noisier = told.unlisted <= 0.5 and is_noisier(noise, selected)
     known = noise.source != "fit" and not noisier
-    earned = max(told.beside, left) < UNLISTED and known
+    earned = max(told.conditional, left) < UNLISTED and known
     earned = earned and _is_earned(gap, causes, judged, least)
     # What foretells rows that no fit has seen is a gap, whatever it is to be called.
     foretold = bool(selected.chosen) and gap.shrink_ci95[0] > 0.0

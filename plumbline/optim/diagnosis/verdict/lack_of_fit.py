@@ -47,8 +47,8 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
     more = 1.0 + np.append(0.0, (USUAL * SIZES / noise.sigma) ** 2)
     left = max(noise.ratio, ROUNDING) ** 2 / more
     n, known = _freedom(selected), 3 * noise.repeats or STATED_NOISE_FREEDOM
-    alone, *beside = 0.5 * (n * np.log(left) - (n + known) * np.log(known + n * left))
-    return float(expit(logit(UNLISTED * FORMLESS) + logsumexp(beside + LOG_SIZE_WEIGHTS) - alone))
+    alone, *shaped = 0.5 * (n * np.log(left) - (n + known) * np.log(known + n * left))
+    return float(expit(logit(UNLISTED * FORMLESS) + logsumexp(shaped + LOG_SIZE_WEIGHTS) - alone))
 
 
 def is_noisier(noise: NoiseLevel, selected: SelectedModel) -> bool:
