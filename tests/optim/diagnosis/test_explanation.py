@@ -158,10 +158,10 @@ def sampled(scale=0.6, offset=0.3, lacked=0.2, conditional=0.1, gross=0.7):
     lacking = np.array([isinstance(term, Unlisted) for term in terms])
     problem = JointProblem(linear, terms, NoisePrior(), np.zeros(5), is_gross, labels, lacking)
     marginals = (
-        np.array([scale, offset, lacked, beside, 0.0]),
-        np.array([0.99, beside, 0.0]),
-        np.array([0.99, lacked, beside]),
-        np.array([0.99, lacked + beside]),
+        np.array([scale, offset, lacked, conditional, 0.0]),
+        np.array([0.99, conditional, 0.0]),
+        np.array([0.99, lacked, conditional]),
+        np.array([0.99, lacked + conditional]),
     )
     tilted = np.array([[0.5 * scale, 0.2, 0.0, 0.0, 0.0], [0.9 * scale, 0.6, 0.0, 0.0, 0.0]])
     row = np.where(is_gross, gross, 0.0)
