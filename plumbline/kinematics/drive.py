@@ -55,6 +55,7 @@ class Law(StrEnum):
     """What a command is, and what is known of the servo that obeys it."""
 
     POSITION = "position"
+    SMOOTH = "smooth_position"  # the same, a log's rows of commands that run smoothly between them
     SERVO = "servo"  # position, by gains that are known
     HELD_SERVO = "held_servo"  # the same, its commands held from sample to sample
     VELOCITY = "velocity"
@@ -68,9 +69,14 @@ class Law(StrEnum):
         return self in (Law.HELD_SERVO, Law.RATE, Law.TORQUE)
 
     @property
+    def ideal(self) -> bool:
+        """Whether a command is a position, and nothing known of the servo."""
+        return self in (Law.POSITION, Law.SMOOTH)
+
+    @property
     def follows(self) -> bool:
         """Whether a command is a position, so that where the joint began is forgotten."""
-        return self == Law.POSITION or self.known
+        return self.ideal or self.known
 
     @property
     def known(self) -> bool:

@@ -16,6 +16,7 @@ class ActuationLag(MotionEffect):
 
     name = "actuation_lag"
     depends_on = "time"
+    lags = 1.0
     words = "joint {element} follows its commands with a lag"
     reference = "Siciliano et al. (2009), Robotics, sec. 8.3 (position loop of first order)"
     source = "by hand: loops of position close at 2 to 30 Hz"

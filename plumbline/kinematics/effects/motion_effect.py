@@ -54,6 +54,7 @@ class MotionEffect(ABC):
     laws: ClassVar[tuple[Law, ...]] = tuple(Law)  #: drives that can have it
     #: whether nothing can be said without the masses of the robot
     needs_masses: ClassVar[bool] = False
+    lags: ClassVar[float] = 0.0  #: how late a joint trails a ramp by it, for one of its parameter
     plans: ClassVar[bool] = False  #: whether it has a way of its own between command and servo
     of_command: ClassVar[bool] = False  #: whether its parameter is measured in the commands' unit
     #: where scale and bounds are from, if the parameter does not say it itself

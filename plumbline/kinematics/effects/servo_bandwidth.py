@@ -4,6 +4,7 @@ It is slow to set off, as one of first order is not. Its natural period is :math
 is damped so that it does not overshoot, as loops on position are; a lag :math:`T` adds to that.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,7 +24,8 @@ class ServoBandwidth(MotionEffect):
     words = "the servo of joint {element} is slow to set off"
     reference = "Siciliano et al. (2009), Robotics, sec. 8.3.1 (natural frequency, damping ratio)"
     source = "by hand: position loops of servos and elastic drives close at 1 to 20 Hz"
-    laws = (Law.POSITION,)
+    laws = tuple(law for law in Law if law.ideal)
+    lags = 1 / math.pi  # 2 s
     period = Parameter("s", 0.0, 2.0, scale=0.2, doc="natural period")
 
     def apply(self, drive: Drive, value: cs.SX) -> Drive:

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.drive import Law
 from plumbline.optim.diagnosis.motion.constants import MENDED, ROUNDED
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.recording.constants import SPEEDS_UP, USUAL
-from tests.motions import arm, multisine, servo
+from tests.motions import FINE, arm, multisine, servo
 
 NOISE, DT = 2e-4, 0.02
 
@@ -114,3 +115,38 @@ def test_readings_in_coarse_steps_say_nothing_of_a_clock():
     q = np.round(driven(DT * np.arange(len(u)), u, {"lag": 0.1}, {"lag": 0.1}) / 2e-2) * 2e-2
     r = build_motion(robot=arm(), time=stamps, command=u, q=q)
     np.testing.assert_array_equal(r.time, stamps)
+
+
+def smooth(lag, delay, step=DT, seconds=30.0):
+    """A log of commands that run smoothly between its rows; the first joint lags (exactly)."""
+    h = step / 20
+    t, u = multisine(seconds, h, size=0.4, fastest=1.5)
+    x = np.interp(t - delay, t, u[:, 0])
+    stays, rows = np.exp(-h / lag), slice(None, None, 20)
+    late = (1 - stays) * lag / h
+    q = lfilter([1 - late, late - stays], [1, -stays], x, zi=[late * x[0]])[0]
+    return made(t[rows], u[rows], np.column_stack([q, u[:, 1]])[rows])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.033])
+def test_a_lag_under_commands_that_run_smoothly_between_rows_is_no_servo_of_second_order(delay):
+    answer = diagnose(smooth(0.05, delay))
+    assert set(found(answer)) == {("actuation_lag", 1)} | (
+        {("actuation_delay", 1)} if delay else set()
+    )
+    values = {c.effect: next(iter(c.parameters.values())) for c in answer.causes}
+    assert values["actuation_lag"].value == pytest.approx(0.05, abs=1e-4)
+    assert any("smoothly between rows" in note for note in answer.verdict.notes)
+    again = answer.model().rollout(answer.recording.time, answer.recording.command)
+    assert np.sqrt(np.mean((again - answer.recording.q)[100:] ** 2)) < 1.1 * NOISE
+
+
+def test_a_delay_by_a_part_of_a_row_is_exact_beside_a_lag_under_straight_commands():
+    """Its corners lie within a step, of which the drive takes the mean."""
+    t, u = multisine(30.0, DT, size=0.4, fastest=1.5)
+    answer = diagnose(made(t, u, driven(t, u, {"delay": 0.032, "lag": 0.05}, {})))
+    values = {c.effect: next(iter(c.parameters.values())).value for c in answer.causes}
+    half = DT / FINE / 2  # by which small steps lead
+    assert values["actuation_delay"] == pytest.approx(0.032 - half, abs=1e-4)
+    assert values["actuation_lag"] == pytest.approx(0.05, abs=1e-4)
+    assert not any("smoothly between rows" in note for note in answer.verdict.notes)

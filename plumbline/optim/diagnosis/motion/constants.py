@@ -11,6 +11,7 @@ from plumbline.kinematics.drive import Law
 # forgotten to 1 % in the first; what integrates drifts with the square of a window's length.
 LENGTH = {
     Law.POSITION: 5.0,
+    Law.SMOOTH: 5.0,
     Law.SERVO: 1.0,
     Law.HELD_SERVO: 1.0,
     Law.VELOCITY: 1.0,
@@ -20,6 +21,7 @@ LENGTH = {
 }
 SETTLE = {
     Law.POSITION: 1.5,
+    Law.SMOOTH: 1.5,
     Law.SERVO: 0.2,
     Law.HELD_SERVO: 0.2,
     Law.VELOCITY: 0.2,
@@ -66,10 +68,12 @@ SEARCHED = 0.4  # of these windows the search looks at; what it finds is fitted 
 SEARCH_SAMPLES = 250  # of such a window where commands are positions: 50 a second
 SEARCH_ITERATIONS = 10  # of a fit of the search
 RACE = 3  # steps after which the best of several starts goes on alone
+STRONGER = 3.0  # nats from which evidence is strong (Kass, Raftery 1995, JASA 90:773, sec. 3.2)
 CONTENDS = 30.0  # nats on the windows of the search: what is farther behind is not fitted to all
 WORTH_A_FIT = 2.0  # nats of likelihood: noise makes one effect in twenty bring more
 MOST_JUDGED = 400  # windows that a joint is judged by, over all folds
 STEPS = 0.005  # of what a planned way does: as much as twice as many steps change
+RATIO_STEP = 1e-6  # of a lag's samples and one: its derivative by forward differences
 OWN_PAST = 0.3  # of what is left, foretold by the sample before: noise of an encoder has no past
 CORRELATED = 0.95  # of two estimates: the recording tells their sum, hardly which is which
 CONFOUNDED = 0.05  # probability from which another effect is named as what it may be instead

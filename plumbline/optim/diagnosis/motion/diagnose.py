@@ -12,7 +12,12 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
-from plumbline.optim.diagnosis.motion.constants import SEARCH_SAMPLES, SEARCHED, STILL
+from plumbline.optim.diagnosis.motion.constants import (
+    SEARCH_SAMPLES,
+    SEARCHED,
+    STILL,
+    STRONGER,
+)
 from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import evident
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -21,6 +26,9 @@ from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import Found, verdict_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+
+# What commands may do between rows but run straight.
+BETWEEN_ROWS = {Law.SERVO: Law.HELD_SERVO, Law.POSITION: Law.SMOOTH}
 
 
 def diagnose_motion(
@@ -42,10 +50,10 @@ def diagnose_motion(
     options = options or DiagnosisOptions()
     r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
     searched = _searched(r, options, progress)
-    if r.law == Law.SERVO:
-        held = replace(r, law=Law.HELD_SERVO)
-        if _more_evident(signals_of(held), *searched):
-            searched = _searched(r := held, options, progress)
+    if r.law in BETWEEN_ROWS:
+        other = replace(r, law=BETWEEN_ROWS[r.law])
+        if _more_evident(signals_of(other), *searched):
+            searched = _searched(r := other, options, progress)
     signals, joints = searched
     unseen = tuple(left_out(signals, joint) for joint in joints)
     still = [j + 1 for j in range(r.n) if j not in _moved(r)]
@@ -80,7 +88,7 @@ def _searched(
         )
     moved = _moved(r)
     prior = prior_at(options.unlisted, len(moved))
-    coarse = signals_of(r, SEARCH_SAMPLES) if r.law == Law.POSITION else signals
+    coarse = signals_of(r, SEARCH_SAMPLES) if r.law.ideal else signals
     looked_at = spread(coarse.training, SEARCHED * coarse.most)
     joints = []
     for k, j in enumerate(moved):
@@ -91,16 +99,17 @@ def _searched(
     return signals, tuple(joints)
 
 
-def _more_evident(held: Signals, signals: Signals, joints: tuple[Joint, ...]) -> bool:
-    """Whether commands that are held make what all joints did more probable than ones that run on.
+def _more_evident(other: Signals, signals: Signals, joints: tuple[Joint, ...]) -> bool:
+    """Whether other commands between rows make what all joints did more probable, strongly so.
 
     Of each joint's causes those that are left over are dropped first: half a row of delay most of
-    all. Either is as probable beforehand.
+    all where commands are held, a servo of second order where they are smooth. Either is as
+    probable beforehand.
     """
     more = 0.0
     for joint in joints:
         at, time = joint.number - 1, joint.fit.residual.size / joint.effective
-        both = [s.windows(at, signals.training) for s in (held, signals)]
-        own, other = (evident(w, joint.fit, signals.seen(at), time) for w in both)
-        more += own - other
-    return more > 0.0
+        both = [s.windows(at, signals.training) for s in (other, signals)]
+        its, own = (evident(w, joint.fit, signals.seen(at), time) for w in both)
+        more += its - own
+    return more > STRONGER

@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.kinematics.effects.actuation_lag import ActuationLag
-from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
 from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.motion.constants import CHIRP, LIKELY, SECONDS
 from plumbline.optim.diagnosis.motion.rollout import Array
@@ -80,7 +78,7 @@ def one_operator(joint: Joint) -> bool:
     """Whether play and a dead band do the same to a joint: without a lag, or inside of its loop."""
     effects = joint.fit.effects
     inside = any(e.variant for e in effects if e.name in SAME)
-    return inside or not any(isinstance(e, ActuationLag | ServoBandwidth) for e in effects)
+    return inside or not any(e.lags for e in effects)
 
 
 def proposals_of_efforts(causes: Sequence[Cause], joints: int) -> Iterator[dict[str, Any]]:

@@ -25,6 +25,12 @@ from numpy.typing import NDArray
 from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.optim.diagnosis.motion.between_rows import (
+    bend_of,
+    between,
+    between_slope,
+    share_of_mean,
+)
 from plumbline.optim.diagnosis.motion.constants import (
     ABREAST,
     OPEN,
@@ -39,6 +45,7 @@ Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
 MEMORY = tuple(field.name for field in fields(Memory))
 SENT, PLAIN = MEMORY.index("sent"), MEMORY.index("told")  # what lags has more, what plans all
+SMOOTH = (Law.VELOCITY, Law.SMOOTH)  # commands that run smoothly between rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +73,11 @@ class Windows:
     def __len__(self) -> int:
         """How many windows there are."""
         return len(self.start)
+
+    @property
+    def drive(self) -> Law:
+        """The law of a step, which knows only its ends."""
+        return Law.POSITION if self.law.ideal else self.law
 
     @cached_property
     def samples(self) -> NDArray[np.int64]:
@@ -146,25 +158,37 @@ class Windows:
         ends = self.start[np.append(heads[1:], len(self)) - 1] + self.length
         return begin, ends - begin, row
 
-    def asked(self, shift: float, begin: NDArray[np.int64], steps: int) -> tuple[Array, Array]:
-        """Commands (R, steps + 1) obeyed so much later [s], and their derivatives by that."""
+    def asked(
+        self, shift: float, begin: NDArray[np.int64], steps: int, late: float = 0.0
+    ) -> tuple[Array, Array, Array]:
+        """Commands (R, steps + 1) obeyed so much later [s], and their derivatives by that.
+
+        What trails a ramp by ``late`` [s] takes the mean of a step, what does not its end: of
+        that, too.
+        """
         at = np.minimum(begin[:, None] + np.arange(steps + 1), len(self.command) - 1)
         if self.law.holds:  # what stood over the sample before this one
             shift = shift + self.dt
         place = np.clip(at - shift / self.dt, self.first[at], self.last[at])
         low = np.minimum(np.floor(place).astype(np.int64), len(self.command) - 2)
-        u, f = self.sent, place - low
-        slope = u[low + 1] - u[low]
+        mean, by_late = share_of_mean(late / self.dt) if self.law.ideal else (1.0, 0.0)
+        u, bend = self.command, self.bend
+        if self.law in SMOOTH:
+            u, bend = u - mean * bend / 12, bend - mean * bend_of(bend, self.first) / 12
+        f, slope = place - low, u[low + 1] - u[low]
         ends = self.first[low + 1] > low  # the next run's command is not this one's
         slope[ends] = 0.0
-        if self.law == Law.POSITION or self.law.holds:
-            return u[low] + f * slope, -slope / self.dt
-        bends = [np.where(ends, 0.0, self.bend[low + k]) for k in (0, 1)]
-        if self.law != Law.VELOCITY:  # a step takes the mean: a corner within it is off its line
+        if self.law.holds:
+            return u[low] + f * slope, -slope / self.dt, np.zeros_like(f)
+        bends = [np.where(ends, 0.0, bend[low + k]) for k in (0, 1)]
+        if self.law not in SMOOTH:  # a corner within a step is off its line
             corner = (bends[0] + bends[1]) / 4
-            straight = u[low] + f * slope - f * (1 - f) * corner
-            return straight, -(slope - (1 - 2 * f) * corner) / self.dt
-        return between(u[low], slope, bends, f), -between_slope(slope, bends, f) / self.dt
+            straight = u[low] + f * slope - f * (1 - f) * mean * corner
+            less = -(slope - (1 - 2 * f) * mean * corner) / self.dt
+            return straight, less, -by_late * f * (1 - f) * corner / self.dt
+        more = -by_late * ((1 - f) * self.bend[low] + f * self.bend[low + 1]) / 12 / self.dt
+        less = -between_slope(slope, bends, f) / self.dt
+        return between(u[low], slope, bends, f), less, more
 
     @cached_property
     def last(self) -> NDArray[np.int64]:
@@ -174,38 +198,8 @@ class Windows:
 
     @cached_property
     def bend(self) -> Array:
-        """Second differences of what is sent (N,), none where a run begins or ends."""
-        return _bend(self.sent, self.first)
-
-    @cached_property
-    def sent(self) -> Array:
-        r"""Commands (N,) as a step takes them, of which it takes the mean of its two ends.
-
-        Velocities run smoothly between rows: over a step their mean is that of the ends less
-        :math:`\delta^2 / 12`, as the trapezoidal rule's error is, of second differences.
-        """
-        if self.law != Law.VELOCITY:
-            return self.command
-        return self.command - _bend(self.command, self.first) / 12
-
-
-def _bend(u: Array, first: NDArray[np.int64]) -> Array:
-    """Second differences (N,), none where a run begins or ends."""
-    found = np.zeros_like(u)
-    found[1:-1] = np.where(first[2:] == first[:-2], u[2:] - 2 * u[1:-1] + u[:-2], 0.0)
-    return found
-
-
-def between(start: Array, slope: Array, bends: list[Array], f: Array) -> Array:
-    """A share f of a step on, by its ends and their second differences (Everett's formula)."""
-    back, on = ((x**3 - x) / 6 for x in (1 - f, f))
-    return np.asarray(start + f * slope + back * bends[0] + on * bends[1])
-
-
-def between_slope(slope: Array, bends: list[Array], f: Array) -> Array:
-    """Its derivative by f."""
-    back, on = ((3 * x**2 - 1) / 6 for x in (1 - f, f))
-    return np.asarray(slope - back * bends[0] + on * bends[1])
+        """Second differences of the commands (N,), none where a run begins or ends."""
+        return bend_of(self.command, self.first)
 
 
 def roll_out(
@@ -263,21 +257,23 @@ def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Arra
     P, H, R, size = len(theta) * slopes, int(steps.max()), len(begin), len(_memory(effects))
     shift = _shift(effects)(theta)
     late, by = float(shift[0]), np.array(shift[1]).reshape(-1)[:P]
-    u, du = w.asked(late, begin, H)
+    lags = np.array([e.lags for e in effects])
+    u, *du = w.asked(late, begin, H, float(lags @ theta))
     abreast = 1 if w.law.follows else ABREAST
     pieces = PIECES if w.law.follows else -(-H // PIECE)
     call = pieces * PIECE
-    data = np.ones((-(-R // abreast) * abreast, -(-H // call) * call, 4))  # an inertia of one
-    data[:R, :H, 0], data[:R, :H, 1], data[:R, :H, 2:] = u[:, 1:], du[:, 1:], w.given
+    data = np.ones((-(-R // abreast) * abreast, -(-H // call) * call, 5))  # an inertia of one
+    data[:R, :H, :3] = np.stack([u, *du], axis=-1)[:, 1:]
+    data[:R, :H, 3:] = w.given
     state = np.zeros((len(data), 1 + P, size))
     state[:R, 0] = _begun(w, u, begin)[:size].T
     for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
-        state[:R, 1:, k] = du[:, :1] * by
+        state[:R, 1:, k] = du[0][:, :1] * by + du[1][:, :1] * lags[:P]
     fixed = np.tile([w.dt, w.kp, w.kd, w.bare, *theta], (abreast * call, 1))
     after = np.empty((abreast, call, 1 + P, size))
     out = np.empty((*data.shape[:2], 1 + P))
     handle: Any = _rolling(
-        w.law, effects, pieces, abreast, slopes
+        w.drive, effects, pieces, abreast, slopes
     ).buffer()  # it keeps addresses only
     buffer, run = handle
     buffer.set_arg(2, fixed.data)
@@ -307,7 +303,7 @@ def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
     follows positions without a plan is as fast as those.
     """
     now, q, speed = u[:, 0], (w.posture if w.law.follows else w.q)[start], w.speed[start]
-    pace = (u[:, 1] - now) / w.dt if w.law == Law.POSITION else speed
+    pace = (u[:, 1] - now) / w.dt if w.law.ideal else speed
     return np.stack([now, q, pace, q, now, now, q, speed])
 
 
@@ -342,16 +338,16 @@ def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX
 
 @lru_cache(maxsize=1024)
 def _step(law: Law, effects: Effects, slopes: bool = True) -> cs.Function:
-    """``both, (u, du, load, inertia), (dt, kp, kd, bare, theta) -> next, output``.
+    """``both, (u, du, du, load, inertia), (dt, kp, kd, bare, theta) -> next, output``.
 
     ``both`` are the state and its sensitivities.
     """
     P, names = len(effects), _memory(effects)
     size = len(names)
-    both, data = cs.SX.sym("both", size * (1 + P * slopes)), cs.SX.sym("data", 4)
+    both, data = cs.SX.sym("both", size * (1 + P * slopes)), cs.SX.sym("data", 5)
     fixed = cs.SX.sym("fixed", 4 + P)
     theta, state = fixed[4:], both[:size]
-    drive = _drive(law, effects, theta, data[0], cs.vertcat(data[2:], fixed[:4]))
+    drive = _drive(law, effects, theta, data[0], cs.vertcat(data[3:], fixed[:4]))
     after = drive.step(Memory(*cs.vertsplit(state)))
     new = cs.vertcat(*(getattr(after, name) for name in names))
     if not slopes:
@@ -359,7 +355,8 @@ def _step(law: Law, effects: Effects, slopes: bool = True) -> cs.Function:
     S = cs.reshape(both[size:], size, P)
     shift = cs.SX(0) if drive.shift is None else drive.shift
     S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)
-    S += cs.jacobian(new, data[0]) @ (data[1] * cs.jacobian(shift, theta))
+    lags = cs.DM(np.reshape([e.lags for e in effects], (1, P)))
+    S += cs.jacobian(new, data[0]) @ (data[1] * cs.jacobian(shift, theta) + data[2] * lags)
     S = cs.densify(S)
     following = cs.vertcat(new, cs.reshape(S, size * P, 1))
     seen = cs.vertcat(new[3], S[3, :].T)
@@ -372,12 +369,13 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     w, M = windows, len(windows.command)
     whole = replace(w, start=w.start[:1], length=M - 1, settle=0)
     shift = float(_shift(effects)(theta)[0])
-    u, _ = whole.asked(shift, whole.start, M - 1)
+    late = sum(e.lags * value for e, value in zip(effects, theta, strict=True))
+    u, *_ = whole.asked(shift, whole.start, M - 1, float(late))
     at = int(w.start[0])
     size = len(_memory(effects))
     begin = _begun(w, u, np.array([at]))[:size, 0]
-    data = np.stack([u[0, 1:], np.zeros(M - 1), *w.loads(np.arange(at + 1, M))])
+    data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), *w.loads(np.arange(at + 1, M))])
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
-    steps = _step(w.law, effects, False).mapaccum("played", M - 1)  # not expanded: M may be large
+    steps = _step(w.drive, effects, False).mapaccum("played", M - 1)  # not expanded: M may be large
     out = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
     return np.concatenate([[w.q[at]], np.asarray(out)[0]])

@@ -17,7 +17,6 @@ import scipy
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
@@ -230,7 +229,7 @@ def signals_of(recording: MotionRecording, most: int = MOST_SAMPLES) -> Signals:
         PlumblineError: No run of it is as long as a window.
     """
     if not recording.law.pushes:
-        seconds = POSTURE if recording.law == Law.POSITION else SMOOTH
+        seconds = POSTURE if recording.law.ideal else SMOOTH
         return _smoothed(recording, seconds, most)
     return min((_foretold(recording, seconds, most) for seconds in SMOOTHED), key=_misfit)
 

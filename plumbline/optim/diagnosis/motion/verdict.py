@@ -309,6 +309,11 @@ def _notes(found: Found) -> list[str]:
             "commands are taken to stand until the next row, as a controller holds them: were "
             f"they to run on, joints would be late by half a row, {500 * step:.3g} ms"
         )
+    if found.recording.law == Law.SMOOTH:
+        told.append(
+            "commands are taken to run smoothly between rows: were they straight, a lag would look "
+            f"like a servo of second order of {1e3 * step * np.pi / 3**0.5:.3g} ms"
+        )
     late = ((joint, _delay(joint)) for joint in found.joints)
     return [*told, *(_held(joint, 1e3 * step, d) for joint, d in late if d < step)]
 
