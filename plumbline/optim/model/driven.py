@@ -162,7 +162,8 @@ class Driven:
             PlumblineError: It is another kind of command, or of another number of joints.
         """
         n = len(self.joints)
-        alike = other.law == self.law or (other.law.known and self.law.known)
+        both = (other.law, self.law)
+        alike = other.law == self.law or all(x.known for x in both) or all(x.ideal for x in both)
         if other.n != n or not alike:
             raise PlumblineError(
                 f"{other.name}: {other.n} joints by {other.law}, expected {n} by {self.law} "
