@@ -198,8 +198,9 @@ def _at_work(verdict: Verdict) -> Part:
 
 def _where(verdict: Verdict) -> Iterator[Part]:
     places = [f"{words.place_words(p.stage, p.element)} {percent(p.share)}" for p in verdict.where]
+    weighed = ", each joint in units of its noise" if verdict.gap.unit == "N m" else ""
     if places:
-        yield Part("Where", (f"Of what the causes explain: {', '.join(places)}.",))
+        yield Part("Where", (f"Of what the causes explain{weighed}: {', '.join(places)}.",))
 
 
 def _rivals(verdict: Verdict) -> Iterator[Part]:
