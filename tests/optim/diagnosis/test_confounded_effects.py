@@ -205,7 +205,9 @@ def test_noise_that_differs_from_axis_to_axis_is_nothing_unknown():
 def test_zeros_of_second_encoders_are_offsets_unless_the_recording_says_otherwise(tmp_path):
     case = faultless(rows=70, seed=15, observation="joint_position")
     recording, _ = recorded(with_fault(case, JointOffset(0.0, 4)), tmp_path)
-    assert causes(diagnose(recording)) == [("joint_offset", 4)]
+    answer = diagnose(recording)
+    assert causes(answer) == [("joint_offset", 4)]
+    assert any("or its mounting's" in note for note in answer.verdict.notes)
     mounted = replace(recording, always=("joint_offset",))
     assert diagnose(mounted).verdict.verdict == Outcome.NO_GAP
 
@@ -290,3 +292,21 @@ def test_a_distortion_about_a_working_depth_is_one_cause(seed):
     found = diagnose(seen_by(grows, seed))
     assert causes(found) == [("sensor_distortion", None)]
     assert found.causes[0].probability > 0.95
+
+
+def test_play_that_only_a_velocity_tells_may_be_dry_friction():
+    """Rows on the way but too far apart for friction, of which dry friction is one and the same."""
+    q = bench("ur5", "tip_position").q
+    velocity = np.random.default_rng(8).normal(0.0, 0.3, q.shape)
+    behind = q.copy()
+    behind[:, 2] -= 5e-4 * np.sign(velocity[:, 2])
+    robot = Robot.bundled("ur5")
+    tips = robot.chain().tips(behind, TOOL)
+    noise = np.random.default_rng(9).normal(0.0, 1e-4, tips.shape)
+    given = {"robot": robot, "q": q, "tool_offset": TOOL, "noise_std": 1e-4}
+    recording = build_recording(
+        observation="tip_position", measured=tips + noise, velocity=velocity, **given
+    )
+    [cause] = diagnose(recording).causes
+    assert (cause.effect, cause.element) == ("backlash", 3)
+    assert ("friction", 3) in {(b.effect, b.element) for b in cause.confounded_with}

@@ -9,9 +9,12 @@ from dataclasses import fields, replace
 import numpy as np
 
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.backlash import Backlash
+from plumbline.kinematics.effects.friction import Friction
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import standard_errors
 from plumbline.optim.diagnosis.findings import (
+    Blame,
     Cause,
     Estimate,
     Key,
@@ -66,7 +69,7 @@ def _cause(
     effects = [selected.selection.candidates[c.index].effect for c in mine]
     variants = [e.variant for e in effects]
     effect = effects[0]
-    alike = rivals(asked, kept, mine)
+    alike = [*rivals(asked, kept, mine), *_unasked(selected, effects)]
     # What is fitted unnamed in case it is there instead would hide what this one does.
     instead = {(b.effect, b.element) for b in alike} - asked.keys(kept.chosen)
     return Cause(
@@ -83,6 +86,18 @@ def _cause(
         curve=curve_of(selected, key, noise),
         sensitivity=told.sensitive.get(key),
     )
+
+
+def _unasked(selected: SelectedModel, effects: Sequence[Effect]) -> list[Blame]:
+    """Dry friction beside play on the velocity's side, of which rows too far apart ask nothing.
+
+    It winds a drive up against its motion: both are one and the same but for how it goes by speed.
+    """
+    if any(c.effect.name == Friction.name for c in selected.selection.candidates):
+        return []
+    why = "dry friction does the same; closer rows along one motion show how it goes by speed"
+    sided = (e for e in effects if isinstance(e, Backlash) and e.by == "velocity")
+    return [Blame(Friction.name, str(e.stage), e.element, why) for e in sided]
 
 
 def by_importance(selected: SelectedModel, seed: int) -> dict[Key, float]:

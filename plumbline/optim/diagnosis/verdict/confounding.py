@@ -151,7 +151,10 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
         elif lacking:
             why = f"needs the column {lacking}"
         elif cls.in_motion and not scope.moving:
-            why = "needs readings along one motion, not at separate postures"
+            why = (
+                "needs readings along one motion, no farther from one to the next than a twentieth "
+                "of what the joints do in all"
+            )
         else:
             why = cls.out_of_reach(scope) or "nothing in the recording excites it"
         found.append(Blame(cls.name, str(cls.stage), None, why))

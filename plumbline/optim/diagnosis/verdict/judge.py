@@ -259,6 +259,11 @@ def _notes(
     notes += _missed(gap, measured, formless=formless, noisier=noisier)
     if not recording.chain.has_masses and not recording.stand_in:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
+    if recording.kind.encoders and any(name == "joint_offset" for name, _ in told.named):
+        notes.append(
+            "a zero of a second encoder is the joint's or its mounting's: [fit] always = "
+            '["joint_offset"] fits them all and judges none'
+        )
     notes += _unnamed(selected, told)
     return tuple(notes)
 
