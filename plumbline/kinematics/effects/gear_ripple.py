@@ -2,8 +2,9 @@ r"""Fast periodic error of a gear: teeth, a wave generator, a motor's own turn.
 
 .. math:: q_i \leftarrow q_i + a \sin N q_i + b \cos N q_i, \qquad N > 2
 
-The order N is found from the data by a scan over all of them. Many orders of one joint are one
-cause: a strain-wave gear shows dozens.
+The order N is found from the data by a scan over all of them, alone or with its overtone 2 N, as
+teeth have it that are no sines. Many orders of one joint are one cause: a strain-wave gear shows
+dozens.
 """
 
 from collections.abc import Sequence
@@ -35,6 +36,8 @@ class GearRipple(TransmissionRipple):
     )
     sine = Parameter("rad", -1e-2, 1e-2, scale=2e-4, doc="in phase with q")
     cosine = Parameter("rad", -1e-2, 1e-2, scale=2e-4, doc="in quadrature")
+    sine_twice = Parameter("rad", -1e-2, 1e-2, scale=2e-4, doc="at twice the order, in phase")
+    cosine_twice = Parameter("rad", -1e-2, 1e-2, scale=2e-4, doc="twice the order, in quadrature")
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -44,7 +47,8 @@ class GearRipple(TransmissionRipple):
         return [cls(j, float(n)) for j, far in travel.items() for n in orders if n * far > 3.0]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Fractional orders near by: a gear ratio need not be whole."""
+        """Fractional orders near by, as a gear ratio need not be whole, and with the overtone."""
         low, high = scope.span[f"q{self.joint}"]
         step = min(1.0 / (high - low), 0.5)
-        return [replace(self, order=self.order + k * step) for k in (-1.0, -0.5, 0.5, 1.0)]
+        near = [replace(self, order=self.order + k * step) for k in (-1.0, -0.5, 0.5, 1.0)]
+        return near if self.doubled else [*near, replace(self, doubled=True)]

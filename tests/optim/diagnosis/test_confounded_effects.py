@@ -310,3 +310,18 @@ def test_play_that_only_a_velocity_tells_may_be_dry_friction():
     [cause] = diagnose(recording).causes
     assert (cause.effect, cause.element) == ("backlash", 3)
     assert ("friction", 3) in {(b.effect, b.element) for b in cause.confounded_with}
+
+
+def test_teeth_that_are_no_sine_are_a_ripple_with_its_overtone():
+    """A quarter of it at twice the order had been of no listed effect."""
+    rng = np.random.default_rng(4)
+    q = rng.uniform(-1.5, 1.5, (120, 6))
+    behind = q.copy()
+    behind[:, 2] += 6e-4 * (np.sin(24 * q[:, 2]) + 0.25 * np.sin(48 * q[:, 2] + 1.0))
+    robot = Robot.bundled("ur5")
+    tips = robot.chain().tips(behind, TOOL) + rng.normal(0.0, 1e-4, (120, 3))
+    given = {"robot": robot, "q": q, "tool_offset": TOOL, "noise_std": 1e-4}
+    answer = diagnose(build_recording(observation="tip_position", measured=tips, **given))
+    assert causes(answer) == [("gear_ripple", 3)]
+    assert answer.causes[0].variant == "orders 24 and 48"
+    assert answer.outside_probability < 0.05
