@@ -17,6 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import ClassVar
 
 import casadi as cs
@@ -226,8 +227,7 @@ class Effect(ABC):
     words: ClassVar[str]
     #: columns that the formula reads, all of which the recording must have
     needs: ClassVar[tuple[str, ...]] = ()
-    #: columns of which one will do; which of them serves is decided in ``candidates``. Empty where
-    #: there is no choice.
+    #: columns of which one will do, as ``candidates`` decides; empty where there is no choice
     needs_one_of: ClassVar[tuple[str, ...]] = ()
     #: kinds of observation that can show it
     observations: ClassVar[tuple[str, ...]] = TIP_OBSERVATIONS
@@ -252,7 +252,7 @@ class Effect(ABC):
         if own:
             cls.declared = tuple(own.values())
 
-    @property
+    @cached_property
     def element(self) -> int | None:
         """Number of the joint, link, plane or marker that is guilty, from 1; none if it is none."""
         return next((getattr(self, name) for name in ELEMENTS if hasattr(self, name)), None)

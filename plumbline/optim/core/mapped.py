@@ -29,16 +29,13 @@ class Gram:
 
     def __add__(self, other: Gram) -> Gram:
         """Both groups together."""
-        return self._with(other, 1.0)
+        return Gram(self.matrix + other.matrix, self.vector + other.vector,
+                    self.square + other.square, self.count + other.count)  # fmt: skip
 
     def __sub__(self, other: Gram) -> Gram:
         """This group without the other."""
-        return self._with(other, -1.0)
-
-    def _with(self, other: Gram, sign: float) -> Gram:
-        matrix, vector = self.matrix + sign * other.matrix, self.vector + sign * other.vector
-        return Gram(matrix, vector, self.square + sign * other.square,
-                    self.count + sign * other.count)  # fmt: skip
+        return Gram(self.matrix - other.matrix, self.vector - other.vector,
+                    self.square - other.square, self.count - other.count)  # fmt: skip
 
     def padded(self, size: int) -> Gram:
         """The same with unknowns behind its own that nothing here depends on."""
@@ -248,6 +245,8 @@ class Mapped:
     def shared_gram(self, x: ArrayLike) -> Gram:
         """Normal equations of what no row carries."""
         r, J = self.shared(x)
+        if not len(r):
+            return Gram.empty(self.problem.size)
         return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
 
     def grams(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> list[Gram]:

@@ -9,7 +9,6 @@ from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from plumbline.optim.core.constants import CHUNK_NUMBERS
 from plumbline.optim.core.problem import Array
@@ -185,14 +184,14 @@ class FamilyDesign:
         Each with the shifts of single rows that may be gross (R, m, N, m), and without them.
         """
         log = self._conditional(found, pool, looks(pool, chosen), gross) + shares
-        best = np.max(log - logsumexp(log, axis=1, keepdims=True), axis=0)
+        best = np.max(log - np.logaddexp.reduce(log, axis=1, keepdims=True), axis=0)
         return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
 
     def most(
         self, found: Sequence[Dependence], shares: Array, pool: Pool, state: Sequence[SelectedTerm]
     ) -> float:
         """Log evidence of all families together beside a state, weighed by their shares."""
-        return float(logsumexp(self._conditional(found, pool, [state])[0] + shares))
+        return float(np.logaddexp.reduce(self._conditional(found, pool, [state])[0] + shares))
 
     def _conditional(
         self,
@@ -212,7 +211,8 @@ class FamilyDesign:
         log = np.empty((len(given), len(found)))
         for part in self._alike(found):
             C = np.stack([self._flat(found[i].columns) for i in part])
-            log[:, part] = [_evidence(C, *look, pool.noise) for look in given]
+            squares = C @ C.transpose(0, 2, 1)
+            log[:, part] = [_evidence(C, squares, *look, pool.noise) for look in given]
         return log
 
     def _alike(self, found: Sequence[Dependence]) -> Iterator[list[int]]:
@@ -231,12 +231,14 @@ def _kept(block: Array, live: NDArray[np.bool_]) -> Array:
     return block.reshape(len(block), -1) if live.all() else block[:, live]
 
 
-def _evidence(C: Array, basis: Array, left: Array, n: float, noise: NoisePrior) -> Array:
-    """Log evidence (F,) of families (F, k, E) given what a basis (E, r) spans."""
+def _evidence(
+    C: Array, squares: Array, basis: Array, left: Array, n: float, noise: NoisePrior
+) -> Array:
+    """Log evidence (F,) of families (F, k, E), of such Gram blocks, given a basis (E, r)."""
     seen = (C.reshape(-1, C.shape[2]) @ basis).reshape(*C.shape[:2], -1)
-    blocks = C @ C.transpose(0, 2, 1) - seen @ seen.transpose(0, 2, 1)
+    blocks = squares - seen @ seen.transpose(0, 2, 1)
     by_scale = block_evidence(blocks, C @ left, float(left @ left), n, noise)
-    return np.asarray(logsumexp(by_scale + LOG_SCALE_WEIGHTS, axis=1))
+    return np.asarray(np.logaddexp.reduce(by_scale + LOG_SCALE_WEIGHTS, axis=1))
 
 
 def looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]]:

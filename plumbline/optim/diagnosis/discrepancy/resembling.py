@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from scipy.special import logsumexp
 
 from plumbline.kinematics.effects import Effect, Stage
 from plumbline.kinematics.effects.gear_ripple import GearRipple
@@ -89,7 +88,7 @@ def resembling(
         sized = ((on, d, log, visible(d) / size) for on, d, log in looked)
         found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > UNMOVED]
         # Forms share; those that the data have chosen bear the price of that choice.
-        ways = float(logsumexp([log for *_, log in found])) if found else 0.0
+        ways = float(np.logaddexp.reduce([log for *_, log in found])) if found else 0.0
         ways += float(np.log(len(DEVIATIONS) / RESEMBLING))
         for seen, deviation, log in found:
             on = seen if _is_constant(effect) else effect.depends_on

@@ -37,7 +37,8 @@ class Linear:
     def about(cls, gram: Gram, x: Array, scale: Array) -> Linear:
         """From normal equations at x, so that the unknowns are absolute, in units of scale."""
         z = x / scale
-        G = gram.matrix * np.outer(scale, scale)
+        G = np.outer(scale, scale)
+        G *= gram.matrix
         g = gram.vector * scale
         square = gram.square - 2 * float(z @ g) + float(z @ G @ z)
         return cls(G, np.asarray(G @ z - g), square, gram.count)
@@ -51,7 +52,8 @@ class Linear:
         A = self.G[np.ix_(columns, columns)] + np.diag(precision)
         cross = self.G[:, columns]
         weights = solved(A, np.column_stack([cross.T, self.b[columns]]))
-        G = self.G - cross @ weights[:, :-1]
+        G = cross @ weights[:, :-1]
+        np.subtract(self.G, G, out=G)
         b = self.b - cross @ weights[:, -1]
         tt = self.tt - self.b[columns] @ weights[:, -1]
         used = np.trace(solved(A, self.G[np.ix_(columns, columns)]))

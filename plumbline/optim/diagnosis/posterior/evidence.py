@@ -211,14 +211,23 @@ def evidence_of_all(
     """
     turned = [(*_eigen(blocks), b, sides) for blocks, b, sides in batches]
     sizes = np.concatenate([np.full(*values.shape) for values, *_ in turned])
+    starts = np.cumsum(sizes) - sizes
     own = [np.einsum("ckj,ck->cj", vectors, b) for _, vectors, b, _ in turned]
     beta = np.concatenate([b.ravel() for b in own])
     values = np.concatenate([values.ravel() for values, *_ in turned])
     s2 = SCALES[:, None] ** 2
     weight, base = s2 * np.maximum(values, 0.0), float(noise.variance(tt, n))
-    v = _noise_left(s2 * beta**2, weight, sizes, tt, n, noise)
-    each = np.repeat(v, sizes, axis=1)
-    found = -0.5 * _summed(np.log1p(weight / each), sizes)
+    owner = np.repeat(np.arange(len(sizes)), sizes)
+    gain = s2 * beta**2
+
+    def left(v: Array) -> tuple[Array, float]:
+        taken = np.add.reduceat(gain / (v[:, owner] + weight), starts, axis=1)
+        return np.maximum(tt - taken, 0.0), n
+
+    start = np.full((len(s2), len(sizes)), base)
+    v = noise.settled(left, start, 1.0 - 100.0 * np.finfo(float).eps)
+    each = v[:, owner]
+    found = -0.5 * np.add.reduceat(np.log1p(weight / each), starts, axis=1)
     found -= 0.5 * (noise.freedom + n) * np.log(v / base)
     shrunk, first, at = s2 / (each + weight), 0, 0
     for (_, vectors, _, sides), b in zip(turned, own, strict=True):
@@ -237,34 +246,6 @@ def _inside(vectors: Array, beta: Array, shrunk: Array, v: Array, sides: Array) 
     std = np.sqrt(np.einsum("cij,scj->sci", vectors**2, shrunk * v))
     log = np.log(2.0) + log_ndtr(sides * mean / np.maximum(std, 1e-300))
     return np.asarray(np.where(sides != 0, log, 0.0).sum(axis=2))
-
-
-def _noise_left(
-    gain: Array, weight: Array, sizes: NDArray[np.intp], tt: float, n: float, noise: NoisePrior
-) -> Array:
-    """Noise variance (S, C) that each leaves; its priors are weighed by it.
-
-    Args:
-        gain: What its directions (S, D) take of the target's square, times the variance.
-        weight: Their prior precision's inverse, in units of what the rows say of them (S, D).
-        sizes: How many of the directions are each candidate's (C,).
-        tt: Square of the target given what has been eliminated.
-        n: Equations left.
-        noise: The prior of the noise.
-    """
-    owner = np.repeat(np.arange(len(sizes)), sizes)
-
-    def left(v: Array) -> tuple[Array, float]:
-        taken = _summed(gain / (v[:, owner] + weight), sizes)
-        return np.maximum(tt - taken, 0.0), n
-
-    start = np.full((len(gain), len(sizes)), noise.variance(tt, n))
-    return noise.settled(left, start, 1.0 - 100.0 * np.finfo(float).eps)
-
-
-def _summed(each: Array, sizes: NDArray[np.intp]) -> Array:
-    """Sums (S, C) over each candidate's directions, of numbers of all of them (S, D)."""
-    return np.asarray(np.add.reduceat(each, np.cumsum(sizes) - sizes, axis=1))
 
 
 def _eigen(blocks: Array) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, logsumexp
+from scipy.special import expit
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.posterior.joint_problem import LOG_GROSS_ODDS, JointProblem, weighed
@@ -253,7 +253,7 @@ def sample(
     marginals, gross = _marginals(problem, seen)
     # A chain that holds next to nothing of what all have found has no say.
     own = [_seen(chain.been, swapped) for chain in chains]
-    logs = np.array([logsumexp(list(found.values())) for found in own])
+    logs = np.array([np.logaddexp.reduce(list(found.values())) for found in own])
     heard = [f for f, log in zip(own, logs, strict=True) if log > logs.max() + LEAST_HEARD]
     each = np.stack([_marginals(problem, found)[0][0] for found in heard])
     ranked = sorted(looks.values(), key=lambda look: -look.log_posterior)
@@ -308,7 +308,7 @@ def _marginals(
         tilt: Log odds by which every term is more probable than the prior has it.
     """
     logs = np.array([log + tilt * len(key) for key, log in seen.items()])
-    weights = np.exp(logs - logsumexp(logs))
+    weights = np.exp(logs - np.logaddexp.reduce(logs))
     found = [np.zeros(size) for size in problem.sizes]
     levels = [level.tolist() for level in problem.labels]
     gross = np.zeros(len(problem.candidates))

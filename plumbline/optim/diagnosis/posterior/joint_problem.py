@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, gammaln, log_ndtr, logit, logsumexp
+from scipy.special import expit, gammaln, log_ndtr, logit
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
@@ -271,7 +271,8 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
             by_scale = logs + LOG_SCALE_WEIGHTS
             best = int(np.argmax(by_scale))
             scales, now, variance = tried[best], float(logs[best]), float(found[best])
-            spread += float(logsumexp(by_scale) - by_scale[best] + LOG_SCALE_WEIGHTS[best])
+            every = np.logaddexp.reduce(by_scale)
+            spread += float(every - by_scale[best] + LOG_SCALE_WEIGHTS[best])
         if (scales == before).all():
             break
     prior = problem.log_prior(range(len(scales)))

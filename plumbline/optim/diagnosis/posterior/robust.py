@@ -205,9 +205,11 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> A
             G -= A.T @ A
             b -= A.T @ (A @ z0 - r[bad[part]].ravel())
     # Readings without any noise must not leave the algebra without a prior.
-    precision = np.full(problem.size, max(sigma2, 1e-14 * float(np.diag(G).max())))
+    size = np.diag(G).copy()
+    precision = np.full(problem.size, max(sigma2, 1e-14 * float(size.max())))
     precision[: pool.always] = flat_prior(linear, pool.always)
-    lower = cholesky(G + np.diag(precision), np.diag(G))
+    G[np.diag_indices_from(G)] += precision
+    lower = cholesky(G, size)
     shift = cho_solve((lower, True), b) - z0
     found = np.empty(len(bad))
     m = problem.equations

@@ -151,7 +151,8 @@ def families(
         alike = (effect.name, effect.element, len(effect.parameters), parts_of(effect))
         grouped[alike].append(effect)
     count = int(folds.max(initial=0)) + 1
-    sums = [_Sums.empty(count, tuple(group), P) for group in grouped.values()]
+    chain = model.recording.chain
+    sums = [_Sums.empty(chain, count, tuple(group), P) for group in grouped.values()]
     base = [np.zeros((count, P, P)), np.zeros((count, P)), np.zeros(count), np.zeros(count)]
     root, recording = np.sqrt(model.problem.weights), model.recording
     freedom = np.broadcast_to(model.problem.freedom, len(root))
@@ -184,16 +185,17 @@ class _Sums:
     """Running sums of one family."""
 
     effects: tuple[Effect, ...]
+    move: cs.Function
     blocks: Array
     cross: Array
     target: Array
 
     @classmethod
-    def empty(cls, folds: int, effects: tuple[Effect, ...], P: int) -> _Sums:
+    def empty(cls, chain: Chain, folds: int, effects: tuple[Effect, ...], P: int) -> _Sums:
         V, k = len(effects), len(effects[0].parameters)
-        return cls(
-            effects, np.zeros((folds, V, k, k)), np.zeros((folds, V, k, P)), np.zeros((folds, V, k))
-        )
+        move = _displacement(chain, tuple(map(plain, effects)))
+        shapes = (folds, V, k, k), (folds, V, k, P), (folds, V, k)
+        return cls(effects, move, *map(np.zeros, shapes))
 
     def add(
         self,
@@ -222,13 +224,12 @@ class _Sums:
         """
         first, V = self.effects[0], len(self.effects)
         k, m = len(first.parameters), t.shape[1]
-        move = _displacement(model.recording.chain, tuple(map(plain, self.effects)))
         n = model.recording.chain.n
         time = rows[:, _time_column(model)] if model.recording.time is not None else rows[:, 0]
         unit = np.array([p.scale for p in first.parameters])
         step = max(1, CHUNK_NUMBERS // (V * k * m))
         for piece in (slice(start, start + step) for start in range(0, len(rows), step)):
-            found = over_rows(move, np.column_stack([rows[piece, :n], time[piece]]))[0]
+            found = over_rows(self.move, np.column_stack([rows[piece, :n], time[piece]]))[0]
             D = found.reshape(len(found), V, k, -1).transpose(1, 2, 0, 3)
             if here is not None:
                 D = D * here[piece, None]
