@@ -11,7 +11,7 @@ so that :math:`\Sigma^{-1/2} r` has the one noise :math:`\sigma` again, and with
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.constants import SMOOTH
@@ -45,7 +45,7 @@ def rates(recording: Recording, lever: float) -> Array:
     kept = list(whole.measured_joints) if whole.kind.encoders else slice(0, 3)
     step = whole.measured[after][:, kept] - whole.measured[before][:, kept]
     if whole.kind.oriented:
-        turns = Rotation.from_quat(whole.measured[:, 3:], scalar_first=True)
+        turns = scipy.spatial.transform.Rotation.from_quat(whole.measured[:, 3:], scalar_first=True)
         step = np.hstack([step, lever * (turns[before].inv() * turns[after]).as_rotvec()])
     took = whole.time[after] - whole.time[before]
     moved = np.where(took[:, None] > 0.0, step / np.where(took > 0.0, took, 1.0)[:, None], 0.0)

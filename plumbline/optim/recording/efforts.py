@@ -16,8 +16,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar, nnls
 from scipy.special import gammaincinv
 
 from plumbline.errors import fault, shown
@@ -268,7 +268,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     each, against = _off(r, read - model), _off(r, -read - model)
     own, turned = float(each.mean()), float(against.mean())
     left, gravity = min((float(_off(r, read - m).mean()), g) for g, m in tried.items())
-    best = minimize_scalar(lambda k: _off(r, read - k * model).mean())
+    best = scipy.optimize.minimize_scalar(lambda k: _off(r, read - k * model).mean())
     factor, scaled = float(best.x), float(best.fun)
     moved = tried[0.0, 0.0, 0.0]
     heavy = np.sum((model - moved) ** 2) > np.sum(moved**2)
@@ -298,7 +298,9 @@ def _off(r: Recording, read: Array) -> Array:
     """
     assert r.turning is not None
     columns = zip(r.turning.T, _moved(r)[0].T, read.T, strict=True)
-    return np.array([nnls(np.stack(c[:2], axis=1), c[2])[1] ** 2 / len(read) for c in columns])
+    return np.array(
+        [scipy.optimize.nnls(np.stack(c[:2], axis=1), c[2])[1] ** 2 / len(read) for c in columns]
+    )
 
 
 def _mountings(r: Recording) -> list[tuple[float, ...]]:

@@ -375,7 +375,11 @@ HEAVY = {"casadi", "pinocchio", "numpy", "scipy", "pandas", "matplotlib", "pooch
         (HELP, HEAVY),
         (
             "import plumbline; plumbline.diagnose, plumbline.load",
-            {"pandas", "scipy.stats", "scipy.signal", "matplotlib", "joblib"},
+            {"pandas", "matplotlib", "joblib"}
+            | {
+                f"scipy.{part}"
+                for part in ("cluster", "interpolate", "optimize", "signal", "spatial", "stats")
+            },
         ),
     ],
 )
