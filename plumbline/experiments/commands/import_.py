@@ -115,11 +115,8 @@ def _import(
     write_json(json, facts)
     if talks(json, quiet):
         said = [f"note: {note}" for note in checked.get("notes", [])]
-        print("\n".join([*said, f"written: {to}", f"next: {_next(checked['command'], to)}"]))
-
-
-def _next(command: str, to: Path) -> str:
-    return command.replace("FOLDER", quote(str(to)))
+        following = checked["command"].replace("FOLDER", quote(str(to)))
+        print("\n".join([*said, f"written: {to}", f"next: {following}"]))
 
 
 def _ask(to: Path, json: str | None) -> None:

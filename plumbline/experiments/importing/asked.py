@@ -54,7 +54,10 @@ def asked(
     if "robot" not in given:
         given |= _told_robot(raws)
     settings = {k: v for k, v in given.items() if k not in (*OWN, "tip_frame", "noise", "tool")}
-    settings |= {"tool": _tool(given["tool"])} if "tool" in given else {}
+    if "tool" in given:
+        tool = given["tool"]
+        tool = tool if isinstance(tool, dict) else {"offset": _amount(tool, "--tool", 3)}
+        settings["tool"] = tool
     settings |= {"noise_std": _amount(given["noise"], "--noise", 1)[0]} if "noise" in given else {}
     table, files, robot = _robot(given.get("robot"), toml)
     if given.get("tip_frame"):
@@ -144,10 +147,6 @@ def _amount(value: object, what: str, count: int) -> list[float]:
             f"{what} {value}: {unit.name} is of {unit.dimension}, expected mm or m"
         )
     return [_number(word, what) * unit.factor for word in words]
-
-
-def _tool(value: object) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {"offset": _amount(value, "--tool", 3)}
 
 
 def _of_file(path: Path) -> dict[str, Any]:

@@ -4,24 +4,21 @@ from collections.abc import Iterator
 
 from plumbline.errors import MOST_LISTED, listed
 from plumbline.experiments.importing.tables import Raw
-from plumbline.experiments.importing.understood import Source, Understood, si_of
+from plumbline.experiments.importing.understood import Understood, si_of
 
 FIRST = 3  # rows shown
 
 
 def words(raws: list[Raw], understood: Understood) -> str:
     """Tables read, columns with their source and unit, the first rows, and what was left out."""
-    used = {source.place.rpartition("@")[0].removeprefix("-") for source in _all(understood)}
+    places = [source.place for source in understood.sources.values()]
+    used = {place.rpartition("@")[0].removeprefix("-") for place in places}
     tables = [f"{raw.name}: {len(raw):,} rows, {raw.form}" for raw in raws if raw.name in used]
     others = [raw.name for raw in raws if raw.name not in used]
     body = _aligned(list(_lines(understood, len(tables) > 1)))
     tables += [f"not used: {listed(others, MOST_LISTED)}"] if others else []
     rows = f"{understood.observation}, {len(understood.samples):,} rows"
     return "\n".join([*tables, "", *body, "", rows, *understood.notes])
-
-
-def _all(understood: Understood) -> list[Source]:
-    return list(understood.sources.values())
 
 
 def _lines(understood: Understood, several: bool) -> Iterator[list[str]]:
@@ -31,14 +28,11 @@ def _lines(understood: Understood, several: bool) -> Iterator[list[str]]:
         source = understood.sources[str(column)]
         unit, to = source.unit, si_of(source.unit)
         unit = to if unit == to else f"{unit} -> {to}"
-        cells = [_cell(value) for value in table[column].head(FIRST)]
+        first = table[column].head(FIRST)
+        cells = [f"{value:.7g}" if isinstance(value, float) else str(value) for value in first]
         minus = "-" * source.place.startswith("-")
         place = source.place if several else minus + source.place.rpartition("@")[2]
         yield [str(column), place, "" if unit == "1" else unit, *cells]
-
-
-def _cell(value: object) -> str:
-    return f"{value:.7g}" if isinstance(value, float) else str(value)
 
 
 def _aligned(lines: list[list[str]]) -> list[str]:
