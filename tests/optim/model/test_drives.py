@@ -107,7 +107,12 @@ def test_a_servo_of_second_order_is_as_slow_in_mujoco(real, more):
 
 @pytest.mark.parametrize(
     ("constant", "value"),
-    [("STIFF", 30.0), ("DAMPED", 10.0), ("STEP", 0.02), ("FRICTION", {"solreffriction": "0.1 1"})],
+    [
+        ("STIFF", 30.0),
+        ("DAMPED", 10.0),
+        ("MJCF_STEP", 0.02),
+        ("FRICTION", {"solreffriction": "0.1 1"}),
+    ],
 )
 def test_every_number_of_the_file_matters(constant, value, made, real, monkeypatch):
     t, u, q = real
