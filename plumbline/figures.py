@@ -8,10 +8,12 @@ from plumbline.experiments.report.mpc import motion
 from plumbline.experiments.report.pointing import anatomy
 from plumbline.experiments.report.pointing import figures as pointing
 from plumbline.experiments.report.registration import figures as registration
+from plumbline.experiments.report.reproduction import compared
 from plumbline.experiments.report.style import on_paper as show
 
 __all__ = [
     "anatomy",
+    "compared",
     "dh",
     "hand_eye",
     "motion",

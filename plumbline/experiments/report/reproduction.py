@@ -38,20 +38,20 @@ def page(found: Reproduction) -> Page:
     )
 
 
-def _picture(k: int, compared: Compared) -> Picture:
+def _picture(k: int, shown: Compared) -> Picture:
     words = "Ours as dots, with one standard deviation where there is one; what the paper gives, "
     words += "or what is asked, as diamonds."
-    return Picture(f"compared{k}-", compared.title, words, (drawn(compared),), wide=True)
+    return Picture(f"compared{k}-", shown.title, words, (compared(shown),), wide=True)
 
 
-def drawn(compared: Compared) -> Figure:
+def compared(shown: Compared) -> Figure:
     """A row a figure, all on one scale."""
-    names, values = zip(*compared.rows, strict=True)
-    shown = [v[key] for v in values for key in ("value", *STATED) if v.get(key)]
+    names, values = zip(*shown.rows, strict=True)
+    sizes = [v[key] for v in values for key in ("value", *STATED) if v.get(key)]
     with house_style():
         figure = new_figure(6.4, 0.9 + 0.26 * len(names))
         axes = calm(figure.subplots())
-        for k, (name, one) in enumerate(compared.rows):
+        for k, (name, one) in enumerate(shown.rows):
             low = min(one.get("std", 0.0), one["value"])  # no length is below zero
             axes.plot([one["value"] - low, one["value"] + one.get("std", 0.0)], [k, k], color=AFTER)
             (dot,) = axes.plot(one["value"], k, "o", color=AFTER, ms=5)
@@ -59,9 +59,10 @@ def drawn(compared: Compared) -> Figure:
             for key in STATED.keys() & one.keys():
                 (mark,) = axes.plot(one[key], k, "D", color=STATED[key], mfc="none", ms=6)
                 says(mark, f"{name}: {one[key]:.3g} {one['unit']}, {key}")
-        if max(shown) > DECADE * min(shown) > 0.0:
+        if max(sizes) > DECADE * min(sizes) > 0.0:
             axes.set_xscale("log")
         axes.set_yticks(range(len(names)), names)
         axes.invert_yaxis()
-        axes.set_xlabel(f"[{values[0]['unit']}]")
+        held = ", ".join(key for key in STATED if any(key in one for one in values))
+        axes.set_xlabel(f"[{values[0]['unit']}]" + (f"; diamonds: {held}" if held else ""))
     return figure

@@ -20,7 +20,7 @@ from plumbline.experiments.report.diagnosis.turned import turned
 from plumbline.experiments.report.drawn import of_diagnosis
 from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
 from plumbline.experiments.report.registration.figures import misfits_and_targets
-from plumbline.experiments.report.reproduction import drawn
+from plumbline.experiments.report.reproduction import compared
 from plumbline.experiments.report.style import by_depth, house_style, new_figure, numbered, svg
 from plumbline.experiments.report.writing import PAGES, card_of, report_html
 from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
@@ -239,7 +239,7 @@ def test_a_diagnosis_s_pictures_are_those_of_its_report():
 
 def test_a_reproduction_s_picture_has_our_figures_and_what_they_are_held_against():
     (shown,) = a_reproduction().compared
-    (axes,) = drawn(shown).axes
+    (axes,) = compared(shown).axes
     marks = {
         (line.get_marker(), *line.get_xydata()[0])
         for line in axes.lines
@@ -249,5 +249,6 @@ def test_a_reproduction_s_picture_has_our_figures_and_what_they_are_held_against
     (spread,) = (line for line in axes.lines if np.ptp(line.get_xdata()) > 0.0)
     np.testing.assert_allclose(spread.get_xydata(), [[1.5, 0.0], [2.5, 0.0]])
     assert axes.get_xscale() == "log"
-    near = drawn(Compared("near", shown.rows[:1]))
+    near = compared(Compared("near", shown.rows[:1]))
     assert near.axes[0].get_xscale() == "linear"
+    assert near.axes[0].get_xlabel() == "[mm]; diamonds: paper"

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,
-    FLOOR,
     GUILTY,
     INK,
     MOST_VECTORS,
-    MUTED,
     SIZES,
     calm,
     house_style,
@@ -25,7 +23,7 @@ from plumbline.experiments.report.style import (
     numbered,
 )
 from plumbline.optim.core.problem import Array
-from plumbline.optim.dh_fit import DHFit, Misfit
+from plumbline.optim.dh_fit import DHFit
 from plumbline.optim.dh_fit.local import LocalGlobal, Space
 from plumbline.optim.dh_fit.poses import Design
 from plumbline.optim.recording.constants import FIRST_ROW
@@ -140,30 +138,5 @@ def designs(chosen: Sequence[tuple[str, Design]], blind: Sequence[Design]) -> Fi
         axes.set_xlabel("log det of the information: more is better")
         axes.set_ylabel("worst expected target error [mm]")
         axes.legend(loc="upper right")
-        calm(axes)
-        return figure
-
-
-def groups(rows: Sequence[tuple[Misfit, float, float]], best: float) -> Figure:
-    """Mean misfits after the fit: of each group ours, the paper's, noise's; its best [m]."""
-    with house_style():
-        figure = new_figure(5.4, 3.0)
-        axes = figure.add_subplot()
-        x = np.arange(1.0, len(rows) + 1.0)
-        published = [1e3 * row[1] for row in rows]
-        axes.bar(x - 0.2, published, width=0.36, color=BEFORE, label="paper")
-        ours = [1e3 * row[0].mean for row in rows]
-        axes.bar(x + 0.2, ours, width=0.36, color=AFTER, label="here")
-        for place, (_, _, floor) in zip(x, rows, strict=True):
-            ends = [place, place + 0.4]
-            label = "noise alone" if place == 1.0 else None
-            axes.plot(ends, [1e3 * floor] * 2, color=FLOOR, linewidth=2.0, label=label)
-        told = "the paper's table"
-        axes.axhline(1e3 * best, color=MUTED, linewidth=0.8, linestyle="--", label=told)
-        axes.set_xticks(list(x), [f"group {k + 1}" for k in range(len(rows))])
-        axes.set_ylabel("mean misfit after the fit [mm]")
-        axes.set_xlim(0.4, len(rows) + 0.6)
-        axes.set_ylim(0.0, 1.25 * max(published))
-        axes.legend(loc="upper left", ncols=3)
         calm(axes)
         return figure

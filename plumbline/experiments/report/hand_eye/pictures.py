@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from plumbline.experiments.report.style import (
     AFTER,
-    BEFORE,
     FLOOR,
     GUILTY,
     MUTED,
@@ -71,27 +70,6 @@ def selection_curves(selections: Sequence[Selection], mean: Array | None = None)
         axes.set_title("The selection loop falls while poor readings leave, then rises")
         axes.legend()
         calm(axes)
-    return figure
-
-
-def methods(names: Sequence[str], values: Sequence[Array], paper: Sequence[float | None]) -> Figure:
-    """Repeatability of every method over the set-ups, the paper's figure as a diamond."""
-    with house_style():
-        figure = new_figure(6.0, 0.5 * len(names) + 1.0)
-        axes = figure.add_subplot()
-        rng = np.random.default_rng(0)
-        for i, (found, given) in enumerate(zip(values, paper, strict=True)):
-            height = i + rng.uniform(-0.18, 0.18, len(found))
-            axes.scatter(MM * found, height, s=5, color=BEFORE, alpha=0.6, linewidths=0)
-            axes.plot(MM * float(np.mean(found)), i, "|", color=AFTER, markersize=17, mew=2.4)
-            if given is not None:
-                axes.plot(given, i, "D", color=GUILTY, markersize=5)
-        axes.set_yticks(range(len(names)), names)
-        axes.invert_yaxis()
-        axes.set_xscale("log")
-        axes.set_xlabel("repeatability [mm]; bar: mean, diamond: the paper's")
-        axes.set_title("Every method on the same set-ups")
-        calm(axes, grid="both")
     return figure
 
 

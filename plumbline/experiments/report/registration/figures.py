@@ -16,7 +16,6 @@ from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,
     FAINT,
-    FLOOR,
     GUILTY,
     INK,
     MUTED,
@@ -192,34 +191,6 @@ def _levels(values: Array) -> list[float]:
     steps = [0.5, 0.6, 0.8, 1, 1.25, 1.5, 2, 2.5, 3, 4, 6, 8, 10, 12, 15, 20, 25, 30, 40]
     inside = [s for s in steps if low < s < high]
     return inside[:: max(1, len(inside) // 4)] or [(low + high) / 2]
-
-
-def mean_errors(errors: Mapping[str, Mapping[str, float]], limit: float) -> Figure:
-    """Mean error [mm] of each set of markers for each lesion, on a logarithmic axis."""
-    looks = {"L": (AFTER, "o"), "M": (GUILTY, "D"), "H": (FLOOR, "s")}
-    with house_style():
-        figure = new_figure(6.4, 0.24 * len(errors) + 1.2)
-        axes = figure.add_subplot()
-        for k, row in enumerate(errors.values()):
-            axes.plot(list(row.values()), [k] * len(row), color=FAINT, linewidth=1.4, zorder=1)
-        for lesion, (colour, shape) in looks.items():
-            values = [row[lesion] for row in errors.values()]
-            axes.plot(
-                values, range(len(values)), shape, color=colour, label=f"lesion {lesion}",
-                markersize=5.5,
-            )  # fmt: skip
-        axes.axvline(limit, color=MUTED, linestyle="--", linewidth=1.0, label=f"{limit:g} mm")
-        axes.set_xscale("log")
-        ticks = (1, 1.5, 2, 3, 5, 10)
-        axes.set_xticks(ticks, labels=[f"{t:g}" for t in ticks])
-        axes.minorticks_off()
-        axes.set_yticks(range(len(errors)), labels=list(errors))
-        axes.invert_yaxis()
-        axes.set_xlabel("mean localisation error [mm]")
-        axes.grid(axis="x", color=FAINT, alpha=0.35, linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.legend(loc="lower right")
-        return figure
 
 
 def _moved(T: Array, points: Array) -> Array:
