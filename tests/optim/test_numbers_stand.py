@@ -147,6 +147,17 @@ STAND = {
         "WIDE_TURN": 0.08726646259971647, "FINE": 0.002, "COARSE": 0.005, "ENOUGH_FREEDOMS": 8.0,
         "POSE": 15,
     },
+    "diagnosis": {
+        "LEAST_NOISE": 1e-12, "FLAT": 1e-12, "TRIES": 60, "DRAW_ROUNDS": 40, "PLACES": 8,
+        "RESTS": (0.0, 0.0, 0.0, 0.0, 0.3333333333333333, 1.0), "REACHING_STEPS": 25, "NEAR": 1e-06,
+        "RANDOM_COUNTS": (12, 18, 24, 30, 36, 48, 60, 80, 100), "ORDERS": 6, "ROWS": 12,
+        "POOL": 3000, "MOST_RIVALS": 20, "GLANCE": 400, "EXCHANGES": 6, "NOTHING": 1e-09,
+        "UNMOVED": 1e-09, "GRID": 60, "NYSTROM": 0.001, "VARIANTS_SEEN": 8, "LISTED": 3,
+        "JITTER": 1e-12, "FLATTEST": 1e-100, "LARGEST_SEED": 4294967295, "TWIST": 6,
+        "MOST_ROWS": 2000, "MOST_SECONDS": 60.0, "OWN_SHARE": 0.4, "FLATTEST_TOLD": 1e-09,
+        "MOST_TOLD": 100.0, "POINTS": 721, "A_PERIOD": 8, "SPEEDS": 60, "MOST_LISTED": 60,
+        "LEFT_OPEN": 1.0, "SHOWN": 0.01, "MOST_PLACES": 5,
+    },
 }  # fmt: skip
 
 
