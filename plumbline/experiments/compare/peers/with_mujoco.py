@@ -85,7 +85,7 @@ def _residual(given: Mapping[str, Array], joint: int, starts: Array) -> Any:
 def _params(start: Array) -> Any:
     params = sysid.ParameterDict()
     params.add(sysid.Parameter("offset", start[0], -0.5, 0.5))
-    params.add(sysid.Parameter("delay", start[1], 0.0, 0.25))
+    params.add(sysid.Parameter("delay", start[1], -0.02, 0.25))
 
     def lagged(spec: Any, p: Any) -> None:
         spec.actuator("a").dynprm[0] = p.value[0]

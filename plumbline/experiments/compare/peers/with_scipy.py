@@ -127,7 +127,7 @@ def rolled(x: Array, given: Mapping[str, Array], joint: int, starts: Array) -> A
 
 def motion(given: Mapping[str, Array]) -> list[Array]:
     """Offset, delay and lag (n, 3)."""
-    lower, upper = np.array([-0.5, 0.0, 0.0]), np.array([0.5, 0.25, 0.5])
+    lower, upper = np.array([-0.5, -0.02, 0.0]), np.array([0.5, 0.25, 0.5])
     found = []
     for j in range(given["q"].shape[1]):
 

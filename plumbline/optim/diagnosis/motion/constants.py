@@ -99,7 +99,7 @@ LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
 
 # Rollout
 TOGETHER = 240  # windows that are rolled out at once: some 50 MB
-PIECE, PIECES, ABREAST = 20, 5, 12  # samples of a compiled piece, these and windows of a call
+PIECE, PIECES, ABREAST = 10, 20, 12  # samples of a compiled piece, these and windows of a call
 WIDE = 0.03  # of a parameter, or of its width: differences of a planned way
 
 # Set up

@@ -11,6 +11,7 @@ time, so that a faster clock does not make more evidence (Geyer 1992, Statistica
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class JointFit:
     J: Array  # its derivatives (W, K, P)
     sizes: Array  # factors (P,) of the parameters' widths and bounds
 
-    @property
+    @cached_property
     def square(self) -> float:
         """Mean square [rad^2]."""
         return float(np.mean(self.residual**2)) if self.residual.size else 0.0
@@ -40,7 +41,7 @@ class JointFit:
         """Derivatives of all samples (n, P)."""
         return self.J.reshape(self.residual.size, len(self.theta))
 
-    @property
+    @cached_property
     def limits(self) -> tuple[Array, Array, Array]:
         """Lower and upper bounds and prior widths of the parameters, each (P,)."""
         ps = [e.parameter for e in self.effects]
@@ -107,7 +108,11 @@ def fitted(windows: Windows, effects: Effects, start: Array, most: int = 0) -> J
         A, g = J.T @ J, J.T @ best.residual.ravel()
         step = np.zeros(len(scale))
         curved = A + damping * np.diag(np.diag(A)) + 1e-12 * np.trace(A) * np.eye(len(A))
-        step[free] = -np.linalg.lstsq(curved, g, rcond=None)[0] * scale[free]
+        part = np.linalg.lstsq(curved, g, rcond=None)[0]
+        promise = float(part @ (2.0 * g - A @ part))
+        if not (planned or most) and promise <= ENDED * best.square * best.residual.size:
+            break
+        step[free] = -part * scale[free]
         theta = np.clip(best.theta + step, lower, upper)
         tried = evaluated(windows, effects, theta, slopes=not planned)
         gain = 1 - tried.square / max(best.square, 1e-300)

@@ -255,8 +255,8 @@ def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Arra
     """The same of every sample of the roll-outs (R, steps, 1 + P), or positions alone."""
     begin, steps, _ = w.passes
     P, H, R, size = len(theta) * slopes, int(steps.max()), len(begin), len(_memory(effects))
-    shift = _shift(effects)(theta)
-    late, by = float(shift[0]), np.array(shift[1]).reshape(-1)[:P]
+    by = _shift(effects)
+    late, by = float(by @ theta), by[:P]
     lags = np.array([e.lags for e in effects])
     u, *du = w.asked(late, begin, H, float(lags @ theta))
     abreast = 1 if w.law.follows else ABREAST
@@ -269,8 +269,8 @@ def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Arra
     state[:R, 0] = _begun(w, u, begin)[:size].T
     for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
         state[:R, 1:, k] = du[0][:, :1] * by + du[1][:, :1] * lags[:P]
-    fixed = np.tile([w.dt, w.kp, w.kd, w.bare, *theta], (abreast * call, 1))
-    after = np.empty((abreast, call, 1 + P, size))
+    fixed = np.tile([w.dt, w.kp, w.kd, w.bare, *theta], (abreast * pieces, 1))
+    after = np.empty((abreast, pieces, 1 + P, size))
     out = np.empty((*data.shape[:2], 1 + P))
     handle: Any = _rolling(
         w.drive, effects, pieces, abreast, slopes
@@ -316,16 +316,23 @@ def _rolling(law: Law, effects: Effects, pieces: int, abreast: int, slopes: bool
 
 @lru_cache(maxsize=1024)
 def _piece(law: Law, effects: Effects, slopes: bool) -> cs.Function:
-    return _step(law, effects, slopes).mapaccum("piece", PIECE).expand()
+    """Samples in a row; what they share is worked out once."""
+    step, seen = _step(law, effects, slopes), []
+    after = both = cs.SX.sym("both", step.size1_in(0))
+    data, fixed = cs.SX.sym("data", step.size1_in(1), PIECE), cs.SX.sym("fixed", step.size1_in(2))
+    for sample in cs.horzsplit(data):
+        after, now = step(after, sample, fixed)
+        seen.append(now)
+    return cs.Function("piece", [both, data, fixed], cs.cse([after, cs.horzcat(*seen)]))
 
 
 @lru_cache(maxsize=1024)
-def _shift(effects: Effects) -> cs.Function:
-    """``theta (P,) -> shift, its gradient (1, P)``."""
+def _shift(effects: Effects) -> Array:
+    """How late each parameter (P,) makes commands, per unit."""
     theta = cs.SX.sym("theta", len(effects))
     drive = _drive(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
     shift = cs.SX(0) if drive.shift is None else drive.shift
-    return cs.Function("shift", [theta], [shift, cs.densify(cs.jacobian(shift, theta))])
+    return np.asarray(cs.DM(cs.densify(cs.jacobian(shift, theta)))).reshape(-1)
 
 
 def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX) -> Drive:
@@ -368,7 +375,7 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     """Positions (M,) [rad] along the whole recording, from the first window's measured start."""
     w, M = windows, len(windows.command)
     whole = replace(w, start=w.start[:1], length=M - 1, settle=0)
-    shift = float(_shift(effects)(theta)[0])
+    shift = float(_shift(effects) @ theta)
     late = sum(e.lags * value for e, value in zip(effects, theta, strict=True))
     u, *_ = whole.asked(shift, whole.start, M - 1, float(late))
     at = int(w.start[0])
