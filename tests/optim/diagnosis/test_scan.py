@@ -7,7 +7,7 @@ import pytest
 
 import plumbline.optim.diagnosis.posterior.shortlists as shortlists
 from plumbline.experiments.reality.body_effects import BaseBump as Bumped
-from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects import EFFECTS, JointOffset
 from plumbline.kinematics.effects.base_bump import EDGE, MOST, BaseBump
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.core.mapped import Mapped
@@ -182,6 +182,16 @@ def test_a_fold_may_choose_finer_orders_where_it_lists_the_one_that_they_refine(
     for variant in finer:
         np.testing.assert_array_equal(allowed[variant], allowed[chosen])
     assert allowed[chosen][:-1].all() == (strength > 0.0)
+
+
+@pytest.mark.parametrize(("causes", "offered"), [(6, True), (7, False)])
+def test_an_overtone_is_offered_where_chains_look_at_whole_states(causes, offered):
+    chosen = [
+        GearRipple(joint=2, order=20.0),
+        *(JointOffset(joint=j + 1) for j in range(causes - 1)),
+    ]
+    finer = shortlists.nearby(chosen, bench("ur5", "tip_position"))[chosen[0]]
+    assert any(variant.doubled for variant in finer) == offered
 
 
 def test_no_fold_is_told_the_moment_of_a_bump_to_the_row():

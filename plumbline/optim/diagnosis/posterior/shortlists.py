@@ -16,7 +16,13 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.scan import Family, Given, families
-from plumbline.optim.diagnosis.prior import LEAST_SHORTLIST, MOST_COLUMNS, MOST_REFINED, NO_EVIDENCE
+from plumbline.optim.diagnosis.prior import (
+    LEAST_SHORTLIST,
+    MANY_CAUSES,
+    MOST_COLUMNS,
+    MOST_REFINED,
+    NO_EVIDENCE,
+)
 from plumbline.optim.measurement.candidates import scope_for
 from plumbline.optim.measurement.observation import Model
 from plumbline.optim.recording.recording import Recording
@@ -25,10 +31,18 @@ STEP_STAGES = (Stage.BASE, Stage.TOOL)  # where what is scanned is the moment of
 
 
 def nearby(chosen: Sequence[Effect], recording: Recording) -> dict[Effect, list[Effect]]:
-    """Finer variants of what was chosen; of a dense family's many, those of the first few."""
+    """Finer variants of what was chosen; of a dense family's many, those of the first few.
+
+    Of many causes none that stands for two: their chains fill one place after another, and
+    exchange no two orders for one with its overtone.
+    """
     dense = [e for e in chosen if e.scanned][:MOST_REFINED]
     asked = [e for e in chosen if e in dense or not e.scanned]
-    return {e: list(e.neighbours(scope_for(e, recording))) for e in asked}
+    near = {e: list(e.neighbours(scope_for(e, recording))) for e in asked}
+    if len({(e.name, e.element) for e in chosen}) > MANY_CAUSES:
+        for e in dense:
+            near[e] = [v for v in near[e] if len(v.parameters) <= len(e.parameters)]
+    return near
 
 
 def shortlists(
