@@ -478,6 +478,8 @@ def test_units_are_shown_as_a_reader_writes_them(effect):
     ("name", "variant", "shown"),
     [
         ("sine", "order 17", "order 17 sine"),
+        ("sine", "orders 24 and 48", "order 24 sine"),
+        ("cosine_twice", "orders 24 and 48", "order 48 cosine"),
         ("compliance", "by the measured effort", "compliance, by the measured effort"),
         ("offset", "", "offset"),
     ],

@@ -139,9 +139,9 @@ def _parameters(
             determined = free[column] < width.get(term.effect, np.inf) * p.scale
             value, error = float(selected.best.x[column]), float(std[column])
             unit = term.effect.unit_of(p, selected.model.recording.chain)
-            out[parameter_name(p.name, variant)] = Estimate(
-                value, error, unit, name in stuck, p.doc, bool(determined)
-            )
+            said = parameter_name(p.name, variant)
+            said += " (2)" * (said in out)  # an overtone, and that order once more
+            out[said] = Estimate(value, error, unit, name in stuck, p.doc, bool(determined))
     return out
 
 

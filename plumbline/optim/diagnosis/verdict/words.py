@@ -146,6 +146,10 @@ def ripple_words(found: Sequence[Ripple]) -> str:
 
 def parameter_name(name: str, variant: str) -> str:
     """``order 17 sine``, or ``compliance, by the measured effort``, where variants need telling."""
+    if variant.startswith("orders"):  # one with its overtone: each number says which it is of
+        base, overtone = NUMBER.findall(variant)[:2]
+        twice = name.endswith("_twice")
+        return f"order {overtone if twice else base} {name.removesuffix('_twice')}"
     if variant.startswith("order"):
         return f"{variant} {name}"
     return f"{name}, {variant}" if variant else name
