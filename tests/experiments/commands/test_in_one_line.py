@@ -129,6 +129,6 @@ def test_a_registration_and_its_sweeps_are_one_line():
 def test_a_command_to_instruments_is_one_line():
     plan = Plan(np.zeros((40, 36)), True, 0.0, 7, "Solve_Succeeded")
     events = tuple(Event(trouble, "words " * 20) for trouble in (Trouble.SLACK,) * 30)
-    command = Command(np.zeros(36), Mode.PLAN, events, 2.0, 0.0, 1e-3, plan)
+    command = Command(np.zeros(36), Mode.PLAN, events, 2e-3, 0.0, 1e-3, plan)
     assert one_line(command) == "<Command: plan, gap 2 mm, slack>"
     assert one_line(plan) == "<Plan: 40 steps ahead, solved, slack 0 mm; Solve_Succeeded>"

@@ -10,7 +10,7 @@ from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.verdict.confounding import rivals, unobservable
-from plumbline.optim.diagnosis.verdict.judge import _gap
+from plumbline.optim.diagnosis.verdict.judge import gap_of
 from plumbline.optim.diagnosis.verdict.lack_of_fit import is_noisier, lack_of_fit
 from plumbline.optim.diagnosis.verdict.where import _orders
 from tests.benches import bench
@@ -82,7 +82,7 @@ def test_a_share_of_what_can_be_removed_is_told_if_there_is_any(before, told):
     seen = SimpleNamespace(
         rms_before=before, rms_after=1.0, per_point=1.0, unit="m", interval=(0.0, 1.0), by="rows"
     )
-    assert np.isfinite(_gap(seen, NoiseLevel(1.0, "given", 1.0)).removable) == told
+    assert np.isfinite(gap_of(seen, NoiseLevel(1.0, "given", 1.0)).removable) == told
 
 
 # Confounded effects, and what cannot be seen
