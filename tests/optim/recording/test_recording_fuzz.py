@@ -74,7 +74,7 @@ def broken(monkeypatch, change):
     """What a trial says of a sound recording where the reader was changed."""
     monkeypatch.setattr(trial_module, "damaged", lambda folder, kind, rng: untouched(folder, kind))
     monkeypatch.setattr(loading, "load", change)
-    return trial(0, SEED, seconds=0.5).broke
+    return trial(0, SEED, seconds=3.0).broke  # a tenth of the hang; a loaded machine reads in one
 
 
 def test_a_traceback_is_a_break(monkeypatch):
