@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -13,14 +12,13 @@ from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.posterior.scan import families
 from plumbline.optim.diagnosis.prior import JITTERS
 from plumbline.optim.measurement.clock import along, less_smeared, may_jitter, rates, smeared
-from plumbline.optim.measurement.nuisance import nuisances_of
-from plumbline.optim.measurement.observation import build_model, scope_of
+from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.one_noise import smear
 from plumbline.optim.recording.building import build_recording
 from tests.benches import bench, residuals
+from tests.scanned import scanned_as_modelled
 
 SIGMA, TAU = 1e-4, 1e-3
 KINDS = ("tip_position", "pose", "joint_position")
@@ -80,17 +78,7 @@ def test_rates_are_those_of_the_residuals_along_the_way(observation):
 @pytest.mark.parametrize("name", ["respiration", "base_bump", "gear_ripple"])
 def test_what_is_scanned_is_whitened_as_the_model_is(name):
     recording = replace(bench("sweeping", "tip_position", columns=("time",)), jitter=3.0)
-    nuisance = nuisances_of(recording)
-    alone = build_model(recording, (), nuisance=nuisance)
-    variants = [e for e in REGISTRY[name].candidates(scope_of(recording)) if e.scanned][::60]
-    found, _ = families(alone, alone.start, np.zeros(60, dtype=int), variants)
-    for family in found:
-        for v, effect in enumerate(family.effects):
-            model = build_model(recording, (effect,), nuisance=nuisance)
-            [gram] = Mapped(model.problem).grams(model.start, np.zeros(60, dtype=int))
-            P, scale = alone.problem.size, model.problem.scale
-            G = (gram.matrix * np.outer(scale, scale))[P:, P:]
-            np.testing.assert_allclose(family.blocks[0, v], G, rtol=1e-9, atol=1e-12 * G.max())
+    scanned_as_modelled(name, recording)
 
 
 def test_the_uncertainty_that_was_drawn_is_found_and_white_noise_is_asked_for_none():

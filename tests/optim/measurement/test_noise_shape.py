@@ -8,11 +8,10 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.diagnosis.posterior.scan import families
-from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.loading import load_recording
 from tests.benches import bench, residuals
+from tests.scanned import scanned_as_modelled
 
 AXES = [1e-4, 1e-4, 4e-4]
 
@@ -55,17 +54,7 @@ def test_what_is_scanned_is_weighed_as_the_model_is(name):
     recording = bench(
         "ur5", "tip_position", noise_axes=AXES, noise_rows=np.linspace(1e-4, 2e-4, 60)
     )
-    nuisance = nuisances_of(recording)
-    alone = build_model(recording, (), nuisance=nuisance)
-    variants = [e for e in REGISTRY[name].candidates(scope_of(recording)) if e.scanned][::60]
-    found, _ = families(alone, alone.start, np.zeros(60, dtype=int), variants)
-    for family in found:
-        for v, effect in enumerate(family.effects):
-            model = build_model(recording, (effect,), nuisance=nuisance)
-            [gram] = Mapped(model.problem).grams(model.start, np.zeros(60, dtype=int))
-            P, scale = alone.problem.size, model.problem.scale
-            G = (gram.matrix * np.outer(scale, scale))[P:, P:]
-            np.testing.assert_allclose(family.blocks[0, v], G, rtol=1e-9, atol=1e-12 * G.max())
+    scanned_as_modelled(name, recording)
 
 
 def test_a_noise_that_is_none_is_refused():
