@@ -259,6 +259,12 @@ def test_an_element_is_one_of_the_arm_s(where):
 
 
 @BOTH
+def test_a_variant_is_words_that_stand_in_a_list(where):
+    for effect in offered(where):
+        assert effect.variant == effect.variant.strip(" :;,."), effect
+
+
+@BOTH
 def test_neighbours_are_variants_of_the_same_cause(where):
     _, scope, _ = stage(where)
     for effect in offered(where):

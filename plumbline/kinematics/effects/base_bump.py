@@ -34,7 +34,7 @@ class BaseBump(BaseMotion):
         """When it happened."""
         hours = self.moment > 7200.0
         when = f"{self.moment / 3600.0:.3f} h" if hours else f"{self.moment:.5g} s"
-        return f"at {when}{'' if self.turning else ', shifted only'}:"
+        return f"at {when}{'' if self.turning else ', shifted only'}"
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:

@@ -46,7 +46,7 @@ class ToolSlip(_Slipped):
     def variant(self) -> str:
         """When it happened."""
         hours = self.moment > 7200.0
-        return f"at {self.moment / 3600.0:.3f} h:" if hours else f"at {self.moment:.5g} s:"
+        return f"at {self.moment / 3600.0:.3f} h" if hours else f"at {self.moment:.5g} s"
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -83,7 +83,7 @@ class ToolByGroup(_Slipped):
     @property
     def variant(self) -> str:
         """How many groups."""
-        return f"with each of {len(self.groups)} groups:"
+        return f"with each of {len(self.groups)} groups"
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:

@@ -18,6 +18,7 @@ from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 from plumbline.optim.diagnosis.prior import CORRELATIONS
+from plumbline.optim.diagnosis.verdict.judge import _correlated
 from plumbline.optim.measurement.correlated import Whitening, copied, follows_of, postures, trust
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
@@ -216,6 +217,13 @@ def test_less_than_the_stated_noise_is_no_sign_that_rows_know_of_each_other(rows
 
 
 # Whole verdicts
+
+
+@pytest.mark.parametrize("time, wander, asked", [(None, 0.9, 1), (None, 0.0, 0), (1.0, 0.9, 0)])
+def test_rows_that_err_alike_are_asked_for_a_clock_where_they_have_none(rows, time, wander, asked):
+    stamps = None if time is None else time * np.arange(len(rows))
+    said = list(_correlated(replace(rows, time=stamps, wander=wander), 1e-4))
+    assert sum("column time" in note for note in said) == asked
 
 
 @pytest.mark.parametrize("noise", ["drift", "copies"])

@@ -327,6 +327,11 @@ def _correlated(recording: Recording, sigma: float) -> Iterator[str]:
             f"the noise of a row correlates by {recording.wander:g} with that of the row before "
             "it: what it foretells of it counts once"
         )
+    if recording.wander and recording.time is None:
+        yield (
+            "no time is recorded: if the rows stand in the order in which they were taken, a column "
+            "time (the row's number will do) lets a bump, a slip or a drift be told"
+        )
     if recording.alike:
         yield (
             f"readings of one posture correlate by {recording.alike:.2g}: together they count for "
