@@ -219,7 +219,9 @@ def test_less_than_the_stated_noise_is_no_sign_that_rows_know_of_each_other(rows
 # Whole verdicts
 
 
-@pytest.mark.parametrize("time, wander, asked", [(None, 0.9, 1), (None, 0.0, 0), (1.0, 0.9, 0)])
+@pytest.mark.parametrize(
+    ("time", "wander", "asked"), [(None, 0.9, 1), (None, 0.0, 0), (1.0, 0.9, 0)]
+)
 def test_rows_that_err_alike_are_asked_for_a_clock_where_they_have_none(rows, time, wander, asked):
     stamps = None if time is None else time * np.arange(len(rows))
     said = list(_correlated(replace(rows, time=stamps, wander=wander), 1e-4))

@@ -329,8 +329,8 @@ def _correlated(recording: Recording, sigma: float) -> Iterator[str]:
         )
     if recording.wander and recording.time is None:
         yield (
-            "no time is recorded: if the rows stand in the order in which they were taken, a column "
-            "time (the row's number will do) lets a bump, a slip or a drift be told"
+            "no time is recorded: if the rows stand in the order in which they were taken, a "
+            "column time (the row's number will do) lets a bump, a slip or a drift be told"
         )
     if recording.alike:
         yield (
