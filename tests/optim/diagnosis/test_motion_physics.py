@@ -279,6 +279,20 @@ def test_a_planned_way_takes_the_time_of_its_two_ramps_and_trails_what_moves():
     assert q[-1] == pytest.approx(0.9 - 1 / (2 * 5.0), abs=5e-3)  # v^2 / 2 a behind
 
 
+def test_what_acts_behind_a_planned_way_has_exact_slopes():
+    """Differences over a wide step, as the way's own numbers have them, are a hundredth off."""
+    u = 0.5 * np.sin(3.0 * 0.02 * np.arange(400))
+    values = {"acceleration_limit": 3.0, "actuation_lag": 0.05, "actuation_play": 0.02}
+    _, J = swung(u, 0.02, **values)
+    for k, name in ((1, "actuation_lag"), (2, "actuation_play")):
+        ahead, behind = (
+            swung(u, 0.02, **values | {name: values[name] + step})[0] for step in (1e-6, -1e-6)
+        )
+        near = np.abs(J[..., k] - (ahead - behind) / 2e-6)
+        assert np.quantile(near, 0.98) < 1e-5  # but as play is taken up
+        assert np.abs(J[..., k]).max() > 0.3
+
+
 @pytest.mark.parametrize(
     ("constant", "by"), [("STIFFNESS", 1.0), ("STIFFNESS", 2.0), ("SLOWS", 2.0)]
 )

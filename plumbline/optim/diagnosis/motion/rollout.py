@@ -13,7 +13,6 @@ memory grows with the windows that are looked at together, not with the recordin
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -224,41 +223,42 @@ def _rolled(w: Windows, effects: Effects, theta: Array, slopes: bool) -> Array:
         return np.empty((0, w.length - w.settle, 1 + len(theta) * slopes))
     begin, _, row = w.passes
     at = (w.start - begin[row])[:, None] + np.arange(w.settle, w.length)
+    given = tuple(range(len(theta))) if slopes else ()
     if not any(effect.plans for effect in effects):
-        return np.asarray(_passed(w, effects, theta, slopes=slopes)[row[:, None], at])
+        return np.asarray(_passed(w, effects, theta, given)[row[:, None], at])
     # A planned way switches between full speed up and full braking: a small change moves every
     # later switch, so that derivatives grow without end where differences over a wide step do not.
-    there = [_passed(w, effects, theta, slopes=False)]
-    for behind, ahead in _wide(w, effects, theta) if slopes else ():
-        step = float(np.sum(ahead - behind))
-        values = [_passed(w, effects, at_it, slopes=False) for at_it in (behind, ahead)]
+    # What acts behind the way moves no switch.
+    behind = tuple(k for k in given if k not in _planning(effects))
+    there = _passed(w, effects, theta, behind)
+    out = np.empty((*there.shape[:2], 1 + len(given)))
+    out[..., [0, *(1 + k for k in behind)]] = there
+    for k in set(given).difference(behind):
+        low, high = _wide(w, effects, theta, k)
+        values = [_passed(w, effects, at_it, ())[..., 0] for at_it in (low, high)]
         with np.errstate(over="ignore", invalid="ignore"):  # where a way runs off, no step is taken
-            slope = (values[1] - values[0]) / step
-        there.append(np.where(np.isfinite(slope), slope, 0.0))
-    return np.asarray(np.concatenate(there, axis=-1)[row[:, None], at])
+            slope = (values[1] - values[0]) / (high[k] - low[k])
+        out[..., 1 + k] = np.where(np.isfinite(slope), slope, 0.0)
+    return np.asarray(out[row[:, None], at])
 
 
-def _wide(w: Windows, effects: Effects, theta: Array) -> Iterator[tuple[Array, Array]]:
+def _wide(w: Windows, effects: Effects, theta: Array, k: int) -> tuple[Array, Array]:
     """Values (P,) to either side: by a share of the width, or of a limit itself; in bounds."""
-    for k, (effect, size) in enumerate(zip(effects, w.sizes(effects), strict=True)):
-        p = effect.parameter
-        step = WIDE * (abs(theta[k]) if p.null > p.scale else p.scale * size)
-        behind, ahead = np.array(theta), np.array(theta)
-        behind[k], ahead[k] = (
-            max(theta[k] - step, p.lower * size),
-            min(theta[k] + step, p.upper * size),
-        )
-        yield behind, ahead
+    p, size = effects[k].parameter, w.sizes(effects[k : k + 1])[0]
+    step = WIDE * (abs(theta[k]) if p.null > p.scale else p.scale * size)
+    behind, ahead = np.array(theta), np.array(theta)
+    behind[k], ahead[k] = max(theta[k] - step, p.lower * size), min(theta[k] + step, p.upper * size)
+    return behind, ahead
 
 
-def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Array:
-    """The same of every sample of the roll-outs (R, steps, 1 + P), or positions alone."""
+def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> Array:
+    """The same of every sample of the roll-outs (R, steps, 1 + B), by so many parameters."""
     begin, steps, _ = w.passes
-    P, H, R, size = len(theta) * slopes, int(steps.max()), len(begin), len(_memory(effects))
-    by = _shift(effects)
-    late, by = float(by @ theta), by[:P]
-    lags = np.array([e.lags for e in effects])
-    u, *du = w.asked(late, begin, H, float(lags @ theta))
+    P, H, R, size = len(by), int(steps.max()), len(begin), len(_memory(effects))
+    shift, lags = _shift(effects), np.array([e.lags for e in effects])
+    u, *du = w.asked(float(shift @ theta), begin, H, float(lags @ theta))
+    if any(effect.plans for effect in effects):
+        du = [np.zeros_like(u)] * 2  # the way is as it is
     abreast = 1 if w.law.follows else ABREAST
     pieces = PIECES if w.law.follows else -(-H // PIECE)
     call = pieces * PIECE
@@ -267,14 +267,13 @@ def _passed(w: Windows, effects: Effects, theta: Array, *, slopes: bool) -> Arra
     data[:R, :H, 3:] = w.given
     state = np.zeros((len(data), 1 + P, size))
     state[:R, 0] = _begun(w, u, begin)[:size].T
+    late = du[0][:, :1] * shift[list(by)] + du[1][:, :1] * lags[list(by)]
     for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
-        state[:R, 1:, k] = du[0][:, :1] * by + du[1][:, :1] * lags[:P]
+        state[:R, 1:, k] = late
     fixed = np.tile([w.dt, w.kp, w.kd, w.bare, *theta], (abreast * pieces, 1))
     after = np.empty((abreast, pieces, 1 + P, size))
     out = np.empty((*data.shape[:2], 1 + P))
-    handle: Any = _rolling(
-        w.drive, effects, pieces, abreast, slopes
-    ).buffer()  # it keeps addresses only
+    handle: Any = _rolling(w.drive, effects, pieces, abreast, by).buffer()  # addresses alone
     buffer, run = handle
     buffer.set_arg(2, fixed.data)
     buffer.set_res(0, after.data)
@@ -308,16 +307,18 @@ def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
 
 
 @lru_cache(maxsize=1024)
-def _rolling(law: Law, effects: Effects, pieces: int, abreast: int, slopes: bool) -> cs.Function:
+def _rolling(
+    law: Law, effects: Effects, pieces: int, abreast: int, by: tuple[int, ...]
+) -> cs.Function:
     """So many windows abreast, over so many compiled pieces."""
-    several = _piece(law, effects, slopes).mapaccum("rolled", pieces)
+    several = _piece(law, effects, by).mapaccum("rolled", pieces)
     return several if abreast == 1 else several.map(abreast)
 
 
 @lru_cache(maxsize=1024)
-def _piece(law: Law, effects: Effects, slopes: bool) -> cs.Function:
+def _piece(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
     """Samples in a row; what they share is worked out once."""
-    step, seen = _step(law, effects, slopes), []
+    step, seen = _step(law, effects, by), []
     after = both = cs.SX.sym("both", step.size1_in(0))
     data, fixed = cs.SX.sym("data", step.size1_in(1), PIECE), cs.SX.sym("fixed", step.size1_in(2))
     for sample in cs.horzsplit(data):
@@ -335,6 +336,17 @@ def _shift(effects: Effects) -> Array:
     return np.asarray(cs.DM(cs.densify(cs.jacobian(shift, theta)))).reshape(-1)
 
 
+@lru_cache(maxsize=1024)
+def _planning(effects: Effects) -> frozenset[int]:
+    """Which parameters shape a planned way, its command's time among that."""
+    theta, state = cs.SX.sym("theta", len(effects)), cs.SX.sym("state", len(MEMORY))
+    drive = _drive(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
+    after = drive.step(Memory(*cs.vertsplit(state)))
+    shaped = cs.vertcat(after.path, after.pace)
+    found = np.asarray(cs.DM(cs.jacobian_sparsity(shaped, theta), 1.0)).any(axis=0)
+    return frozenset(np.flatnonzero(found | (_shift(effects) != 0)).tolist())
+
+
 def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX) -> Drive:
     load, inertia, dt, kp, kd, bare = cs.vertsplit(rest)
     drive = Drive(law, dt, command, load, inertia, kp, kd, bare)
@@ -344,26 +356,27 @@ def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX
 
 
 @lru_cache(maxsize=1024)
-def _step(law: Law, effects: Effects, slopes: bool = True) -> cs.Function:
+def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
     """``both, (u, du, du, load, inertia), (dt, kp, kd, bare, theta) -> next, output``.
 
-    ``both`` are the state and its sensitivities.
+    ``both`` are the state and its sensitivities by some parameters.
     """
-    P, names = len(effects), _memory(effects)
+    names, P = _memory(effects), len(by)
     size = len(names)
-    both, data = cs.SX.sym("both", size * (1 + P * slopes)), cs.SX.sym("data", 5)
-    fixed = cs.SX.sym("fixed", 4 + P)
+    both, data = cs.SX.sym("both", size * (1 + P)), cs.SX.sym("data", 5)
+    fixed = cs.SX.sym("fixed", 4 + len(effects))
     theta, state = fixed[4:], both[:size]
     drive = _drive(law, effects, theta, data[0], cs.vertcat(data[3:], fixed[:4]))
     after = drive.step(Memory(*cs.vertsplit(state)))
     new = cs.vertcat(*(getattr(after, name) for name in names))
-    if not slopes:
+    if not by:
         return cs.Function("step", [both, data, fixed], cs.cse([cs.densify(new), new[3]]))
-    S = cs.reshape(both[size:], size, P)
-    shift = cs.SX(0) if drive.shift is None else drive.shift
-    S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)
-    lags = cs.DM(np.reshape([e.lags for e in effects], (1, P)))
-    S += cs.jacobian(new, data[0]) @ (data[1] * cs.jacobian(shift, theta) + data[2] * lags)
+    S, some = cs.reshape(both[size:], size, P), list(by)
+    if any(effect.plans for effect in effects):
+        S[PLAIN:, :] = 0  # no slope is of a way
+    S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)[:, some]
+    late = np.array([_shift(effects), [e.lags for e in effects]])[:, some]
+    S += cs.jacobian(new, data[0]) @ (data[1:3].T @ late)
     S = cs.densify(S)
     following = cs.vertcat(new, cs.reshape(S, size * P, 1))
     seen = cs.vertcat(new[3], S[3, :].T)
@@ -383,6 +396,6 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     begin = _begun(w, u, np.array([at]))[:size, 0]
     data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), *w.loads(np.arange(at + 1, M))])
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
-    steps = _step(w.drive, effects, False).mapaccum("played", M - 1)  # not expanded: M may be large
+    steps = _step(w.drive, effects, ()).mapaccum("played", M - 1)  # not expanded: M may be large
     out = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
     return np.concatenate([[w.q[at]], np.asarray(out)[0]])
