@@ -29,17 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp
-from plumbline.optim.capsule_mpc.constants import (
-    CHANGED,
-    FAR,
-    FASTEST,
-    FEWEST_LOOKS,
-    MM,
-    OBSTACLE,
-    STRAIGHT,
-    TOUCHING,
-)
 from plumbline.optim.capsule_mpc.linearised import box_function, stage_function
 from plumbline.optim.capsule_mpc.planning import RealTime
 from plumbline.optim.capsule_mpc.scene import Obstacle
@@ -61,8 +52,8 @@ class Example:
 
 def numbers_of(statement: Statement, obstacles: Sequence[Obstacle]) -> Array:
     """Obstacles (K, 10) [m] as a step in C takes them: a row for every slot, then every ball."""
-    out = np.zeros((statement.slots + statement.balls, OBSTACLE))
-    out[:, :6] = FAR / MM
+    out = np.zeros((statement.slots + statement.balls, constants.OBSTACLE))
+    out[:, :6] = constants.FAR / constants.MM
     spheres = [o for o in obstacles if o.a == o.b]
     capsules = [o for o in obstacles if o.a != o.b] + spheres[statement.balls :]
     if len(capsules) > statement.slots:
@@ -88,20 +79,22 @@ def _seen(statement: Statement, numbers: Array) -> list[Obstacle]:
 def affine(statement: Statement) -> tuple[Array, Array]:
     """T0 (p t,) and T (p t, inputs): the stages' parameters from goals, obstacles, last step."""
     goals, count = statement.goals, statement.slots + statement.balls
-    base = np.zeros((count, OBSTACLE))
+    base = np.zeros((count, constants.OBSTACLE))
     base[: statement.slots, 3] = 8.0  # apart from the other end, and so in all that is tried here
-    size = goals + OBSTACLE * count + statement.n
+    size = goals + constants.OBSTACLE * count + statement.n
 
     def stages(u: Array) -> Array:
-        own = base + u[goals : goals + OBSTACLE * count].reshape(count, OBSTACLE)
+        own = base + u[goals : goals + constants.OBSTACLE * count].reshape(
+            count, constants.OBSTACLE
+        )
         seen = _seen(statement, own)
-        return statement.stages(u[:goals], seen, u[goals + OBSTACLE * count :]).ravel()
+        return statement.stages(u[:goals], seen, u[goals + constants.OBSTACLE * count :]).ravel()
 
     first = stages(np.zeros(size))
     units = np.eye(size)
     for k in range(statement.slots, count):
         # A sphere is a point: where one end goes the other does, and so counts for both.
-        at = goals + OBSTACLE * k
+        at = goals + constants.OBSTACLE * k
         units[at : at + 3] += units[at + 3 : at + 6]
         units[at + 3 : at + 6] = 0.0
     T = np.stack([stages(unit) - first for unit in units], axis=1)
@@ -193,10 +186,10 @@ def _sizes(statement: Statement, function: cs.Function) -> dict[str, object]:
         "slots": statement.slots,
         "balls": statement.balls,
         "obstacles": statement.slots + statement.balls,
-        "numbers": OBSTACLE,
-        "looks": FEWEST_LOOKS,
+        "numbers": constants.OBSTACLE,
+        "looks": constants.FEWEST_LOOKS,
         "dt": statement.settings.dt,
-        "far": FAR / MM,
+        "far": constants.FAR / constants.MM,
         "work": (N + 2 * n) * (2 * n + 1) + 2 * N + 2 * n + 5 * M + 6 * K,
         "sz_w": max(function.sz_w(), 1),
         "sz_iw": max(function.sz_iw(), 1),
@@ -214,13 +207,13 @@ def _weights(statement: Statement, solver: BandedQp) -> dict[str, object]:
     return {
         "group": ", ".join(str(number) for number in [*begins, *closes]),
         "turn": "s->turn" if max(statement.groups) > 1 else "0",
-        "touching": TOUCHING,
-        "mm": MM,
-        "fastest": (FASTEST * s.dt) ** 2,
-        "straight": STRAIGHT,
-        "changed": CHANGED,
+        "touching": constants.TOUCHING,
+        "mm": constants.MM,
+        "fastest": (constants.FASTEST * s.dt) ** 2,
+        "straight": constants.STRAIGHT,
+        "changed": constants.CHANGED,
         "unit": ", ".join(repr(float(unit)) for unit in statement.unit),
-        "penalty": MM * float(s.penalty),
+        "penalty": constants.MM * float(s.penalty),
         "effort": float(effort),
         "smooth": float(smooth),
         "tolerance": solver.tolerance,

@@ -37,17 +37,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.compiled import Compiled
-from plumbline.optim.capsule_mpc.constants import (
-    HALVINGS,
-    HOLDING,
-    MM,
-    OFF,
-    PASSES,
-    ROUNDING,
-    SHORTER,
-    WORSE,
-)
 from plumbline.optim.capsule_mpc.evasion import Evasion
 from plumbline.optim.capsule_mpc.events import (
     Command,
@@ -162,7 +153,7 @@ class Controller:
         begun = perf_counter()
         events: list[Event] = []
         try:
-            seen = [obstacle.scaled(MM) for obstacle in obstacles]
+            seen = [obstacle.scaled(constants.MM) for obstacle in obstacles]
             command = self._step(begun, events, measured, goal, seen)
         except Exception as error:
             # Nothing may leave the loop: what is not foreseen is reported, and motion stops.
@@ -215,7 +206,7 @@ class Controller:
         events += self._impossible
         if mode is Mode.PLAN and plan:
             events += shortfalls(plan)
-        gap, slack = float(gaps.min()) / MM, plan.slack / MM if plan else 0.0
+        gap, slack = float(gaps.min()) / constants.MM, plan.slack / constants.MM if plan else 0.0
         ahead = plan.x * self.statement.unit if plan else None
         sent, seconds = self._sent(rate), perf_counter() - begun
         return Command(sent, mode, tuple(events), gap, slack, seconds, ahead)
@@ -245,7 +236,7 @@ class Controller:
         g, p = self.statement.goals, self.statement.settings.p
         path = values.ndim == 2 and values.shape[1] == g and len(values) >= p
         if (path or values.shape == (g,)) and np.isfinite(values).all():
-            self._goal = MM * values
+            self._goal = constants.MM * values
         elif self._goal is None:
             raise PlumblineError(f"no goal yet that is usable: ({g},) finite numbers expected")
         else:
@@ -294,7 +285,7 @@ class Controller:
 
     def _report_off(self, x: Array, stage: Array, events: list[Event]) -> None:
         off = how_far_off(self.statement, x, stage)
-        if off > OFF:
+        if off > constants.OFF:
             events.append(off_hold(off))
 
     def _planned(
@@ -333,22 +324,22 @@ class Controller:
         if plan is not None:
             aim = self._limited((plan.x[0] - x0) / self.statement.settings.dt, x0, stage)
         rest: Verdict | None = None
-        for _ in range(1 + HALVINGS if plan is not None else 0):
+        for _ in range(1 + constants.HALVINGS if plan is not None else 0):
             rate = self._held(aim, x0, stage)
-            after = self._stop.after(rate, self._rates[0], 1.0 + ROUNDING)
+            after = self._stop.after(rate, self._rates[0], 1.0 + constants.ROUNDING)
             if after is not None:
                 ahead = self._net.judge(x0, np.concatenate([rate[None], after]), here)
                 if not ahead.clear:
                     rest = rest or self._net.judge(x0, stop, here)
                 if rest is None or ahead.no_worse(rest):
-                    events += entered(ahead.first, events, WORSE)
+                    events += entered(ahead.first, events, constants.WORSE)
                     self._tail = np.concatenate([after, 0.0 * after[-1:]])
                     return rate
             aim = (aim + stop[0]) / 2
         rest = rest or self._net.judge(x0, stop, here)
         if plan is not None:
             events.append(held_back(float(rest.gaps.min(initial=np.inf))))
-        events += entered(rest.first, events, WORSE)
+        events += entered(rest.first, events, constants.WORSE)
         rate = self._held(stop[0], x0, stage) if stop[0].any() else stop[0]
         self._tail = np.concatenate([stop[1:], 0.0 * stop[-1:]])
         return rate
@@ -363,13 +354,13 @@ class Controller:
         if not self._holds:
             return rate
         most = own.step[0] / dt
-        for _ in range(PASSES):
+        for _ in range(constants.PASSES):
             right = (held_exactly(own, x0 + dt * rate, stage) - x0) / dt
             excess = float(np.max(norms(right, own.groups) / most))
             change = norms(right - self._limited(right, x0, stage), own.groups)
-            if excess <= 1.0 and (change <= HOLDING * dt * own.acceleration).all():
+            if excess <= 1.0 and (change <= constants.HOLDING * dt * own.acceleration).all():
                 return right
-            rate = self._limited(SHORTER * right / max(excess, 1.0), x0, stage)
+            rate = self._limited(constants.SHORTER * right / max(excess, 1.0), x0, stage)
         return rate
 
     def _remember(self, plan: Plan | None, x0: Array, rate: Array) -> None:

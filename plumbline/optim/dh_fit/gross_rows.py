@@ -30,16 +30,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.dh_fit.constants import (
-    FALSE_ALARM,
-    FEWEST_FREEDOM,
-    FEWEST_ROWS,
-    LEAST_LEFT,
-    LEAST_SHAPE,
-    MOST_SHARE,
-    SHAPE_ROUNDS,
-    SLACK,
-)
+from plumbline.optim.dh_fit import constants
 from plumbline.optim.dh_fit.identify import triangle
 from plumbline.optim.dh_fit.statement import DHStatement, Readings
 from plumbline.optim.dh_fit.sums import Pass
@@ -70,24 +61,24 @@ def gross_rows(
     """Which rows (N,) are grossly wrong; none where too many are, or too few tell."""
     none = np.zeros(len(readings), dtype=bool)
     freedom = 3 * len(readings) - len(free)
-    if freedom < FEWEST_FREEDOM:
+    if freedom < constants.FEWEST_FREEDOM:
         return none
     statistic = _deletion(statement, readings, x, free) / 3.0
     # Half of the rows stand for the noise: a median knows it less well than a sum of squares.
     tail = (3.0, freedom / 2.0)
     scale = float(np.median(statistic)) / float(fdtri(*tail, 0.5))
-    limit = SLACK * float(fdtri(*tail, 1.0 - FALSE_ALARM / len(readings)))
+    limit = constants.SLACK * float(fdtri(*tail, 1.0 - constants.FALSE_ALARM / len(readings)))
     found = statistic > limit * max(scale, 1e-300)
-    return found if found.sum() <= MOST_SHARE * len(readings) else none
+    return found if found.sum() <= constants.MOST_SHARE * len(readings) else none
 
 
 def shape(e: Array) -> Array:
     """V (3, 3) of misfits (N, 3), of trace 3; rows without any misfit have no direction."""
     e = e[np.linalg.norm(e, axis=1) > 0.0]
     V = np.eye(3)
-    for _ in range(SHAPE_ROUNDS if len(e) >= FEWEST_ROWS else 0):
+    for _ in range(constants.SHAPE_ROUNDS if len(e) >= constants.FEWEST_ROWS else 0):
         sizes = np.einsum("nk,kl,nl->n", e, np.linalg.inv(V), e)
-        V = (e / sizes[:, None]).T @ e + LEAST_SHAPE * len(e) * np.eye(3)
+        V = (e / sizes[:, None]).T @ e + constants.LEAST_SHAPE * len(e) * np.eye(3)
         V *= 3.0 / np.trace(V)
     return np.asarray(V)
 
@@ -108,5 +99,5 @@ def _deletion(
         C = V - H @ V - V @ H + spread @ spread.transpose(0, 2, 1)
         values, vectors = np.linalg.eigh(narrow @ C @ narrow)
         along = np.einsum("nkl,nk->nl", vectors, e @ narrow)
-        found.append((along**2 / np.maximum(values, LEAST_LEFT)).sum(axis=1))
+        found.append((along**2 / np.maximum(values, constants.LEAST_LEFT)).sum(axis=1))
     return np.concatenate(found)

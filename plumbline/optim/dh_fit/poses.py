@@ -27,15 +27,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
-from plumbline.optim.dh_fit.constants import (
-    CANDIDATES,
-    DELTA_ANGLE,
-    DELTA_LENGTH,
-    SWEEPS,
-    TARGETS,
-    TRIES,
-    VAGUE,
-)
+from plumbline.optim.dh_fit import constants
 from plumbline.optim.dh_fit.identify import noise_free
 from plumbline.optim.dh_fit.local import Space
 from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns
@@ -95,7 +87,7 @@ class Candidates:
         chosen: list[int] = []
         for _ in range(count):
             chosen.append(self._next(chosen, _volume_gain))
-        for _ in range(SWEEPS):
+        for _ in range(constants.SWEEPS):
             before = list(chosen)
             for k in range(count):
                 others = chosen[:k] + chosen[k + 1 :]
@@ -140,10 +132,10 @@ def reachable(
     noise: float,
     tool: ArrayLike = (0.0, 0.0, 0.0),
     tip_frame: str | None = None,
-    candidates: int = CANDIDATES,
-    targets: int = TARGETS,
-    delta_length: float = DELTA_LENGTH,
-    delta_angle: float = DELTA_ANGLE,
+    candidates: int = constants.CANDIDATES,
+    targets: int = constants.TARGETS,
+    delta_length: float = constants.DELTA_LENGTH,
+    delta_angle: float = constants.DELTA_ANGLE,
     seed: int = 0,
 ) -> Candidates:
     """Draw reachable poses of a space, and targets in it.
@@ -170,7 +162,7 @@ def reachable(
     lower = np.where(np.isfinite(chain.lower), chain.lower, -np.pi)
     upper = np.where(np.isfinite(chain.upper), chain.upper, np.pi)
     found = np.empty((0, chain.n))
-    for _ in range(TRIES):
+    for _ in range(constants.TRIES):
         q = rng.uniform(lower, upper, (4 * (candidates + targets), chain.n))
         found = np.vstack([found, q[space.holds(chain.tips(q, point))]])
         if len(found) >= candidates + targets:
@@ -187,5 +179,5 @@ def reachable(
     scaled = [J * stated.scale for _, J in Pass(stated, readings).jacobians(stated.nominal)]
     J = np.concatenate(scaled)
     known = np.array([u.cell is not None for u in stated.unknowns])
-    prior = 3.0 * np.diag(np.where(known, 1.0, VAGUE))
+    prior = 3.0 * np.diag(np.where(known, 1.0, constants.VAGUE))
     return Candidates(q[:candidates], J[:candidates] / noise, J[candidates:], prior)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.progress import Progress, silent
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.constants import NOTHING
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
@@ -32,14 +33,6 @@ from plumbline.optim.diagnosis.posterior.search import (
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while
-from plumbline.optim.diagnosis.prior import (
-    LEAST_TOLD,
-    NO_EVIDENCE,
-    ROUNDS,
-    SAME_CORRELATION,
-    SEARCHED_WHOLE,
-    SETTLED_VARIANCE,
-)
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
@@ -114,7 +107,7 @@ def _searched(task: Task, tell: Progress) -> tuple[Task, SelectedModel, NDArray[
     rows = task.recording
     if _lever_unknown(rows):
         lever = noise_lever(selected.best, rows)
-        if abs(np.log(lever / rotation_lever(rows))) > -np.log(SETTLED_VARIANCE):
+        if abs(np.log(lever / rotation_lever(rows))) > -np.log(prior.SETTLED_VARIANCE):
             task = replace(task, recording=replace(rows, lever=lever))
             selected, bad = find_causes(task, tell)
     return task, selected, bad
@@ -123,13 +116,13 @@ def _searched(task: Task, tell: Progress) -> tuple[Task, SelectedModel, NDArray[
 def _told_apart(found: Explained) -> Explained:
     """All of it again where rows know of each other: then they count for less than they seemed."""
     options = found.options
-    for _ in range(ROUNDS):
+    for _ in range(prior.ROUNDS):
         rows = found.task.recording
         wander, alike, jitter = found.explanation.correlation
         alike = max(alike, float(rows.alike == 1.0))  # copies are known, however few
         low, high = sorted((jitter, rows.jitter))
-        settled = low**2 >= SETTLED_VARIANCE * high**2
-        settled = settled and abs(alike - rows.alike) <= SAME_CORRELATION
+        settled = low**2 >= prior.SETTLED_VARIANCE * high**2
+        settled = settled and abs(alike - rows.alike) <= prior.SAME_CORRELATION
         if settled and _worth_the_same(wander, rows.wander):
             break
         rows = replace(rows, wander=wander, alike=alike, jitter=jitter)
@@ -142,7 +135,7 @@ def _told_apart(found: Explained) -> Explained:
 def _worth_the_same(rho: float, before: float) -> bool:
     """Whether rows of such a noise count for as many as before: (1 - rho) / (1 + rho) of them."""
     kept, was = ((1.0 - r) / (1.0 + r) for r in (rho, before))
-    return abs(kept - was) <= SAME_CORRELATION * (kept + was)
+    return abs(kept - was) <= prior.SAME_CORRELATION * (kept + was)
 
 
 def _with_noise_of(rows: Recording, recording: Recording) -> Recording:
@@ -180,7 +173,7 @@ def _explained(
     in part first is linearised once here, as it was in its search: its terms are those of that.
     """
     before, about = np.inf, selected
-    for left in reversed(range(ROUNDS if len(task.recording) < SEARCHED_WHOLE else 1)):
+    for left in reversed(range(prior.ROUNDS if len(task.recording) < prior.SEARCHED_WHOLE else 1)):
         told = explain(about, options.seed, options.unlisted)
         terms = worth_while(about, told.terms, told.named)
         fitted = with_terms(about, terms, task, bad, tried=told.terms)
@@ -189,7 +182,7 @@ def _explained(
             wrong *= told.compared / len(task.recording)
         if wrong < before:
             selected, explanation = fitted, told
-        if not left or wrong < NO_EVIDENCE or not wrong <= 0.5 * before:
+        if not left or wrong < prior.NO_EVIDENCE or not wrong <= 0.5 * before:
             break
         before, about = wrong, about_its_fit(fitted, task.library)
     if idle := _idle(selected):
@@ -267,7 +260,7 @@ def _lacking(found: Explained, noise: NoiseLevel) -> float:
     """
     lacking, explanation = lack_of_fit(noise, found.selected), found.explanation
     misled = explanation.named and not found.selected.chosen
-    if lacking < LEAST_TOLD or not explanation.states or misled:
+    if lacking < prior.LEAST_TOLD or not explanation.states or misled:
         return lacking
     best = found.with_terms(explanation.states[0][1])
     return min(lacking, lack_of_fit(noise_of(found.task.recording, best.best), best))

@@ -22,28 +22,7 @@ from plumbline.optim.core.judged import Judgement, judged
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
-from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.constants import (
-    ARM,
-    ARM_SHAPES,
-    BIAS_STD,
-    BOW,
-    FEW_READINGS,
-    FIXED,
-    GROSS,
-    GROSS_ROUNDS,
-    LARGEST_NOISE,
-    LEAST_FREE,
-    LEAST_ON_PLANE,
-    MAD_EFFICIENCY,
-    MANY_GROSS,
-    MOST_MISFIT,
-    MOST_POSES,
-    NORMAL_95,
-    POSES,
-    SHAPES,
-    SPARE,
-)
+from plumbline.optim.hand_eye import constants, direct
 from plumbline.optim.hand_eye.observability import (
     Observability,
     observability,
@@ -77,25 +56,30 @@ class HandEyeOptions:
         PlumblineError: A value out of its range.
     """
 
-    shapes: int = SHAPES
-    arm: int = ARM_SHAPES
+    shapes: int = constants.SHAPES
+    arm: int = constants.ARM_SHAPES
     bias: float | None = None
-    gross: float = GROSS
-    poses: int = POSES
+    gross: float = constants.GROSS
+    poses: int = constants.POSES
     seed: int = 0
     solver: Solver = field(default_factory=LevenbergMarquardt)
 
     def __post_init__(self) -> None:
-        for name, most in (("shapes", None), ("arm", None), ("poses", MOST_POSES), ("seed", None)):
+        for name, most in (
+            ("shapes", None),
+            ("arm", None),
+            ("poses", constants.MOST_POSES),
+            ("seed", None),
+        ):
             value = getattr(self, name)
             if value < 0 or (most is not None and value > most):
                 limit = "0 or more" if most is None else f"0 to {most}"
                 raise fault(name, f"{value}", limit, "give a whole number in that range")
         if not (isfinite(self.gross) and self.gross > 0.0):
             raise fault("gross", f"{self.gross:g} sigmas", "more than 0", "4.5 is the default")
-        if self.bias is not None and not 0.0 <= self.bias < LARGEST_NOISE:
+        if self.bias is not None and not 0.0 <= self.bias < constants.LARGEST_NOISE:
             mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
-            raise fault("bias", f"{self.bias:g} m", f"0 to {LARGEST_NOISE:g} m", mend)
+            raise fault("bias", f"{self.bias:g} m", f"0 to {constants.LARGEST_NOISE:g} m", mend)
 
 
 Flags = NDArray[np.bool_]
@@ -140,7 +124,7 @@ class Calibration:
     def solution(self) -> Solution:
         """The solver's point with its statement, weights as fitted."""
         planes, biased = len(self.frames.c), self.bias > 0.0
-        arm = self.rows.shape[1] - FIXED - planes - self.shapes - biased
+        arm = self.rows.shape[1] - constants.FIXED - planes - self.shapes - biased
         symbols = direct.symbols(planes, self.shapes, arm, biased)
         problem = direct.stated(symbols, self.rows, self.fit.relative)
         return Solution(problem, self.x, self.iterations, self.message)
@@ -176,7 +160,7 @@ def calibrate(readings: Readings, options: HandEyeOptions | None = None) -> Cali
     _check_count(readings)
     beam, sigma, good = _robust(readings, given)
     kept = readings.select(good)
-    for _ in range(GROSS_ROUNDS):
+    for _ in range(constants.GROSS_ROUNDS):
         _check_planes(kept, readings)
         frames, problem, fit, incidence = _likely(kept, beam, sigma, given)
         # Before any reading is called gross: where the beam is open, a fit may end anywhere.
@@ -194,12 +178,13 @@ def _robust(readings: Readings, given: HandEyeOptions) -> tuple[Beam, float, Fla
     beam, sigma, errors = robust_start(readings)
     refuse_unturned(readings, sigma)
     refuse_misread(readings, sigma)
-    if sigma > MOST_MISFIT:
+    if sigma > constants.MOST_MISFIT:
         raise PlumblineError(
             f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
-            f"{MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and its frame"
+            f"{constants.MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and "
+            "its frame"
         )
-    limit = _student(given.gross, MAD_EFFICIENCY * _freedom(readings))
+    limit = _student(given.gross, constants.MAD_EFFICIENCY * _freedom(readings))
     return beam, sigma, np.abs(errors) <= limit * sigma
 
 
@@ -231,25 +216,25 @@ def _likely(
 
 def _bias(given: HandEyeOptions) -> float:
     """Standard deviation of the bias of slanted beams [m]."""
-    return BIAS_STD if given.bias is None else given.bias
+    return constants.BIAS_STD if given.bias is None else given.bias
 
 
 def _gross(fit: LikelyFit, incidence: Array, limit: float) -> Flags:
     """Which readings lie beyond so many of their own sigmas (N,)."""
     count = len(incidence)
-    free = np.maximum(1.0 - fit.leverage[:count], LEAST_FREE)
+    free = np.maximum(1.0 - fit.leverage[:count], constants.LEAST_FREE)
     sizes = np.abs(fit.errors[:count]) / np.sqrt(fit.variance.at(incidence) * free)
     return np.asarray(sizes > limit)
 
 
 def _check_count(readings: Readings) -> None:
-    least = 5 + 3 * len(readings.planes) + SPARE
+    least = 5 + 3 * len(readings.planes) + constants.SPARE
     if len(readings) < least:
         raise PlumblineError(
             f"{len(readings)} readings on {len(readings.planes)} planes, at least {least} expected "
-            f"(5 unknowns of the beam, 3 of a plane, {SPARE} to judge by); take more"
+            f"(5 unknowns of the beam, 3 of a plane, {constants.SPARE} to judge by); take more"
         )
-    poses, unknowns = readings.distinct, least - SPARE
+    poses, unknowns = readings.distinct, least - constants.SPARE
     if poses < unknowns:
         raise PlumblineError(
             f"{poses} distinct poses in {len(readings)} readings on {len(readings.planes)} planes, "
@@ -259,12 +244,12 @@ def _check_count(readings: Readings) -> None:
 
 def _check_planes(kept: Readings, readings: Readings) -> None:
     gone = np.setdiff1d(readings.planes, kept.planes)
-    few = [k for k in kept.planes if np.sum(kept.plane == k) < LEAST_ON_PLANE]
+    few = [k for k in kept.planes if np.sum(kept.plane == k) < constants.LEAST_ON_PLANE]
     if len(gone) or few:
         k = gone[0] if len(gone) else few[0]
         raise PlumblineError(
             f"plane {k}: {int(np.sum(kept.plane == k))} usable readings of "
-            f"{int(np.sum(readings.plane == k))}, at least {LEAST_ON_PLANE} "
+            f"{int(np.sum(readings.plane == k))}, at least {constants.LEAST_ON_PLANE} "
             "expected; take more on it"
         )
 
@@ -287,8 +272,8 @@ def _answer(
         covariance=covariance,
         planes=direct.planes_of(solution.x, frames),
         variance=fit.variance,
-        bow=float(fit.spreads[BOW]),
-        arm=float(fit.spreads[ARM]),
+        bow=float(fit.spreads[constants.BOW]),
+        arm=float(fit.spreads[constants.ARM]),
         bias=_bias(given),
         readings=kept,
         incidence=incidence,
@@ -321,7 +306,7 @@ def _seen(
     """
     beam = frames.beam(x)
     covariance = direct.beam_covariance(fit.beam, x, frames)
-    covariance *= (_student(NORMAL_95, _freedom(kept)) / NORMAL_95) ** 2
+    covariance *= (_student(constants.NORMAL_95, _freedom(kept)) / constants.NORMAL_95) ** 2
     seen = observability(kept, frames, beam, covariance, incidence, _bias(given))
     refuse_lost(seen, kept, beam, covariance, incidence)
     return seen, covariance
@@ -331,8 +316,8 @@ def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:
     notes = []
     if len(readings.planes) == 1:
         notes.append("one plane only: boards in three directions show systematic errors better")
-    if len(gross) > MANY_GROSS * len(readings):
+    if len(gross) > constants.MANY_GROSS * len(readings):
         notes.append(f"{len(gross)} of {len(readings)} readings are taken for gross errors: many")
-    if len(readings) < FEW_READINGS * (5 + 3 * len(readings.planes)):
+    if len(readings) < constants.FEW_READINGS * (5 + 3 * len(readings.planes)):
         notes.append(f"{len(readings)} readings are few: errors are themselves uncertain")
     return tuple(notes)

@@ -29,16 +29,8 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.calibrate import Calibration
-from plumbline.optim.hand_eye.constants import (
-    ARRIVED,
-    DESIGN_DAMPING,
-    LARGEST_TILT,
-    LEAST_INCIDENCE,
-    LONGEST_STEP,
-    REACH_STEPS,
-    TRIES,
-)
 from plumbline.optim.hand_eye.planes import unit
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import rows_at
@@ -60,15 +52,15 @@ def reach(chain: Chain, near: Array, T: Array) -> tuple[Array, NDArray[np.bool_]
     """Postures (N, n) that bring the tip to poses (N, 4, 4) [m], from near ones; which arrive."""
     q = np.array(near)
     goals = np.hstack([np.swapaxes(T[:, :3, :3], 1, 2).reshape(-1, 9), T[:, :3, 3]])
-    for _ in range(REACH_STEPS):
+    for _ in range(constants.REACH_STEPS):
         error, J = over_rows(_error(chain), np.hstack([q, goals]))
         e, J = error[:, 0], J.transpose(0, 1, 2)
-        gram = J @ np.swapaxes(J, 1, 2) + DESIGN_DAMPING * np.eye(6)
+        gram = J @ np.swapaxes(J, 1, 2) + constants.DESIGN_DAMPING * np.eye(6)
         step = np.einsum("nij,ni->nj", J, np.linalg.solve(gram, e[..., None])[..., 0])
         size = np.linalg.norm(step, axis=1, keepdims=True)
-        q = q + step * np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-12))
+        q = q + step * np.minimum(1.0, constants.LONGEST_STEP / np.maximum(size, 1e-12))
     error, _ = over_rows(_error(chain), np.hstack([q, goals]))
-    arrived = np.abs(error[:, 0]).max(axis=1) < ARRIVED
+    arrived = np.abs(error[:, 0]).max(axis=1) < constants.ARRIVED
     return q, arrived & np.all((q >= chain.lower) & (q <= chain.upper), axis=1)
 
 
@@ -124,17 +116,17 @@ def next_poses(
 def candidates(calibration: Calibration, rng: np.random.Generator) -> tuple[Readings, Array]:
     """Readings (C) that could be taken, their ranges as expected, and the rows that they follow."""
     c, r = calibration, calibration.readings
-    source = rng.integers(0, len(r), TRIES)
+    source = rng.integers(0, len(r), constants.TRIES)
     turns = scipy.spatial.transform.Rotation.from_rotvec(
-        _ball(rng, TRIES) * LARGEST_TILT
+        _ball(rng, constants.TRIES) * constants.LARGEST_TILT
     ).as_matrix()
     R = turns @ r.R[source]
-    stand = rng.uniform(r.distance.min(), r.distance.max(), TRIES)
+    stand = rng.uniform(r.distance.min(), r.distance.max(), constants.TRIES)
     aim = c.beam.points(r.R[source], r.t[source], r.distance[source])
     t = aim - np.einsum("nij,nj->ni", R, c.beam.r + stand[:, None] * c.beam.v)
     found = replace(r.select(source), R=R, t=t, distance=stand)
     incidence = _angles(c, found)
-    allowed = incidence <= max(float(c.incidence.max()), LEAST_INCIDENCE)
+    allowed = incidence <= max(float(c.incidence.max()), constants.LEAST_INCIDENCE)
     return found.select(allowed), source[allowed]
 
 

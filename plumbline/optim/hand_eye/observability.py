@@ -18,20 +18,7 @@ import scipy
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
-from plumbline.optim.hand_eye.constants import (
-    ALONG,
-    INFINITE,
-    LEAST_TURN,
-    LINE,
-    LOST_R,
-    LOST_V,
-    ONE_AXIS,
-    ONE_TURN,
-    PATCH,
-    POOR_R,
-    POOR_V,
-    SUSPECT,
-)
+from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.planes import Frames
 from plumbline.optim.hand_eye.readings import Beam, Readings
 from plumbline.optim.hand_eye.three_planes import parallel_planes
@@ -48,12 +35,12 @@ class Direction:
     @property
     def lost(self) -> bool:
         """Whether the poses say nothing of it."""
-        return not self.std < (LOST_R if self.unit == "m" else LOST_V)
+        return not self.std < (constants.LOST_R if self.unit == "m" else constants.LOST_V)
 
     @property
     def poor(self) -> bool:
         """Whether it is known badly."""
-        return not self.std < (POOR_R if self.unit == "m" else POOR_V)
+        return not self.std < (constants.POOR_R if self.unit == "m" else constants.POOR_V)
 
 
 @dataclass(frozen=True)
@@ -80,7 +67,9 @@ def observability(
     )
     sizes = [_root(k) for k in np.linalg.eigvalsh(across @ r_cov @ across.T)]
     turns = [_root(k) for k in np.linalg.eigvalsh(v_cov)]
-    rank = sum(s < LOST_R for s in [found[0].std, *sizes]) + sum(s < LOST_V for s in turns)
+    rank = sum(s < constants.LOST_R for s in [found[0].std, *sizes]) + sum(
+        s < constants.LOST_V for s in turns
+    )
     lines = [_reason(d, readings, incidence) for d in found if d.poor]
     lines += patch_words(readings, beam) + parallel_words(readings, frames)
     return Observability(rank, found, (*lines, *_always(bias)))
@@ -119,7 +108,7 @@ def _reason(direction: Direction, readings: Readings, incidence: Array) -> str:
 def patch_words(readings: Readings, beam: Beam) -> list[str]:
     """A line for every plane all of whose points lie on one patch, or on one line."""
     points = beam.points(readings.R, readings.t, readings.distance)
-    limit = PATCH * float(np.mean(readings.distance))
+    limit = constants.PATCH * float(np.mean(readings.distance))
     found = []
     for k in readings.planes:
         own = points[readings.plane == k]
@@ -129,7 +118,7 @@ def patch_words(readings: Readings, beam: Beam) -> list[str]:
                 f"the normal of plane {k}: one patch, all its points within "
                 f"{2e3 * spread[0]:.1f} mm; spread them over the board"
             )
-        elif 2.0 * spread[1] < LINE * float(np.mean(readings.distance)):
+        elif 2.0 * spread[1] < constants.LINE * float(np.mean(readings.distance)):
             found.append(f"the normal of plane {k}: its points lie on one line; spread them out")
     return found
 
@@ -146,7 +135,7 @@ def parallel_words(readings: Readings, frames: Frames) -> list[str]:
 def refuse_degenerate(readings: Readings) -> None:
     """Refuse motions without any turn, which leave the beam open whatever it is."""
     largest = float(readings.turns().max())
-    if largest < LEAST_TURN:
+    if largest < constants.LEAST_TURN:
         raise PlumblineError(
             f"no rotation: all {len(readings)} orientations of the flange agree within "
             f"{np.rad2deg(largest):.2g} deg, so that r cannot be seen; turn the flange by 10 deg "
@@ -161,7 +150,7 @@ def refuse_unturned(readings: Readings, sigma: float) -> None:
     by chance. How far poses turn is the same in every order of a quaternion.
     """
     why = turn_words(readings)
-    if sigma > SUSPECT and why:
+    if sigma > constants.SUSPECT and why:
         raise PlumblineError(f"the readings leave open r: {why}")
 
 
@@ -184,15 +173,17 @@ def open_words(covariance: Array, beam: Beam) -> str:
     """Which directions of the beam are lost, by the eigenvectors of their covariances."""
     values, axes = np.linalg.eigh(covariance[:3, :3])
     sizes = np.sqrt(np.maximum(values, 0.0))
-    lost = axes[:, sizes >= LOST_R]
-    how = f"standard error {sizes[-1] * 1e3:.0f} mm, at most {LOST_R * 1e3:.0f} mm expected"
-    how = "infinite standard error" if sizes[-1] > INFINITE else how
+    lost = axes[:, sizes >= constants.LOST_R]
+    how = (
+        f"standard error {sizes[-1] * 1e3:.0f} mm, at most {constants.LOST_R * 1e3:.0f} mm expected"
+    )
+    how = "infinite standard error" if sizes[-1] > constants.INFINITE else how
     if lost.shape[1] == 3:
         return f"r altogether ({how})"
     if lost.shape[1] == 2:
         return f"r in every direction but {_axis(axes[:, 0])} of the flange ({how})"
     if lost.shape[1] == 1:
-        along = abs(float(lost[:, 0] @ beam.v)) > ALONG
+        along = abs(float(lost[:, 0] @ beam.v)) > constants.ALONG
         name = "the beam" if along else f"{_axis(lost[:, 0])} of the flange"
         return f"r along {name} ({how})"
     return "the direction of v"
@@ -209,9 +200,9 @@ def turn_words(readings: Readings) -> str:
     turns = np.concatenate([_turns(readings.on_plane(int(k))) for k in readings.planes])
     _, sizes, axes = np.linalg.svd(turns, full_matrices=False)
     largest, second = sizes[:2] / np.sqrt(len(turns))
-    if largest < ONE_TURN:
+    if largest < constants.ONE_TURN:
         why = f"on each plane all orientations agree within {np.rad2deg(largest):.2g} deg"
-    elif second < ONE_TURN or second < ONE_AXIS * largest:
+    elif second < constants.ONE_TURN or second < constants.ONE_AXIS * largest:
         why = f"on each plane the flange turns about {_axis(axes[0])} of its own frame alone"
     else:
         return ""

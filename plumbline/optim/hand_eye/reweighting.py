@@ -33,36 +33,18 @@ import numpy as np
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.hand_eye.constants import (
-    ARM,
-    BEAM,
-    BOW,
-    CAUCHY,
-    LEAST,
-    LEAST_SIGMA,
-    LEAST_SLANT,
-    LIKELY_ROUNDS,
-    LINEAR_ROUNDS,
-    NOTHING,
-    NUISANCE_RANK,
-    ROBUST_ROUNDS,
-    ROBUST_SETTLED,
-    TO_SIGMA,
-    VARIANCE_FLOOR,
-    VARIANCE_ROUNDS,
-    VARIANCE_SETTLED,
-)
+from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.direct import prior_kinds
 
 
 def marginal_covariance(problem: Problem, J: Array, weights: Array) -> Array:
     """Covariance (5, 5) of the beam's unknowns; astronomic where rows (N, P) say nothing."""
     A = J * np.sqrt(weights)[:, None] * problem.scale
-    U, sizes, _ = np.linalg.svd(A[:, BEAM:], full_matrices=False)
-    Q = U[:, sizes > NUISANCE_RANK * sizes[0]]
-    free = A[:, :BEAM] - Q @ (Q.T @ A[:, :BEAM])
+    U, sizes, _ = np.linalg.svd(A[:, constants.BEAM :], full_matrices=False)
+    Q = U[:, sizes > constants.NUISANCE_RANK * sizes[0]]
+    free = A[:, : constants.BEAM] - Q @ (Q.T @ A[:, : constants.BEAM])
     _, s, Vt = np.linalg.svd(free, full_matrices=False)
-    root = problem.scale[:BEAM, None] * Vt.T / np.maximum(s, NOTHING)
+    root = problem.scale[: constants.BEAM, None] * Vt.T / np.maximum(s, constants.NOTHING)
     return np.asarray(root @ root.T)
 
 
@@ -76,7 +58,7 @@ class Variance:
     def at(self, incidence: Array) -> Array:
         """Variances (N,) [m^2] at angles (N,) [rad]."""
         grown = self.normal + self.slant * np.sin(incidence) ** 2
-        return np.asarray(np.maximum(grown, VARIANCE_FLOOR * self.normal))
+        return np.asarray(np.maximum(grown, constants.VARIANCE_FLOOR * self.normal))
 
 
 def fit_variance(squares: Array, incidence: Array) -> Variance:
@@ -90,15 +72,15 @@ def fit_variance(squares: Array, incidence: Array) -> Variance:
     slope = np.sin(incidence) ** 2
     mean = max(float(np.mean(squares)), np.finfo(float).tiny)
     most = float(slope.max(initial=0.0))
-    if most < LEAST_SLANT:
+    if most < constants.LEAST_SLANT:
         return Variance(mean)
     A = np.column_stack([np.ones_like(slope), slope])
     found = np.array([mean, 0.0])
-    for _ in range(VARIANCE_ROUNDS):
-        w = 1.0 / np.maximum(A @ found, LEAST * mean) ** 2
+    for _ in range(constants.VARIANCE_ROUNDS):
+        w = 1.0 / np.maximum(A @ found, constants.LEAST * mean) ** 2
         normal = (A * w[:, None]).T @ A
         found = np.linalg.solve(normal, A.T @ (w * squares))
-        low = VARIANCE_FLOOR * mean
+        low = constants.VARIANCE_FLOOR * mean
         a = max(found[0], low)
         far = max(a + most * found[1], low)
         found = np.array([a, (far - a) / most])
@@ -108,7 +90,7 @@ def fit_variance(squares: Array, incidence: Array) -> Variance:
     return Variance(float(found[0]), float(found[1])) if told else Variance(mean)
 
 
-FREE = (BOW, ARM)  # kinds whose spread the readings tell
+FREE = (constants.BOW, constants.ARM)  # kinds whose spread the readings tell
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,17 +110,17 @@ class LikelyFit:
 
 
 def robust_fit(
-    problem: Problem, start: Array, rounds: int = ROBUST_ROUNDS
+    problem: Problem, start: Array, rounds: int = constants.ROBUST_ROUNDS
 ) -> tuple[Array, Array, float]:
     """Unknowns (P,), errors (N,) [m] and their robust sigma [m], by Cauchy's loss."""
     mapped, x = Mapped(problem), np.array(start)
     for _ in range(rounds):
         e, J = rows_at(mapped, x)
         sigma = _robust_sigma(e, len(x))
-        w = 1.0 / (1.0 + (e / (CAUCHY * sigma)) ** 2)
+        w = 1.0 / (1.0 + (e / (constants.CAUCHY * sigma)) ** 2)
         step = _step(problem, J, e, w)
         x = x + step
-        if np.max(np.abs(step) / problem.scale) < ROBUST_SETTLED:
+        if np.max(np.abs(step) / problem.scale) < constants.ROBUST_SETTLED:
             break
     e, _ = rows_at(mapped, x)
     return x, e, _robust_sigma(e, len(x))
@@ -153,7 +135,7 @@ def likely_fit(
     """
     mapped, x = Mapped(problem), np.array(start)
     variance, kinds = first, prior_kinds(problem)
-    for _ in range(LINEAR_ROUNDS):
+    for _ in range(constants.LINEAR_ROUNDS):
         e, J = rows_at(mapped, x)
         before = x
         x, variance, spreads, settled = _turns(problem, (x, e, J), incidence, variance, spreads)
@@ -178,7 +160,7 @@ def _turns(
     """Turns between unknowns and variances, about one linearisation (x, e, J)."""
     x, e, J = at
     count, kinds = len(incidence), prior_kinds(problem)
-    for _ in range(LIKELY_ROUNDS):
+    for _ in range(constants.LIKELY_ROUNDS):
         w = _weights(variance, incidence, spreads[kinds])
         covariance = _inverse(problem, J, w)
         step = -covariance @ (J.T @ (w * e))
@@ -204,19 +186,21 @@ def rows_at(mapped: Mapped, x: Array) -> tuple[Array, Array]:
 def _weights(variance: Variance, incidence: Array, spreads: Array) -> Array:
     """Weights of the readings, and of the prior's rows by their spreads (L,) [m]."""
     squares = np.concatenate([variance.at(incidence), spreads**2])
-    return np.asarray(1.0 / np.maximum(squares, LEAST_SIGMA**2))
+    return np.asarray(1.0 / np.maximum(squares, constants.LEAST_SIGMA**2))
 
 
 def _settled(before: tuple[Variance, Array], after: tuple[Variance, Array]) -> bool:
     one, two = ([v.normal, v.slant, *(s[list(FREE)] ** 2)] for v, s in (before, after))
     most = max(two[0], *two[2:])
-    return bool(np.all(np.abs(np.subtract(one, two)) <= VARIANCE_SETTLED * most))
+    return bool(np.all(np.abs(np.subtract(one, two)) <= constants.VARIANCE_SETTLED * most))
 
 
 def _robust_sigma(errors: Array, unknowns: int) -> float:
     count = len(errors)
     correction = np.sqrt(count / max(count - unknowns, 1))
-    return float(max(TO_SIGMA * correction * np.median(np.abs(errors)), LEAST_SIGMA))
+    return float(
+        max(constants.TO_SIGMA * correction * np.median(np.abs(errors)), constants.LEAST_SIGMA)
+    )
 
 
 def _step(problem: Problem, J: Array, e: Array, w: Array) -> Array:

@@ -25,17 +25,9 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.answer import HandEye
-from plumbline.optim.hand_eye.constants import (
-    FACE_GROSS,
-    LEAST_GROSS,
-    LEAST_ROBUST,
-    LEAST_SINE,
-    LOST_EDGE,
-    SCAN_STEP,
-    TO_SIGMA,
-)
 from plumbline.optim.hand_eye.planes import least_median_plane
 from plumbline.optim.hand_eye.readings import Beam
 from plumbline.optim.hand_eye.scan_recording import ScanRecording, load_scan
@@ -172,8 +164,8 @@ def _block(
     found = faces(beam)
     first = _angles(found)
     x = np.concatenate([beam.r, beam.v])
-    shifted = [_angles(faces(Beam.of(y[:3], y[3:]))) for y in x + SCAN_STEP * np.eye(6)]
-    slope = (np.array(shifted) - first) / SCAN_STEP
+    shifted = [_angles(faces(Beam.of(y[:3], y[3:]))) for y in x + constants.SCAN_STEP * np.eye(6)]
+    slope = (np.array(shifted) - first) / constants.SCAN_STEP
     by_beam = np.einsum("pa,pq,qa->a", slope, covariance, slope)
     own = np.array([_own_variance(one, two) for one, two in combinations(found, 2)])
     names = combinations(r.labels, 2)
@@ -187,11 +179,11 @@ def _block(
 
 def _good(points: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     """Those rows of a face whose points lie within reach of its plane of least median."""
-    if len(rows) < LEAST_ROBUST:
+    if len(rows) < constants.LEAST_ROBUST:
         return rows
     gaps = np.abs(least_median_plane(points[rows]).distances(points[rows]))
-    sigma = TO_SIGMA * np.sqrt(len(rows) / (len(rows) - 3.0)) * float(np.median(gaps))
-    return rows[gaps <= max(FACE_GROSS * sigma, LEAST_GROSS)]
+    sigma = constants.TO_SIGMA * np.sqrt(len(rows) / (len(rows) - 3.0)) * float(np.median(gaps))
+    return rows[gaps <= max(constants.FACE_GROSS * sigma, constants.LEAST_GROSS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +213,7 @@ def _angle(one: _Face, two: _Face) -> float:
 
 def _own_variance(one: _Face, two: _Face) -> float:
     """Variance [rad^2] of an angle by what two faces' points leave over."""
-    sine = max(float(np.linalg.norm(np.cross(one.normal, two.normal))), LEAST_SINE)
+    sine = max(float(np.linalg.norm(np.cross(one.normal, two.normal))), constants.LEAST_SINE)
     total = 0.0
     for own, other in ((one, two), (two, one)):
         lever = (own.axes @ other.normal) / sine
@@ -261,10 +253,10 @@ def _refuse_open(motions: tuple[str, ...], edge: float) -> None:
         raise PlumblineError(
             f"the surface leaves the scan open: its normals show nothing of {what}; {mend}"
         )
-    if not edge <= LOST_EDGE:
+    if not edge <= constants.LOST_EDGE:
         raise PlumblineError(
             f"the surface leaves the scan open: standard error {edge * 1e3:.3g} mm at its edge, at "
-            f"most {LOST_EDGE * 1e3:.0f} mm expected; {mend}"
+            f"most {constants.LOST_EDGE * 1e3:.0f} mm expected; {mend}"
         )
 
 

@@ -23,14 +23,7 @@ import numpy as np
 import scipy
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.hand_eye.constants import (
-    ARM_SHIFT,
-    ARM_TURN,
-    BOARD_REACH,
-    LEAST_BOWED,
-    LEAST_SPAN,
-    READINGS_A_SHAPE,
-)
+from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.planes import Frames, marks_of_planes
 from plumbline.optim.hand_eye.readings import Readings
 
@@ -42,7 +35,7 @@ def shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Arr
     for k in range(len(frames.c)):
         rows = index == k
         places = (points[rows] - frames.c[k]) @ frames.B[k][:, :2]
-        if len(places) >= LEAST_BOWED:
+        if len(places) >= constants.LEAST_BOWED:
             own = _shapes(places, count)
             found[np.flatnonzero(rows)[:, None], np.arange(own.shape[1])] = own
     return found
@@ -52,7 +45,7 @@ def _shapes(places: Array, count: int) -> Array:
     """Shapes of one board at places (N, 2) on it [m]."""
     squared = np.sum((places[:, None] - places[None]) ** 2, axis=2)
     # From the middle half's spread: a gross reading's place must not stretch the board.
-    reach = BOARD_REACH * float(np.sqrt(np.percentile(squared, 98.0)))
+    reach = constants.BOARD_REACH * float(np.sqrt(np.percentile(squared, 98.0)))
     kernel = np.exp(-squared / (2.0 * max(reach, 1e-6) ** 2))
     plane = np.column_stack([np.ones(len(places)), places / max(reach, 1e-6)])
     Q, _ = np.linalg.qr(plane)
@@ -64,7 +57,7 @@ def _shapes(places: Array, count: int) -> Array:
 
 def arm_shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Array:
     """The arm's leading shapes at N readings, and the beam's own (N, count + 5)."""
-    count = min(count, len(readings) // READINGS_A_SHAPE)
+    count = min(count, len(readings) // constants.READINGS_A_SHAPE)
     if not count:
         return np.empty((len(readings), 0))
     return np.hstack([_field(readings, frames, points, count), _as_the_beam(readings, frames)])
@@ -74,8 +67,8 @@ def _field(readings: Readings, frames: Frames, points: Array, count: int) -> Arr
     """The leading shapes of the field (N, count)."""
     index = frames.index(readings)
     normals = frames.B[index, :, 2]
-    gap = _squared(readings.t) / ARM_SHIFT**2 + _squared(readings.R.reshape(-1, 9)) / (
-        2.0 * ARM_TURN**2
+    gap = _squared(readings.t) / constants.ARM_SHIFT**2 + _squared(readings.R.reshape(-1, 9)) / (
+        2.0 * constants.ARM_TURN**2
     )
     kernel = (normals @ normals.T) * np.exp(-gap / 2.0)
     own = marks_of_planes(index, len(frames.c))
@@ -97,7 +90,7 @@ def _as_the_beam(readings: Readings, frames: Frames) -> Array:
     spans = np.max([np.ptp(columns[own], axis=0) for own in rows], axis=0)
     for own in rows:
         columns[own] -= columns[own].mean(axis=0)  # which the plane's own offset takes up
-    return np.asarray(columns / np.maximum(spans, LEAST_SPAN))
+    return np.asarray(columns / np.maximum(spans, constants.LEAST_SPAN))
 
 
 def _squared(x: Array) -> Array:

@@ -22,21 +22,7 @@ import scipy
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
-from plumbline.optim.hand_eye import direct
-from plumbline.optim.hand_eye.constants import (
-    BETTER,
-    BEYOND,
-    FEW,
-    INNER,
-    KEPT,
-    REFINEMENTS,
-    SAMPLE,
-    SCATTER_SETTLED,
-    SURE_SCATTER,
-    SUSPECT,
-    TRIAL_ROUNDS,
-    TRIALS,
-)
+from plumbline.optim.hand_eye import constants, direct
 from plumbline.optim.hand_eye.planes import Frames, least_median_plane
 from plumbline.optim.hand_eye.readings import Beam, Readings, mean_beam
 from plumbline.optim.hand_eye.reweighting import robust_fit
@@ -72,12 +58,12 @@ def _best(readings: Readings, guesses: Iterable[Beam]) -> Start:
 def _refined(readings: Readings, found: Start) -> Start:
     """A start whose frames follow the beam, and the better part of the points."""
     beam, sigma, errors = found
-    for _ in range(REFINEMENTS):
-        closer = readings.select(np.abs(errors) <= INNER * sigma)
+    for _ in range(constants.REFINEMENTS):
+        closer = readings.select(np.abs(errors) <= constants.INNER * sigma)
         inner = closer if len(closer.planes) == len(readings.planes) else readings
         before = sigma
         beam, sigma, errors = _fitted(readings, inner, beam)
-        if sigma > SCATTER_SETTLED * before:
+        if sigma > constants.SCATTER_SETTLED * before:
             break
     return beam, sigma, errors
 
@@ -92,7 +78,9 @@ def _fitted(readings: Readings, inner: Readings, beam: Beam) -> Start:
 
 def _is_sure(found: Start) -> bool:
     _, sigma, errors = found
-    return sigma <= SURE_SCATTER and bool(np.mean(np.abs(errors) > BEYOND * sigma) <= FEW)
+    return sigma <= constants.SURE_SCATTER and bool(
+        np.mean(np.abs(errors) > constants.BEYOND * sigma) <= constants.FEW
+    )
 
 
 def _scatter(found: Start) -> float:
@@ -117,17 +105,17 @@ def _sampled(readings: Readings) -> list[Beam]:
     rng = np.random.default_rng(len(readings))
     planes = [readings.on_plane(int(k)) for k in readings.planes]
     found = []
-    for trial in range(TRIALS):
+    for trial in range(constants.TRIALS):
         own = planes[trial % len(planes)]
         way = Beam.of(np.zeros(3), rng.normal(size=3))
-        sample = own.select(rng.choice(len(own), min(SAMPLE, len(own)), replace=False))
+        sample = own.select(rng.choice(len(own), min(constants.SAMPLE, len(own)), replace=False))
         frames = Frames.of(sample, way)
         problem = direct.state(sample, frames)
         start = direct.start(problem, way, frames)
-        beam = frames.beam(robust_fit(problem, start, TRIAL_ROUNDS)[0])
+        beam = frames.beam(robust_fit(problem, start, constants.TRIAL_ROUNDS)[0])
         gaps = np.concatenate([_plane_gaps(beam, one) for one in planes])
         found.append((float(np.median(gaps)), beam))
-    return [beam for _, beam in sorted(found, key=lambda one: one[0])[:KEPT]]
+    return [beam for _, beam in sorted(found, key=lambda one: one[0])[: constants.KEPT]]
 
 
 def _plane_gaps(beam: Beam, readings: Readings) -> Array:
@@ -138,11 +126,11 @@ def _plane_gaps(beam: Beam, readings: Readings) -> Array:
 
 def refuse_misread(readings: Readings, sigma: float) -> None:
     """Refuse readings of such a scatter [m] that fit far better with poses read another way."""
-    if sigma <= SUSPECT:
+    if sigma <= constants.SUSPECT:
         return
     for words, other in OTHER_WAYS.items():
         found = robust_start(other(readings), thorough=False)[1]
-        if found * BETTER < sigma:
+        if found * constants.BETTER < sigma:
             raise PlumblineError(
                 f"the readings scatter by {sigma * 1e3:.1f} mm about their planes, but by "
                 f"{found * 1e3:.2f} mm with {words}"

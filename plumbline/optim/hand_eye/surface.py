@@ -33,20 +33,8 @@ from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.judged import Judged, judged_by_gram
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
+from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.accuracy import moved
-from plumbline.optim.hand_eye.constants import (
-    FINEST_NORMAL,
-    FIRST_REACH,
-    LAST_REACH,
-    LEAST_MATCHED,
-    NEIGHBOURS,
-    SHOWN,
-    SLIDE,
-    SURFACE_DAMPING,
-    SURFACE_GAP,
-    SURFACE_REST,
-    SURFACE_STEPS,
-)
 from plumbline.optim.hand_eye.planes import principal_plane
 from plumbline.optim.rigid import rigid_match
 
@@ -74,7 +62,7 @@ class Surface:
     def of(cls, points: Array) -> Surface:
         """From points (M, 3) [m], close together."""
         tree = scipy.spatial.KDTree(points)
-        far, near = map(np.asarray, tree.query(points, min(NEIGHBOURS, len(points))))
+        far, near = map(np.asarray, tree.query(points, min(constants.NEIGHBOURS, len(points))))
         around = points[near] - points[near].mean(axis=1, keepdims=True)
         normals = np.linalg.svd(around, full_matrices=False)[2][:, 2]
         return cls(points, normals, tree, float(np.median(far[:, 1])))
@@ -86,7 +74,7 @@ class Surface:
 
     def around(self, points: Array) -> tuple[Array, Array, Array]:
         """Distances d (N,) of points (N, 3) [m], mean normals (N, 3), the nearest point's (N,)."""
-        few = min(NEIGHBOURS, len(self.points))
+        few = min(constants.NEIGHBOURS, len(self.points))
         far, near = map(np.asarray, self.tree.query(points, few))
         n = self.normals[near]
         n = n * np.where(np.einsum("nkj,nj->nk", n, n[:, 0]) < 0.0, -1.0, 1.0)[:, :, None]
@@ -119,7 +107,7 @@ def register_surface(
     """
     target = Surface.of(surface)
     T = np.eye(4) if landmarks is None else rigid_match(*landmarks)
-    for reach in (FIRST_REACH, LAST_REACH):
+    for reach in (constants.FIRST_REACH, constants.LAST_REACH):
         T = _settled(T, scan, target, reach)
     d, normals, _ = target.around(moved(T, scan))
     units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
@@ -128,17 +116,17 @@ def register_surface(
 
 def _settled(T: Array, scan: Array, target: Surface, reach: float) -> Array:
     """Where Gauss and Newton's steps come to rest with the points that are within reach [m]."""
-    for _ in range(SURFACE_STEPS):
+    for _ in range(constants.SURFACE_STEPS):
         points = moved(T, scan)
         J, d = _rows(points, target, reach)
-        if len(d) < LEAST_MATCHED * len(scan):
+        if len(d) < constants.LEAST_MATCHED * len(scan):
             raise PlumblineError(
                 f"{len(d)} of {len(scan)} scanned points within {reach * 1e3:.0f} mm of "
                 "the surface, half of them expected; give landmarks.csv, or better points in it"
             )
         step = _step(J, d)
         T = _moving(step, points.mean(axis=0)) @ T
-        if np.abs(step).max() < SURFACE_REST:
+        if np.abs(step).max() < constants.SURFACE_REST:
             break
     return T
 
@@ -147,14 +135,14 @@ def _step(J: Array, d: Array) -> Array:
     """A step (6,), turn [rad] and shift [m], that goes nowhere where the surface shows nothing."""
     H = J.T @ J
     size = np.sqrt(np.repeat([np.trace(H[:3, :3]), np.trace(H[3:, 3:])], 3))
-    held = H / np.outer(size, size) + SURFACE_DAMPING * np.eye(6)
+    held = H / np.outer(size, size) + constants.SURFACE_DAMPING * np.eye(6)
     return np.linalg.solve(held, -(J.T @ d) / size) / size
 
 
 def _rows(points: Array, target: Surface, reach: float) -> tuple[Array, Array]:
     """Slopes (k, 6) by a turn about the points' middle and a shift, and distances (k,) [m]."""
     d, normals, nearest = target.around(points)
-    near = (np.abs(d) <= reach) & (nearest <= reach + SURFACE_GAP * target.spacing)
+    near = (np.abs(d) <= reach) & (nearest <= reach + constants.SURFACE_GAP * target.spacing)
     arm, n = points[near] - points.mean(axis=0), normals[near]
     return np.hstack([np.cross(arm, n), n]), d[near]
 
@@ -167,7 +155,7 @@ def _moving(step: Array, centre: Array) -> Array:
 
 def judge(points: Array, target: Surface) -> Judged:
     """Whether points (N, 3) [m] within the last reach of the surface rest on it."""
-    J, d = _rows(points, target, LAST_REACH)
+    J, d = _rows(points, target, constants.LAST_REACH)
     gram = Gram(J.T @ J, J.T @ d, float(d @ d), float(len(d)))
     return judged_by_gram(gram, "the fit to the surface")
 
@@ -189,9 +177,9 @@ def open_motions(points: Array, fit: SurfaceFit, surface: Array) -> tuple[str, .
         towards = np.sign(np.sum(normals * fit.normals, axis=1, keepdims=True))
         halves.append(rows_of(points, towards * normals @ R) * scale @ ways.T)
     a, b = halves
-    noise = np.maximum((a - b) ** 2 / 2.0, FINEST_NORMAL**2)
+    noise = np.maximum((a - b) ** 2 / 2.0, constants.FINEST_NORMAL**2)
     z = np.sum(a * b, axis=0) / np.sqrt(np.sum(noise**2, axis=0))
-    left = ways[z < SHOWN]
+    left = ways[z < constants.SHOWN]
     # Any mixture of open motions is open: turns are told from slides.
     apart = np.linalg.svd(left[:, :3])[0].T @ left
     return tuple(_words(way) for way in apart)
@@ -199,7 +187,7 @@ def open_motions(points: Array, fit: SurfaceFit, surface: Array) -> tuple[str, .
 
 def _words(motion: Array) -> str:
     """A motion (6,), the turn's way at the scan's edge and the middle's own, as an axis."""
-    slides = float(np.linalg.norm(motion[:3])) < SLIDE
+    slides = float(np.linalg.norm(motion[:3])) < constants.SLIDE
     axis = motion[3:] if slides else motion[:3]
     axis = axis / np.linalg.norm(axis) * np.sign(axis[np.argmax(np.abs(axis))])
     return (

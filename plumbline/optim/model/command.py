@@ -19,21 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
+from plumbline.optim.model import constants
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.constants import (
-    EASED,
-    FAR_STEPS,
-    FIRST_STEPS,
-    LONGEST,
-    NEAR_DAMPING,
-    NEAR_LEVER,
-    PLACE_FIRST,
-    REACHED,
-    SETTLED,
-    SLACK,
-    STARTS,
-    STEPS,
-)
 from plumbline.optim.model.near import Context, near
 from plumbline.optim.model.pathed import pathed
 from plumbline.optim.model.rows import of_rows, postures
@@ -51,7 +38,7 @@ class Command:
     @property
     def reached(self) -> NDArray[np.bool_]:
         """Whether the tip arrives (N,), within a micrometre."""
-        return self.missed <= REACHED
+        return self.missed <= constants.REACHED
 
     def __repr__(self) -> str:
         """How many, and how many of them arrive."""
@@ -96,7 +83,7 @@ def _nearest(
         there = _approach(arm, start[open_rows], goal[open_rows], posed=posed)
         found = _solved(arm, there, goal[open_rows], some, placed=posed)
         best = found if best is None else _better(best, found, open_rows)
-        short = ~best.reached | ((best.turned > REACHED / NEAR_LEVER) & posed)
+        short = ~best.reached | ((best.turned > constants.REACHED / constants.NEAR_LEVER) & posed)
         open_rows = np.flatnonzero(short)
         if not len(open_rows):
             break
@@ -112,14 +99,14 @@ def _placed(arm: Arm, goal: Array, starts: list[Array], context: Context, best: 
             break
         some = of_rows(context, rows, len(goal))
         there = _approach(arm, start[rows], goal[rows], posed=False)
-        there = _approach(arm, there, goal[rows], posed=True, dear=PLACE_FIRST)
+        there = _approach(arm, there, goal[rows], posed=True, dear=constants.PLACE_FIRST)
         best = _better(best, _solved(arm, there, goal[rows], some, placed=True, far=True), rows)
     return best
 
 
 def _better(best: Command, found: Command, rows: NDArray[np.intp]) -> Command:
     """The best so far with those rows exchanged that came nearer."""
-    badness, found_bad = (c.missed + NEAR_LEVER * c.turned for c in (best, found))
+    badness, found_bad = (c.missed + constants.NEAR_LEVER * c.turned for c in (best, found))
     nearer = found_bad < badness[rows]
     nearer = np.where(found.reached == best.reached[rows], nearer, found.reached)
     merged = {f.name: getattr(best, f.name).copy() for f in fields(best)}
@@ -135,8 +122,8 @@ def _starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
     away = np.linalg.norm(T[None, :, :3, 3] - goal[:, None, :3, 3], axis=2)
     if posed:
         together = np.einsum("kij,nij->nk", T[:, :3, :3], goal[:, :3, :3])
-        away = away + NEAR_LEVER * np.arccos(np.clip((together - 1.0) / 2.0, -1.0, 1.0))
-    order = np.argsort(away, axis=1)[:, :STARTS]
+        away = away + constants.NEAR_LEVER * np.arccos(np.clip((together - 1.0) / 2.0, -1.0, 1.0))
+    order = np.argsort(away, axis=1)[:, : constants.STARTS]
     return [known[order[:, k]] for k in range(order.shape[1])]
 
 
@@ -169,7 +156,7 @@ def _goals(pose: ArrayLike) -> tuple[Array, bool]:
 
 def _refuse_outside(arm: Arm, q: Array) -> None:
     over = np.maximum(arm.chain.lower - q, q - arm.chain.upper)
-    for row, joint in np.argwhere(over > SLACK)[:1]:
+    for row, joint in np.argwhere(over > constants.SLACK)[:1]:
         low, high = arm.chain.lower[joint], arm.chain.upper[joint]
         raise fault(
             f"q_wanted, row {row + 1}, joint {joint + 1}",
@@ -182,8 +169,8 @@ def _refuse_outside(arm: Arm, q: Array) -> None:
 def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool, dear: float = 1.0) -> Array:
     """Walk from other postures (N, n) towards the goals on the nominal arm, places so dear."""
     weight = np.array([dear, dear, dear, 1.0, 1.0, 1.0])
-    lever = NEAR_LEVER if posed else 0.0
-    steps, damping = FAR_STEPS, 30 * NEAR_DAMPING
+    lever = constants.NEAR_LEVER if posed else 0.0
+    steps, damping = constants.FAR_STEPS, 30 * constants.NEAR_DAMPING
     return _walk(arm.nominal, q, goal, {}, None, lever, weight=weight, steps=steps, damping=damping)
 
 
@@ -200,13 +187,13 @@ def _solved(
         rest = np.arange(len(q)) if remembers else rest
         at, to, told = wanted[rest], goal[rest], of_rows(context, rest, len(q))
         if placed and not far:
-            at = _walk(arm, at, to, told, at, NEAR_LEVER, steps=FIRST_STEPS)
+            at = _walk(arm, at, to, told, at, constants.NEAR_LEVER, steps=constants.FIRST_STEPS)
         at = _walk(arm, at, to, told, None, 0.0)
         left, _ = _misfit(arm, at, to, told, 1.0)
         if far or not remembers or _worst(left) < _worst(miss):  # of a path: all of it or nothing
             q[rest], miss[rest] = at, left
     turned = np.linalg.norm(miss[:, 3:], axis=1) if placed else np.zeros(len(q))
-    resting = (q <= arm.chain.lower + SLACK) | (q >= arm.chain.upper - SLACK)
+    resting = (q <= arm.chain.lower + constants.SLACK) | (q >= arm.chain.upper - constants.SLACK)
     return Command(q, np.linalg.norm(miss[:, :3], axis=1), turned, resting)
 
 
@@ -227,7 +214,7 @@ def _walk(
     lever: float,
     *,
     weight: Array | float = 1.0,
-    steps: int = STEPS,
+    steps: int = constants.STEPS,
     damping: float = 0.0,
 ) -> Array:
     """Step joints (N, n) towards their goals, near to where they are wanted, until all are there.
@@ -243,20 +230,21 @@ def _walk(
         found, slope = _misfit(arm, q[rows], goal[rows], of_rows(context, rows, len(q)), lever)
         found = found * weight
         back = np.zeros_like(q) if wanted is None else wanted - q
-        cost = (found**2).sum(axis=1) + NEAR_DAMPING**2 * (back[rows] ** 2).sum(axis=1)
+        cost = (found**2).sum(axis=1) + constants.NEAR_DAMPING**2 * (back[rows] ** 2).sum(axis=1)
         well = (cost <= least[rows]) | remembers
         new = rows[well]
         at[new], least[new], miss[new] = q[new], cost[well], found[well]
         J[new] = slope[well] * np.reshape(weight, (-1, 1))
-        dearer = EASED * np.maximum(more[rows], NEAR_DAMPING)
-        more[rows] = np.where(well, more[rows] / EASED, dearer)
+        dearer = constants.EASED * np.maximum(more[rows], constants.NEAR_DAMPING)
+        more[rows] = np.where(well, more[rows] / constants.EASED, dearer)
         back = np.zeros_like(at) if wanted is None else wanted - at
         step = _step(arm, at[rows], miss[rows], J[rows], back[rows], more[rows])
         size = np.abs(step).max(axis=1, initial=0.0)
         q[rows] = _within(
-            arm, at[rows] + step * np.minimum(1.0, LONGEST / np.maximum(size, 1e-12))[:, None]
+            arm,
+            at[rows] + step * np.minimum(1.0, constants.LONGEST / np.maximum(size, 1e-12))[:, None],
         )
-        moved = np.abs(q - at)[rows].max(axis=1, initial=0.0) > SETTLED
+        moved = np.abs(q - at)[rows].max(axis=1, initial=0.0) > constants.SETTLED
         if not moved.any():
             break
         rows = rows if remembers else rows[moved]
@@ -294,8 +282,8 @@ def _step(arm: Arm, q: Array, miss: Array, J: Array, back: Array, more: Array) -
 
 
 def _least(J: Array, miss: Array, back: Array, more: Array) -> Array:
-    right = np.einsum("nij,ni->nj", J, miss) + NEAR_DAMPING**2 * back
-    dear = NEAR_DAMPING**2 + more**2
+    right = np.einsum("nij,ni->nj", J, miss) + constants.NEAR_DAMPING**2 * back
+    dear = constants.NEAR_DAMPING**2 + more**2
     matrix = J.transpose(0, 2, 1) @ J + dear[:, None, None] * np.eye(J.shape[2])
     return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
 

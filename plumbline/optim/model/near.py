@@ -21,15 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
+from plumbline.optim.model import constants
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.constants import (
-    FARTHEST,
-    NEAR_DAMPING,
-    NEAR_LEVER,
-    NEAR_STEPS,
-    PLACED,
-    STILL,
-)
 from plumbline.optim.model.rows import Columns, of_rows
 from plumbline.optim.model.statement import ModelFunctions
 
@@ -58,18 +51,20 @@ def near(
     gain = over_rows(_gain(arm.nominal.statement, placed), wanted)[0].transpose(0, 2, 1)
     q, miss = wanted.copy(), np.full((len(wanted), 6), np.nan)
     rows, steps, open_rows = np.arange(len(q)), list[Array](), np.ones(len(q), dtype=bool)
-    for _ in range(NEAR_STEPS):
+    for _ in range(constants.NEAR_STEPS):
         if not len(rows):
             break
         told, kept = of_rows(context, rows, len(q)), {n: v[rows] for n, v in held.items()}
         miss[rows] = missing(arm, q[rows], goal[rows], told, placed=placed, held=kept)
         with np.errstate(all="ignore"):  # what does not come to rest is told by what it misses
             step = _bettered(np.einsum("nij,nj->ni", gain[rows], miss[rows]), steps)
-        there = (np.linalg.norm(miss[rows, :3], axis=1) <= PLACED) & (abs(step) <= STILL).all(1)
+        there = (np.linalg.norm(miss[rows, :3], axis=1) <= constants.PLACED) & (
+            abs(step) <= constants.STILL
+        ).all(1)
         open_rows[rows] = ~there
         to = q[rows] + step
         inside = (to >= arm.chain.lower) & (to <= arm.chain.upper)
-        on = ~there & (inside & (abs(to - wanted[rows]) <= FARTHEST)).all(axis=1)
+        on = ~there & (inside & (abs(to - wanted[rows]) <= constants.FARTHEST)).all(axis=1)
         rows, steps = rows[on], [one[on] for one in (*steps, step)]
         q[rows] = to[on]
     return q, miss, np.flatnonzero(open_rows)
@@ -107,8 +102,8 @@ def _gain(nominal: ModelFunctions, placed: bool) -> cs.Function:
     """``q -> (n, 6)``: the step for what is missing in place [m] and orientation [rad]."""
     row = nominal.row
     J = nominal.slope(row)[1]
-    own, turns = J[:3, :], NEAR_LEVER * J[3:, :] if placed else 0.0 * J[3:, :]
-    whole, lever = cs.vertcat(own, turns), cs.diag([1.0] * 3 + [NEAR_LEVER] * 3)
+    own, turns = J[:3, :], constants.NEAR_LEVER * J[3:, :] if placed else 0.0 * J[3:, :]
+    whole, lever = cs.vertcat(own, turns), cs.diag([1.0] * 3 + [constants.NEAR_LEVER] * 3)
     first = _damped(whole.T @ whole, whole.T)
     rest = cs.horzcat(cs.SX.eye(3), cs.SX(3, 3)) - own @ first
     gain = (first + own.T @ _damped(own @ own.T, rest)) @ lever
@@ -117,7 +112,7 @@ def _gain(nominal: ModelFunctions, placed: bool) -> cs.Function:
 
 def _damped(square: cs.SX, right: cs.SX) -> cs.SX:
     """The solution by Cholesky's factor of a damped square (n, n)."""
-    factor = cs.chol(square + NEAR_DAMPING**2 * cs.SX.eye(square.shape[0]))
+    factor = cs.chol(square + constants.NEAR_DAMPING**2 * cs.SX.eye(square.shape[0]))
     return cs.solve(factor, cs.solve(factor.T, right))
 
 

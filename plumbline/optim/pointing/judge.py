@@ -12,16 +12,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.pointing import constants
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.collision import pointed
-from plumbline.optim.pointing.constants import (
-    EQUATIONS,
-    LARGEST_RCM_ERROR,
-    LARGEST_TURN,
-    TURN,
-    WHY_STARTS,
-    ZERO,
-)
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.status import Status
@@ -60,7 +53,7 @@ def checked(aim: Aim, q: Array, theta: Array, beta: Array) -> Checked:
         sizes = np.linalg.svd(task, compute_uv=False)
         away = np.linalg.norm(point - aim.target)
         turned = np.arctan2(np.linalg.norm(np.cross(needle, inward[k])), needle @ inward[k])
-        found[k] = away, turned, sizes[EQUATIONS - 1]
+        found[k] = away, turned, sizes[constants.EQUATIONS - 1]
     return Checked(found[:, 0], found[:, 1], found[:, 2])
 
 
@@ -112,7 +105,10 @@ def judged(
     status, reasons = [Status.SAFE] * len(q), ["safe"] * len(q)
     worst: list[Clearance | None] = [None] * len(q)
     for k in range(len(q)):
-        held = found.rcm_error[k] <= LARGEST_RCM_ERROR and found.direction_error[k] <= LARGEST_TURN
+        held = (
+            found.rcm_error[k] <= constants.LARGEST_RCM_ERROR
+            and found.direction_error[k] <= constants.LARGEST_TURN
+        )
         blocked = _shortest(around, values[k], k, around.on_path)
         near = _shortest(around, values[k], k, ~around.on_path)
         status[k], reasons[k] = _verdict(
@@ -175,16 +171,16 @@ def why_not(
     inside = best_of_starts(task, rows, lower, upper) if missed is None else missed
     turning = np.array(task.chain.kinds) == "revolute"
     wider = inside
-    if (turning & (upper - lower < TURN)).any():
+    if (turning & (upper - lower < constants.TURN)).any():
         endless = np.where(turning, np.inf, 0.0)
         wider = best_of_starts(task, rows, lower - endless, upper + endless)
     return [_why(i, w, aim.needle.reach) for i, w in zip(inside, wider, strict=True)]
 
 
 def _why(inside: float, wider: float, reach: float) -> tuple[Status, str]:
-    if inside <= ZERO:
+    if inside <= constants.ZERO:
         return Status.JUMP, "held by another posture of the arm only"
-    if wider <= ZERO:
+    if wider <= constants.ZERO:
         return Status.LIMIT, "held only beyond the joint limits; mount the arm elsewhere"
     miss = f"{1e3 * float(np.sqrt(wider)) * reach:.0f} mm"
     return Status.REACH, f"the best posture misses by {miss}; mount the arm elsewhere"
@@ -194,7 +190,7 @@ def best_of_starts(task: NeedleTask, rows: Array, lower: Array, upper: Array) ->
     """Least sum of squares (N,) that any start reaches at rows (N, 7)."""
     if not len(rows):
         return np.empty(0)
-    first = starts(task, WHY_STARTS)
+    first = starts(task, constants.WHY_STARTS)
     q, repeated = np.tile(first, (len(rows), 1)), np.repeat(rows, len(first), axis=0)
     cost = solved(task, q, repeated, lower, upper)[2]
     return np.asarray(cost.reshape(len(rows), -1).min(axis=1))

@@ -19,21 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.pointing.constants import (
-    ANCHORS,
-    ASKED,
-    FEW_STARTS,
-    HELD,
-    ITERATIONS,
-    LONGEST_STEP,
-    MORE_ANCHORS,
-    MOST_TRACKS,
-    NEWTON_STEPS,
-    STALLED,
-    TRACK_STARTS,
-    TURN,
-    ZERO,
-)
+from plumbline.optim.pointing import constants
 from plumbline.optim.pointing.task import NeedleTask
 
 
@@ -58,8 +44,8 @@ def solved(
     r, J = task.seek(x, rows)
     cost, mu = (r**2).sum(axis=1), np.full(len(x), 1e-2)
     stalled = np.zeros(len(x), dtype=int)
-    for _ in range(ITERATIONS):
-        live = np.flatnonzero((cost > ZERO) & (stalled < STALLED))
+    for _ in range(constants.ITERATIONS):
+        live = np.flatnonzero((cost > constants.ZERO) & (stalled < constants.STALLED))
         if not len(live):
             break
         trial = _step(task, x[live], r[live], J[live], mu[live], lower, upper)
@@ -72,7 +58,7 @@ def solved(
         taken = live[better]
         x[taken], r[taken], J[taken] = trial[better], r_new[better], J_new[better]
         cost[taken] = cost_new[better]
-    return x, cost <= ZERO, cost
+    return x, cost <= constants.ZERO, cost
 
 
 def _step(
@@ -99,15 +85,15 @@ def settled(task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array)
         delta = pull + task.least_motion(J, wanted)
         x = np.clip(x + np.clip(delta, -0.5, 0.5) * task.steps, lower, upper)
     # At the edge of the reach the free turn has an end: stay with what was found there.
-    kept = (task.seek(x, rows)[0] ** 2).sum(axis=1) <= ZERO
+    kept = (task.seek(x, rows)[0] ** 2).sum(axis=1) <= constants.ZERO
     return np.where(kept[:, None], x, first)
 
 
 def unwound(task: NeedleTask, q: Array, lower: Array, upper: Array) -> Array:
     """Postures (N, n) with whole turns taken off where the limits allow it."""
     turning = np.array(task.chain.kinds) == "revolute"
-    turns = np.where(turning, np.round((q - task.home) / TURN), 0.0)
-    less = q - TURN * turns
+    turns = np.where(turning, np.round((q - task.home) / constants.TURN), 0.0)
+    less = q - constants.TURN * turns
     return np.where((less >= lower) & (less <= upper), less, q)
 
 
@@ -117,7 +103,7 @@ def distinct(task: NeedleTask, q: Array) -> NDArray[np.intp]:
     kept: list[int] = []
     for i, posture in enumerate(q):
         gaps = (q[kept] - posture) / task.steps
-        gaps = np.where(turning, np.abs((gaps + np.pi) % TURN - np.pi), np.abs(gaps))
+        gaps = np.where(turning, np.abs((gaps + np.pi) % constants.TURN - np.pi), np.abs(gaps))
         if not (gaps.max(axis=1, initial=0.0) < 0.1).any():
             kept.append(i)
     return np.array(kept, dtype=np.intp)
@@ -135,12 +121,14 @@ def follow(task: NeedleTask, rows: Array, lower: Array, upper: Array) -> Tracks:
     """Every branch found at the anchors, and at angles that none holds, along rows (K, 7)."""
     K = len(rows)
     found = Tracks(np.empty((0, K, task.chain.n)), np.empty((0, K), dtype=bool))
-    for anchor in dict.fromkeys(np.linspace(0, K - 1, ANCHORS).round().astype(int).tolist()):
+    for anchor in dict.fromkeys(
+        np.linspace(0, K - 1, constants.ANCHORS).round().astype(int).tolist()
+    ):
         found = _anchored(task, rows, int(anchor), found, lower, upper)
-    for _ in range(MORE_ANCHORS):
+    for _ in range(constants.MORE_ANCHORS):
         unheld = np.flatnonzero(~found.reached.any(axis=0))
         reachable = _reachable(task, rows, unheld, lower, upper)
-        if not len(reachable) or len(found.q) >= MOST_TRACKS:
+        if not len(reachable) or len(found.q) >= constants.MOST_TRACKS:
             break
         before = len(found.q)
         found = _anchored(task, rows, int(reachable[len(reachable) // 2]), found, lower, upper)
@@ -153,14 +141,14 @@ def _anchored(
     task: NeedleTask, rows: Array, anchor: int, known: Tracks, lower: Array, upper: Array
 ) -> Tracks:
     """The tracks with those that start from new branches at one angle."""
-    here = np.tile(rows[anchor], (TRACK_STARTS, 1))
-    q, found, _ = solved(task, starts(task, TRACK_STARTS), here, lower, upper)
+    here = np.tile(rows[anchor], (constants.TRACK_STARTS, 1))
+    q, found, _ = solved(task, starts(task, constants.TRACK_STARTS), here, lower, upper)
     if not found.any():
         return known
     q = settled(task, q[found], here[found], lower, upper)
     old = known.q[:, anchor][known.reached[:, anchor]]
     new = distinct(task, np.vstack([old, q]))
-    q = np.vstack([old, q])[new[new >= len(old)]][: MOST_TRACKS - len(known.q)]
+    q = np.vstack([old, q])[new[new >= len(old)]][: constants.MOST_TRACKS - len(known.q)]
     if not len(q):
         return known
     path, held = _both_ways(task, q, rows, anchor, lower, upper)
@@ -171,12 +159,14 @@ def _reachable(
     task: NeedleTask, rows: Array, unheld: NDArray[np.intp], lower: Array, upper: Array
 ) -> NDArray[np.intp]:
     """Those of some angles that a few starts reach; of many, a few are asked."""
-    some = unheld[np.linspace(0, len(unheld) - 1, min(ASKED, len(unheld))).round().astype(int)]
+    some = unheld[
+        np.linspace(0, len(unheld) - 1, min(constants.ASKED, len(unheld))).round().astype(int)
+    ]
     if not len(some):
         return some
-    first = starts(task, FEW_STARTS)
+    first = starts(task, constants.FEW_STARTS)
     q = np.tile(first, (len(some), 1))
-    _, held, _ = solved(task, q, np.repeat(rows[some], FEW_STARTS, axis=0), lower, upper)
+    _, held, _ = solved(task, q, np.repeat(rows[some], constants.FEW_STARTS, axis=0), lower, upper)
     return some[held.reshape(len(some), -1).any(axis=1)]
 
 
@@ -204,14 +194,14 @@ def _newton(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Steps of least motion from postures (B, n)."""
     x = q.copy()
-    for left in range(NEWTON_STEPS, -1, -1):
+    for left in range(constants.NEWTON_STEPS, -1, -1):
         r, J = task.seek(x, rows)
-        held = (r**2).sum(axis=1) <= HELD
+        held = (r**2).sum(axis=1) <= constants.HELD
         if held.all() or not left:
             break
         delta = task.least_motion(J, r)
         size = np.abs(delta).max(axis=1, keepdims=True)
-        delta = delta * np.minimum(1.0, LONGEST_STEP / np.maximum(size, 1e-12))
+        delta = delta * np.minimum(1.0, constants.LONGEST_STEP / np.maximum(size, 1e-12))
         x = np.clip(x + delta * task.steps, lower, upper)
     return x, held
 
@@ -221,4 +211,4 @@ def _sought(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Damped steps where Newton's fail, as beside a singularity; far ways off do not count."""
     x, found, _ = solved(task, q, rows, lower, upper)
-    return x, found & (np.abs((x - q) / task.steps).max(axis=1) < 2 * LONGEST_STEP)
+    return x, found & (np.abs((x - q) / task.steps).max(axis=1) < 2 * constants.LONGEST_STEP)

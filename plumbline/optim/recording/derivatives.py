@@ -18,17 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from plumbline.errors import PlumblineError, fault, shown
-from plumbline.optim.recording.constants import (
-    BANDWIDTH,
-    GAP_IN_TIME,
-    LEAST_WINDOW,
-    ORDER,
-    SHORTEST,
-    SPEEDS_UP,
-    SURE_SPEED,
-    THIRD_DIFFERENCE,
-    USUAL,
-)
+from plumbline.optim.recording import constants
 from plumbline.optim.recording.origin import Array, Origin
 
 
@@ -72,7 +62,7 @@ def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin:
             raise _stands_still(time[rows[0]], rows[0], origin)
         source = q[rows] if velocity is None else velocity[rows]
         v[rows], a[rows] = _smoothed(time[rows], source, step, half, from_place=velocity is None)
-        left = source - scipy.signal.savgol_filter(source, 2 * half + 1, ORDER, axis=0)
+        left = source - scipy.signal.savgol_filter(source, 2 * half + 1, constants.ORDER, axis=0)
         square += (left**2).sum(axis=0)
     rough, order = np.sqrt(square / len(q)), 2 if velocity is None else 1
     slow, fast = (rough * noise_gain(step, half, k) for k in (order - 1, order))
@@ -103,16 +93,16 @@ def half_window(rate: float, rows: int) -> int:
 
     No run of so many ``rows`` holds a window of more than half of them: none is looked for.
     """
-    longest = max(LEAST_WINDOW + 1, min(int(rate / BANDWIDTH), rows))
-    halves = range(LEAST_WINDOW, longest + 1)
-    above = bisect_left(halves, -BANDWIDTH, key=lambda half: -bandwidth(rate, half))
+    longest = max(constants.LEAST_WINDOW + 1, min(int(rate / constants.BANDWIDTH), rows))
+    halves = range(constants.LEAST_WINDOW, longest + 1)
+    above = bisect_left(halves, -constants.BANDWIDTH, key=lambda half: -bandwidth(rate, half))
     near = halves[max(above - 1, 0) : above + 1]
-    return min(near, key=lambda half: abs(bandwidth(rate, half) - BANDWIDTH))
+    return min(near, key=lambda half: abs(bandwidth(rate, half) - constants.BANDWIDTH))
 
 
 def bandwidth(rate: float, half: int) -> float:
     """Frequency [Hz] at which a window of 2 M + 1 samples lets half of the power pass."""
-    taps, k = scipy.signal.savgol_coeffs(2 * half + 1, ORDER), np.arange(-half, half + 1)
+    taps, k = scipy.signal.savgol_coeffs(2 * half + 1, constants.ORDER), np.arange(-half, half + 1)
     # Below its first zero, near half a turn a window, the response falls all the way.
     share = scipy.optimize.brentq(
         lambda f: (taps @ np.cos(2 * np.pi * f * k)) ** 2 - 0.5, 0.0, 1.0 / half
@@ -122,8 +112,8 @@ def bandwidth(rate: float, half: int) -> float:
 
 def noise_gain(step: float, half: int, order: int) -> float:
     """Noise of a derivative over what smoothing takes away from white readings [1/s^order]."""
-    plain = scipy.signal.savgol_coeffs(2 * half + 1, ORDER)
-    derivative = scipy.signal.savgol_coeffs(2 * half + 1, ORDER, deriv=order, delta=step)
+    plain = scipy.signal.savgol_coeffs(2 * half + 1, constants.ORDER)
+    derivative = scipy.signal.savgol_coeffs(2 * half + 1, constants.ORDER, deriv=order, delta=step)
     return float(np.linalg.norm(derivative) / np.sqrt(1.0 - plain[half]))
 
 
@@ -133,16 +123,16 @@ def stretches(time: Array, step: float) -> list[NDArray[np.intp]]:
     Groups are no runs: they may be blocks of one that are left out together.
     """
     steps = np.diff(time)
-    cuts = np.flatnonzero((steps > GAP_IN_TIME * step) | (steps < 0.0)) + 1
+    cuts = np.flatnonzero((steps > constants.GAP_IN_TIME * step) | (steps < 0.0)) + 1
     return [np.asarray(rows) for rows in np.split(np.arange(len(time)), cuts)]
 
 
 def elsewhere(places: Array) -> NDArray[np.bool_]:
     """Rows (N - 1,) after which places (N, n) are as far as no other steps are by far."""
     step = np.abs(np.diff(places, axis=0))
-    size = np.max(step / np.maximum(np.quantile(step, USUAL, axis=0), 1e-12), axis=1)
-    order = np.sort(size)[::-1][: len(size) // SHORTEST + 2]
-    apart = np.flatnonzero(order[:-1] > SPEEDS_UP * order[1:])
+    size = np.max(step / np.maximum(np.quantile(step, constants.USUAL, axis=0), 1e-12), axis=1)
+    order = np.sort(size)[::-1][: len(size) // constants.SHORTEST + 2]
+    apart = np.flatnonzero(order[:-1] > constants.SPEEDS_UP * order[1:])
     return np.asarray(size >= order[apart[-1]] if len(apart) else np.zeros(len(size), bool))
 
 
@@ -155,7 +145,9 @@ def _smoothed(
     at_even = _at(even, time, values)
     first = 1 if from_place else 0
     parts = [
-        scipy.signal.savgol_filter(at_even, 2 * half + 1, ORDER, deriv=order, delta=delta, axis=0)
+        scipy.signal.savgol_filter(
+            at_even, 2 * half + 1, constants.ORDER, deriv=order, delta=delta, axis=0
+        )
         for order in (first, first + 1)
     ]
     return _at(time, even, parts[0]), _at(time, even, parts[1])
@@ -186,8 +178,8 @@ def velocity_noise(raw: Array | None, smooth: Array, left: Array) -> Array:
     third differences of readings show where that is less.
     """
     fastest = np.abs(smooth).max(axis=0)
-    least = np.where(fastest > 0.0, SURE_SPEED * fastest, 1.0)
+    least = np.where(fastest > 0.0, constants.SURE_SPEED * fastest, 1.0)
     if raw is not None and len(raw) > 3:
-        rough = np.median(np.abs(np.diff(raw, 3, axis=0)), axis=0) / THIRD_DIFFERENCE
+        rough = np.median(np.abs(np.diff(raw, 3, axis=0)), axis=0) / constants.THIRD_DIFFERENCE
         least = np.where(fastest > 0.0, np.minimum(least, rough), least)
     return np.asarray(np.where((left > 0.0) & (fastest > 0.0), left, least))

@@ -25,21 +25,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.robot import STANDARD_GRAVITY
 from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.core.quantities import counted
-from plumbline.optim.recording.constants import (
-    AT_ITS_END,
-    EFFORT_ROWS,
-    ENDS_OFF,
-    ENDS_WITHIN,
-    FEWEST_EFFORTS,
-    GAP_IN_TIME,
-    INERTIA_ROWS,
-    LARGEST,
-    LEAST_EFFORT_NOISE,
-    MIXED_UP,
-    NEAR_SCALE,
-    ONE_COURSE,
-    UNSIGNED,
-)
+from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
@@ -81,7 +67,7 @@ def by_joint(section: Section, key: str, joints: int) -> Array:
     value = section.values.get(key)
     given = value if isinstance(value, list) else [value]
     numbers = [v for v in given if isinstance(v, int | float) and not isinstance(v, bool)]
-    listed = [float(v) for v in numbers if 0.0 < v < LARGEST]
+    listed = [float(v) for v in numbers if 0.0 < v < constants.LARGEST]
     good = len(listed) == len(given)
     if not good or len(listed) not in (1, joints):
         expected = f"a number above zero, or {joints} of them"
@@ -132,7 +118,7 @@ def _run_by_run(r: Recording) -> Recording:
     begins = elsewhere(r.q) if len(r) > 1 else np.zeros(0, bool)
     if r.time is None or not begins.any():
         return r
-    gap = 2.0 * GAP_IN_TIME * np.median(np.abs(np.diff(r.time)))
+    gap = 2.0 * constants.GAP_IN_TIME * np.median(np.abs(np.diff(r.time)))
     said = (
         f"joints are elsewhere at once {counted(int(begins.sum()), 'time')}: motions of their own"
     )
@@ -179,11 +165,11 @@ def without_saturated(r: Recording) -> Recording:
     for (j, read), side in product(enumerate(r.measured.T), (1.0, -1.0)):
         values, counts = np.unique(side * read, return_counts=True)
         end, step = values[-1], np.diff(values).min(initial=np.inf)
-        near = counts[values >= end - ENDS_WITHIN * step].sum() - counts[-1]
+        near = counts[values >= end - constants.ENDS_WITHIN * step].sum() - counts[-1]
         at = side * read == end
         spread = np.ptp(model[at, j])
-        ends = len(values) > 1 and counts[-1] >= max(AT_ITS_END, 2 * near + 1)
-        if ends and spread > ENDS_OFF * abs(end):
+        ends = len(values) > 1 and counts[-1] >= max(constants.AT_ITS_END, 2 * near + 1)
+        if ends and spread > constants.ENDS_OFF * abs(end):
             beyond |= at
             said = f"efforts of joint {j + 1} end at {shown(float(side * end))}"
             notes.append(f"{said} in {counted(int(counts[-1]), 'row')}, left aside: a sensor's end")
@@ -213,12 +199,17 @@ def refuse_other_rates(r: Recording, origin: Origin) -> None:
     ):  # fmt: skip
         if rate is None or place is None or not (step > 0).any():
             continue
-        usual = (step > 0) & (step < GAP_IN_TIME * np.median(step[step > 0]))
+        usual = (step > 0) & (step < constants.GAP_IN_TIME * np.median(step[step > 0]))
         moved = np.where(usual, np.diff(place, axis=0), 0.0)
         told = np.where(usual, step * (rate[1:] + rate[:-1]) / 2, 0.0)
         sizes = np.linalg.norm(told), np.linalg.norm(moved)
-        alike = np.sum(told * moved) > ONE_COURSE * sizes[0] * sizes[1] > 0.0
-        if alike and not 1 / NEAR_SCALE < (factor := float(sizes[0] / sizes[1])) < NEAR_SCALE:
+        alike = np.sum(told * moved) > constants.ONE_COURSE * sizes[0] * sizes[1] > 0.0
+        if (
+            alike
+            and not 1 / constants.NEAR_SCALE
+            < (factor := float(sizes[0] / sizes[1]))
+            < constants.NEAR_SCALE
+        ):
             names = name, "q" if place is r.q else "velocity"
             large, other = names if factor > 1 else names[::-1]
             found = f"{max(factor, 1 / factor):.3g} times what {other} has it by the clock"
@@ -234,7 +225,7 @@ def refuse_strange(r: Recording, origin: Origin) -> None:
     Raises:
         PlumblineError: They are, are one throughout, or never change sign where the model's do.
     """
-    if len(r) < FEWEST_EFFORTS:
+    if len(r) < constants.FEWEST_EFFORTS:
         return
     model = nominal_efforts(r)
     for one in np.flatnonzero((np.ptp(r.measured, axis=0) == 0.0) & (np.ptp(model, axis=0) > 0.0)):
@@ -243,7 +234,7 @@ def refuse_strange(r: Recording, origin: Origin) -> None:
         raise fault(origin.at(f"effort{one + 1}"), found, "efforts that change", mend)
     large = np.abs(model) >= np.median(np.abs(model), axis=0)
     changes = [0.2 < (model[large[:, j], j] > 0).mean() < 0.8 for j in range(r.chain.n)]
-    positive = (r.measured >= 0).mean(axis=0) >= UNSIGNED
+    positive = (r.measured >= 0).mean(axis=0) >= constants.UNSIGNED
     bare = [j for j in range(r.chain.n) if changes[j] and positive[j] and r.measured[:, j].any()]
     if bare and len(bare) >= 0.5 * sum(changes):
         j = bare[0]
@@ -262,7 +253,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     Raises:
         PlumblineError: It names the gravity, or the factor, that mends them.
     """
-    r = r.select(np.linspace(0, len(r) - 1, min(len(r), INERTIA_ROWS)).astype(int))
+    r = r.select(np.linspace(0, len(r) - 1, min(len(r), constants.INERTIA_ROWS)).astype(int))
     read, model = r.measured, nominal_efforts(r)
     tried = {g: _under(r, g) for g in _mountings(r)}
     each, against = _off(r, read - model), _off(r, -read - model)
@@ -272,11 +263,16 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     factor, scaled = float(best.x), float(best.fun)
     moved = tried[0.0, 0.0, 0.0]
     heavy = np.sum((model - moved) ** 2) > np.sum(moved**2)
-    read_square, far = float(np.mean(read**2)), not 1 / NEAR_SCALE < factor < NEAR_SCALE
+    read_square, far = (
+        float(np.mean(read**2)),
+        not 1 / constants.NEAR_SCALE < factor < constants.NEAR_SCALE,
+    )
     # Of drives that read next to nothing no mounting explains what they read; nor are signs alone.
-    mounted = MIXED_UP * left < min(own, read_square) and left < turned
-    unit = factor > 0.0 and far and MIXED_UP * scaled < min(own, MIXED_UP * left)
-    if heavy and (unit or (not mounted and MIXED_UP * read_square < own)):
+    mounted = constants.MIXED_UP * left < min(own, read_square) and left < turned
+    unit = (
+        factor > 0.0 and far and constants.MIXED_UP * scaled < min(own, constants.MIXED_UP * left)
+    )
+    if heavy and (unit or (not mounted and constants.MIXED_UP * read_square < own)):
         times = factor if unit else np.sqrt(read_square / np.mean(model**2))
         mend = 'divide by 1000 if in N mm, or write effort_unit = "A" with torque_constant'
         raise fault(origin.at("effort1"), f"efforts {times:.3g} times the model's", "N m", mend)
@@ -285,7 +281,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
         off = "" if any(gravity) else ": the controller takes the arm's weight off"
         where, mend = origin.key("[robot] gravity"), f"write gravity = {list(gravity)}{off}"
         raise fault(where, found, "the gravity of this mounting", mend)
-    for one in np.flatnonzero(MIXED_UP * against < each):
+    for one in np.flatnonzero(constants.MIXED_UP * against < each):
         found = f"effort{one + 1} against the model's and its friction"
         mend = "turn the sign of this column"
         raise fault(origin.at(f"effort{one + 1}"), found, "efforts that run with them", mend)
@@ -333,13 +329,13 @@ def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:
             raise fault(origin.key("noise_std"), least, "more than 0 N m", mend)
         return np.asarray(np.hypot(own, _shaken_torques(r, shaken)))
     rows = np.arange(len(r)) if r.held_out is None else np.flatnonzero(~r.held_out)
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), EFFORT_ROWS)).astype(int)]
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), constants.EFFORT_ROWS)).astype(int)]
     return np.array([_left_over(r, rows, X, j) for j, X in enumerate(_designs(r, rows))])
 
 
 def _shaken_torques(r: Recording, shaken: Array) -> Array:
     """Torques (n,) that noise of the accelerations (n,) makes [N m or N], 1 sigma."""
-    rows = np.linspace(0, len(r) - 1, min(len(r), INERTIA_ROWS)).astype(int)
+    rows = np.linspace(0, len(r) - 1, min(len(r), constants.INERTIA_ROWS)).astype(int)
     q, still, n = r.q[rows], np.zeros((len(rows), r.chain.n)), r.chain.n
     dynamics = dynamics_of_chain(r.chain)
     rest = dynamics.torques(q, still, still)
@@ -380,5 +376,5 @@ def _left_over(r: Recording, rows: NDArray[np.integer], basis: Array, j: int) ->
         * len(rows)
         / max(freedom, 1)
     )
-    least = LEAST_EFFORT_NOISE * max(float(np.abs(effort).max()), 1.0)
+    least = constants.LEAST_EFFORT_NOISE * max(float(np.abs(effort).max()), 1.0)
     return max(float(np.sqrt(square)), least)

@@ -20,14 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from plumbline.optim.recording.constants import (
-    EFFORT_ROWS,
-    FEWEST_EFFORTS,
-    FINE,
-    LATEST,
-    LEAST,
-    SURELY_LATE,
-)
+from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import stretches
 from plumbline.optim.recording.origin import Array
 
@@ -44,11 +37,11 @@ def late_by(time: Array, read: Array, designs: Callable[[Rows], Sequence[Array]]
             combination of.
     """
     step = usual_step(time)
-    most = round(LATEST / step)
+    most = round(constants.LATEST / step)
     parts = [s[most : len(s) - most] for s in stretches(time, step)]
     rows = np.concatenate(parts)
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), EFFORT_ROWS)).astype(int)]
-    if most < 1 or len(rows) < FEWEST_EFFORTS:
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), constants.EFFORT_ROWS)).astype(int)]
+    if most < 1 or len(rows) < constants.FEWEST_EFFORTS:
         return 0.0
     return step * _rows_late(read, rows, designs(rows), most)
 
@@ -61,13 +54,13 @@ def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> 
     effective = len(rows) * (1.0 - past) / (1.0 + past)
     best = int(np.clip(np.argmin(np.log(left[..., 0]) @ effective), 1, len(shifts) - 2))
     before, there, after = left[best - 1 : best + 2, :, 0]
-    off = np.linspace(-1.0, 1.0, FINE)[:, None]
+    off = np.linspace(-1.0, 1.0, constants.FINE)[:, None]
     between = there + off * (after - before) / 2.0 + off**2 * (before - 2.0 * there + after) / 2.0
     log = np.log(np.maximum(between, 1e-300)) * effective / 2.0
     found = int(np.argmin(log.sum(axis=1)))
     gains = np.log(left[most, :, 0]) * effective / 2.0 - log[found]
     late = float(shifts[best] + off[found, 0])
-    sure = gains.sum() - gains.max() > SURELY_LATE and abs(late) > LEAST
+    sure = gains.sum() - gains.max() > constants.SURELY_LATE and abs(late) > constants.LEAST
     return late if sure else 0.0
 
 

@@ -25,19 +25,7 @@ import scipy
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot, bundled_names
-from plumbline.optim.recording.constants import (
-    ASKED,
-    FEWEST_POSTURES,
-    IN_A_SOCKET,
-    LEVER,
-    LISTED_SET_UPS,
-    MENDED,
-    MOST_SIGNS,
-    ONE_SET_UP,
-    PLAUSIBLE,
-    SOCKET_STARTS,
-    UNTOLD,
-)
+from plumbline.optim.recording import constants
 from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.slips import (
     TURNED,
@@ -92,7 +80,7 @@ def plausible(recording: Recording) -> float:
     )
     if recording.kind.efforts:
         return np.inf  # drives differ by decades, and so does what their efforts are read with
-    return PLAUSIBLE * (1.0 if turning else recording.chain.reach)
+    return constants.PLAUSIBLE * (1.0 if turning else recording.chain.reach)
 
 
 def refuse_wrong_set_up(recording: Recording) -> None:
@@ -118,22 +106,24 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
         return None  # what reads ranges and fiducials has refused what is no plane, no body
     if recording.kind.efforts:
         return None  # what moves the bodies tells their signs and order itself: see checks
-    if len(np.unique(np.round(recording.q, 6), axis=0)) < FEWEST_POSTURES:
+    if len(np.unique(np.round(recording.q, 6), axis=0)) < constants.FEWEST_POSTURES:
         return None
     if recording.kind.encoders:
         return _wrong_encoder(recording)
     some = some_of(len(recording))
     r = recording.select(some)
     own = missed(r)
-    if not own > ASKED * plausible(r):
+    if not own > constants.ASKED * plausible(r):
         return None
     others = itertools.chain(_others(r), _a_row_off(recording, some))
     tried = [(change, missed(other)) for change, other in others]
     left = min(left for _, left in tried)
-    if not left < MENDED * own:
+    if not left < constants.MENDED * own:
         return None
-    alike = [change for change, other in tried if other <= max(2.0 * left, ONE_SET_UP * own)]
-    return WrongSetUp(", or ".join(alike[:LISTED_SET_UPS]), own, left)
+    alike = [
+        change for change, other in tried if other <= max(2.0 * left, constants.ONE_SET_UP * own)
+    ]
+    return WrongSetUp(", or ".join(alike[: constants.LISTED_SET_UPS]), own, left)
 
 
 def missed(r: Recording) -> float:
@@ -146,7 +136,7 @@ def missed(r: Recording) -> float:
     F, gaps = matched(R, p, r.measured[:, :3], fitted)
     squares = np.sum(gaps**2, axis=1)
     if r.kind.oriented:
-        squares = squares + (LEVER * _turned(F @ R, r.measured[:, 3:], fitted)) ** 2
+        squares = squares + (constants.LEVER * _turned(F @ R, r.measured[:, 3:], fitted)) ** 2
     return float(np.sqrt(np.median(squares)))
 
 
@@ -155,7 +145,7 @@ def _apart_in_sockets(R: Array, p: Array, socket: Integers, fit_tool: bool) -> f
     hot = np.eye(int(socket.max()) + 1)[socket]
     a, inner = _about_middle(p, hot), _about_middle(R.reshape(-1, 9), hot).reshape(-1, 3, 3)
     if fit_tool:
-        tool = np.linalg.lstsq(inner.reshape(-1, 3), -a.ravel(), rcond=UNTOLD)[0]
+        tool = np.linalg.lstsq(inner.reshape(-1, 3), -a.ravel(), rcond=constants.UNTOLD)[0]
         a = a + inner @ tool
     return float(np.median(np.linalg.norm(a, axis=1)))
 
@@ -215,7 +205,7 @@ def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
     for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
         change = f"{TURNED[quarter]} added to q{j + 1} and its sign turned"
         yield change, replace(r, q=moved_zero(turned_signs(r.q, [j]), j, quarter))
-    most = r.chain.n if r.chain.n <= MOST_SIGNS else 1
+    most = r.chain.n if r.chain.n <= constants.MOST_SIGNS else 1
     for count in range(2, most + 1):
         for joints in combinations(range(r.chain.n), count):
             yield f"the signs of {named(joints)} turned", replace(r, q=turned_signs(r.q, joints))
@@ -225,10 +215,10 @@ def _sockets_by_place(r: Recording) -> Iterator[tuple[str, Recording]]:
     """As many sockets as given, each row in the one that its tip lies in (k-means)."""
     assert r.socket is not None
     count = len(np.unique(r.socket))
-    if 1 < count <= len(r) // IN_A_SOCKET:
+    if 1 < count <= len(r) // constants.IN_A_SOCKET:
         tips = r.chain.tips(r.q, r.tool_offset)
         rng = np.random.default_rng(0)
-        found = scipy.cluster.vq.kmeans(tips, count, iter=SOCKET_STARTS, rng=rng)[0]
+        found = scipy.cluster.vq.kmeans(tips, count, iter=constants.SOCKET_STARTS, rng=rng)[0]
         places = scipy.cluster.vq.vq(tips, found)[0].astype(np.int64)
         yield "rows in the socket where their tip lies: mend socket", replace(r, socket=places)
 
@@ -279,13 +269,13 @@ def _wrong_encoder(r: Recording) -> WrongSetUp | None:
             if i != j
         ]
         change, left = min(tried, key=lambda pair: pair[1])
-        if own > PLAUSIBLE and left < MENDED * own:
+        if own > constants.PLAUSIBLE and left < constants.MENDED * own:
             return WrongSetUp(change, own, left, "rad")
         off = float(np.median(read - r.q[:, j]))
         quarter = round(off / (np.pi / 2))
         left = abs(off - quarter * np.pi / 2)
         mounted = "joint_offset" in r.always  # at any angle, as the recording says
-        if quarter % 4 and max(left, own) < PLAUSIBLE and not mounted:
+        if quarter % 4 and max(left, own) < constants.PLAUSIBLE and not mounted:
             change = f"{TURNED[-quarter % 4]} added to m{j + 1}"
             return WrongSetUp(change, abs(off), left, "rad")
     return None

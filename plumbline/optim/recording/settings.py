@@ -14,12 +14,7 @@ import numpy as np
 
 from plumbline.errors import PlumblineError, Spot, did_you_mean, fault, shown
 from plumbline.kinematics.files import read_file, reason
-from plumbline.optim.recording.constants import (
-    LARGEST,
-    LARGEST_SETTINGS,
-    LONGEST_REASON,
-    MOST_PARTS,
-)
+from plumbline.optim.recording import constants
 from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.table import decode
 
@@ -103,7 +98,7 @@ def read_settings_file(path: Path) -> Section:
         PlumblineError: It cannot be read, or is none.
     """
     try:
-        data = read_file(path, LARGEST_SETTINGS)
+        data = read_file(path, constants.LARGEST_SETTINGS)
     except (OSError, ValueError) as error:
         found = f"a file that cannot be read ({reason(error)})"
         raise fault(str(path), found, "a TOML file", "check the path") from None
@@ -125,26 +120,26 @@ def read_settings(file: str, data: bytes) -> Section:
     except ValueError as error:  # TOMLDecodeError, and what int() and datetime refuse
         line = re.search(r"at line (\d+)", str(error))
         where = Spot.at(file, int(line[1]) if line else text.count(chr(10)) + 1)
-        found = f"broken TOML ({str(error)[:LONGEST_REASON]})"
+        found = f"broken TOML ({str(error)[: constants.LONGEST_REASON]})"
         raise fault(where, found, "key = value", "mend that line") from None
 
 
 def _refuse_long_keys(file: str, text: str) -> None:
     for row, line in enumerate(text.split("\n"), start=1):
-        if line.count(".") < MOST_PARTS:
+        if line.count(".") < constants.MOST_PARTS:
             continue
         bare = QUOTED.sub("", line).partition("#")[0]
         parts = 1 + max(word.count(".") for word in PARTED.split(bare))
-        if parts > MOST_PARTS:
+        if parts > constants.MOST_PARTS:
             found, mend = f"a key of {parts:,} parts", "write tables plainly"
-            raise fault(Spot.at(file, row), found, f"at most {MOST_PARTS}", mend)
+            raise fault(Spot.at(file, row), found, f"at most {constants.MOST_PARTS}", mend)
 
 
 def _finite(value: object) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     # Compared before any conversion: a TOML integer may be too large for a float.
-    return -LARGEST <= value <= LARGEST and math.isfinite(value)
+    return -constants.LARGEST <= value <= constants.LARGEST and math.isfinite(value)
 
 
 def _is_word(value: object) -> bool:

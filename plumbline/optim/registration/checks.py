@@ -31,19 +31,7 @@ from scipy.special import chdtrc
 
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.constants import (
-    ALIKE,
-    ALL_ORDERS,
-    COINCIDENT,
-    DOUBTFUL,
-    FITTED,
-    MANY,
-    MILLIMETRES,
-    MUCH,
-    MUCH_UNSTATED,
-    ON_A_LINE,
-    RELATIVE_DOUBT,
-)
+from plumbline.optim.registration import constants
 from plumbline.optim.registration.least_squares import best_fit
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.rigid import rigid_match
@@ -76,7 +64,7 @@ def condition_of(points: Array) -> Condition:
     return Condition(best, sine_at_first(points), spread, axes[0])
 
 
-def well_spread(points: Array, count: int = MANY) -> list[int]:
+def well_spread(points: Array, count: int = constants.MANY) -> list[int]:
     """So many points (n, 3), by index, each farthest from those before it (Gonzalez 1985)."""
     if len(points) <= count:
         return list(range(len(points)))
@@ -121,7 +109,7 @@ def best_relabelling(ct: Array, robot: Array) -> Relabelling:
 def relabellings(ct: Array, robot: Array) -> list[Relabelling]:
     """The few best other orders of markers (n, 3) [m], best first."""
     apart, wanted = _distances(ct), _distances(robot)
-    if len(ct) <= ALL_ORDERS:
+    if len(ct) <= constants.ALL_ORDERS:
         orders = _any_orders(apart, wanted)
     else:
         orders = np.concatenate([_turned(ct, robot, apart, wanted), _exchanges(apart, wanted)])
@@ -143,7 +131,7 @@ def _any_orders(apart: Array, wanted: Array) -> NDArray[np.intp]:
     orders = _orders(len(apart))
     there = apart[orders[:, :, None], orders[:, None, :]]
     cost = np.sum((there - wanted) ** 2, axis=(1, 2))
-    return orders[np.argsort(cost, kind="stable")[:FITTED]]
+    return orders[np.argsort(cost, kind="stable")[: constants.FITTED]]
 
 
 @lru_cache(maxsize=8)
@@ -161,7 +149,7 @@ def _exchanges(apart: Array, wanted: Array) -> NDArray[np.intp]:
     own = np.diag(product)
     cost = own[:, None] + own - product - product.T - 2.0 * apart * wanted
     i, j = np.triu_indices(len(apart), 1)
-    near = np.argsort(cost[i, j], kind="stable")[:FITTED]
+    near = np.argsort(cost[i, j], kind="stable")[: constants.FITTED]
     orders = np.tile(np.arange(len(apart)), (len(near), 1))
     rows = np.arange(len(near))
     orders[rows, i[near]], orders[rows, j[near]] = j[near], i[near]
@@ -178,7 +166,7 @@ def _turned(ct: Array, robot: Array, apart: Array, wanted: Array) -> NDArray[np.
     T = rigid_match(np.broadcast_to(ct[triple], (len(there), 3, 3)), robot[there])
     placed = ct @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
     off = [scipy.spatial.distance.cdist(robot, points, "sqeuclidean") for points in placed]
-    nearest = np.argsort([d.min(axis=1).sum() for d in off], kind="stable")[: 2 * FITTED]
+    nearest = np.argsort([d.min(axis=1).sum() for d in off], kind="stable")[: 2 * constants.FITTED]
     orders = {tuple(scipy.optimize.linear_sum_assignment(off[k])[1].tolist()) for k in nearest}
     orders.discard(tuple(range(len(ct))))
     return np.array(sorted(orders), dtype=np.intp).reshape(-1, len(ct))
@@ -188,12 +176,12 @@ def _triples(sides: Array, wanted: Array) -> NDArray[np.intp]:
     """Triples (N, 3) of points at distances (n, n) that are as far apart as three others (3, 3)."""
     n, first = len(wanted), (wanted - sides[0, 1]) ** 2
     np.fill_diagonal(first, np.inf)
-    pairs = np.argsort(first, axis=None, kind="stable")[: min(ALIKE, n * (n - 1))]
+    pairs = np.argsort(first, axis=None, kind="stable")[: min(constants.ALIKE, n * (n - 1))]
     i, j = np.unravel_index(pairs, first.shape)
     third = first[i, j, None] + (wanted[i] - sides[0, 2]) ** 2 + (wanted[j] - sides[1, 2]) ** 2
     rows = np.arange(len(pairs))
     third[rows, i] = third[rows, j] = np.inf
-    best = np.argsort(third, axis=None, kind="stable")[: min(ALIKE, len(pairs) * (n - 2))]
+    best = np.argsort(third, axis=None, kind="stable")[: min(constants.ALIKE, len(pairs) * (n - 2))]
     pair, k = np.unravel_index(best, third.shape)
     return np.column_stack([i[pair], j[pair], k])
 
@@ -218,7 +206,7 @@ def spread_of(points: Array) -> float:
 def _same_unit(markers: Markers) -> None:
     ratio = spread_of(markers.robot) / max(spread_of(markers.ct), 1e-300)
     for what, times in (("ct", 1 / ratio if ratio else np.inf), ("robot", ratio)):
-        if MILLIMETRES[0] < times < MILLIMETRES[1]:
+        if constants.MILLIMETRES[0] < times < constants.MILLIMETRES[1]:
             found = f"markers {times:.4g} times as far apart as in the other frame"
             mend = "looks like mm: divide by 1000"
             raise fault(f"markers, {what}", found, "the same distances, in m", mend)
@@ -229,7 +217,7 @@ def _apart(markers: Markers) -> None:
     for what, points in (("ct", markers.ct), ("robot", markers.robot)):
         distances = scipy.spatial.distance.pdist(points)
         k = int(distances.argmin())
-        if distances[k] < COINCIDENT:
+        if distances[k] < constants.COINCIDENT:
             names = f"markers {markers.labels[first[k]]} and {markers.labels[second[k]]}"
             found, mend = f"{distances[k]:.3g} m between them", "measure one of them again"
             raise fault(f"{names}, {what}", found, "two different places", mend)
@@ -238,10 +226,10 @@ def _apart(markers: Markers) -> None:
 def _not_on_a_line(markers: Markers) -> None:
     for what, points in (("ct", markers.ct), ("robot", markers.robot)):
         angle = condition_of(points).angle
-        if angle < ON_A_LINE:
+        if angle < constants.ON_A_LINE:
             found = f"markers on one line within {angle:.2g} deg"
             mend = "move one marker well off the line of the others"
-            raise fault(f"markers, {what}", found, f"at least {ON_A_LINE:g} deg", mend)
+            raise fault(f"markers, {what}", found, f"at least {constants.ON_A_LINE:g} deg", mend)
 
 
 def misfit(markers: Markers) -> float:
@@ -252,15 +240,15 @@ def misfit(markers: Markers) -> float:
 def doubtful(markers: Markers) -> bool:
     """Whether the markers misfit more than noise explains."""
     if not markers.known:
-        return misfit(markers) > RELATIVE_DOUBT * spread_of(markers.robot)
-    return float(chdtrc(3 * len(markers) - 6, best_fit(markers)[1])) < DOUBTFUL
+        return misfit(markers) > constants.RELATIVE_DOUBT * spread_of(markers.robot)
+    return float(chdtrc(3 * len(markers) - 6, best_fit(markers)[1])) < constants.DOUBTFUL
 
 
 def _not_another_body(markers: Markers) -> None:
     """A mirror image, or other labels, must not fit much better."""
     if not doubtful(markers):
         return
-    much = MUCH if markers.known else MUCH_UNSTATED
+    much = constants.MUCH if markers.known else constants.MUCH_UNSTATED
     plain = misfit(markers)
     mirrored = float(misfits(-markers.ct[None], markers.robot)[0])
     other = best_relabelling(markers.ct, markers.robot)

@@ -29,15 +29,7 @@ from plumbline.optim.core.judged import Judgement, judged_by_gram
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
-from plumbline.optim.registration.constants import (
-    CHUNK,
-    HOPELESS,
-    LEAST_DAMPING,
-    MORE_DAMPING,
-    NEARLY,
-    NO_WORSE,
-    STEPS,
-)
+from plumbline.optim.registration import constants
 from plumbline.optim.registration.markers import MarkerNoise, Markers, rows_of
 from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import derivatives, problem, sensitivity
@@ -57,8 +49,8 @@ def move(T: Array, centre: Array, x: Array) -> Array:
 def minimise(rows: Array) -> tuple[Array, Array]:
     """Minimum (N, 4, 4) of N draws of n markers' rows (N, n, 18), and the squares (N,) there."""
     T, squares = np.empty((len(rows), 4, 4)), np.empty(len(rows))
-    for start in range(0, len(rows), CHUNK):
-        part = slice(start, start + CHUNK)
+    for start in range(0, len(rows), constants.CHUNK):
+        part = slice(start, start + constants.CHUNK)
         T[part], squares[part] = _minimise(rows[part])
     return T, squares
 
@@ -69,9 +61,9 @@ def _minimise(rows: Array) -> tuple[Array, Array]:
     T = rigid_match(rows[..., :3], rows[..., 3:6])
     H, g, square = derivatives(rows, T, centre)
     mu, active = np.zeros(len(rows)), np.arange(len(rows))
-    for _ in range(STEPS):
+    for _ in range(constants.STEPS):
         x = _step(H[active], g[active], mu[active])
-        last = np.abs(x).max(axis=1) <= NEARLY
+        last = np.abs(x).max(axis=1) <= constants.NEARLY
         done = active[last]
         T[done] = move(T[done], centre[done], x[last])
         active, x = active[~last], x[~last]
@@ -79,14 +71,16 @@ def _minimise(rows: Array) -> tuple[Array, Array]:
             break
         trial = move(T[active], centre[active], x)
         H2, g2, square2 = derivatives(rows[active], trial, centre[active])
-        better = square2 <= square[active] * (1 + NO_WORSE)
+        better = square2 <= square[active] * (1 + constants.NO_WORSE)
         kept = active[better]
         T[kept], H[kept], g[kept] = trial[better], H2[better], g2[better]
         square[kept] = square2[better]
-        mu[kept] = np.where(mu[kept] > LEAST_DAMPING, mu[kept] / MORE_DAMPING, 0.0)
+        mu[kept] = np.where(
+            mu[kept] > constants.LEAST_DAMPING, mu[kept] / constants.MORE_DAMPING, 0.0
+        )
         worse = active[~better]
-        mu[worse] = np.maximum(MORE_DAMPING * mu[worse], LEAST_DAMPING)
-        active = active[mu[active] < HOPELESS]
+        mu[worse] = np.maximum(constants.MORE_DAMPING * mu[worse], constants.LEAST_DAMPING)
+        active = active[mu[active] < constants.HOPELESS]
         if not len(active):
             break
     return T, square

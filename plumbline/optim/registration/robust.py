@@ -38,21 +38,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import betaincinv, chdtri
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.registration import constants
 from plumbline.optim.registration.checks import condition_of
-from plumbline.optim.registration.constants import (
-    ALPHA,
-    ALPHA_UNSTATED,
-    CONCENTRATIONS,
-    EVERY,
-    FEWEST,
-    KEPT,
-    LEAST_HELD,
-    RIVAL,
-    ROUNDING,
-    SETTLED,
-    STARTS,
-    TRIPLES,
-)
 from plumbline.optim.registration.least_squares import judged_fit, minimise
 from plumbline.optim.registration.markers import UPPER, MarkerNoise, Markers, rows_of
 from plumbline.optim.registration.method import Fit
@@ -78,7 +65,7 @@ def levels_of(rows: Array, most: int) -> list[Level]:
     starts: Array | None = None
     levels = []
     for k in range(most + 1):
-        if comb(n, k) <= EVERY:
+        if comb(n, k) <= constants.EVERY:
             choices = list(combinations(range(n), k))
         else:
             starts = _trimmed(rows, most) if starts is None else starts
@@ -107,20 +94,20 @@ def _trimmed(rows: Array, most: int) -> Array:
     n, size = len(rows), len(rows) - most
     triples = _triples(n)
     T = rigid_match(rows[triples, :3], rows[triples, 3:6])
-    T = T[_smallest_sums(whitened_squares(rows, T), size)[:STARTS]]
-    for _ in range(CONCENTRATIONS):
+    T = T[_smallest_sums(whitened_squares(rows, T), size)[: constants.STARTS]]
+    for _ in range(constants.CONCENTRATIONS):
         kept = np.sort(np.argsort(whitened_squares(rows, T), axis=1)[:, :size], axis=1)
         before, T = T, minimise(rows[np.unique(kept, axis=0)])[0]
-        if T.shape == before.shape and np.allclose(T, before, rtol=0.0, atol=SETTLED):
+        if T.shape == before.shape and np.allclose(T, before, rtol=0.0, atol=constants.SETTLED):
             break
-    return T[_smallest_sums(whitened_squares(rows, T), size)[:KEPT]]
+    return T[_smallest_sums(whitened_squares(rows, T), size)[: constants.KEPT]]
 
 
 def _triples(n: int) -> NDArray[np.intp]:
     """All triples (K, 3) of n markers, or a draw of them."""
-    if comb(n, 3) <= TRIPLES:
+    if comb(n, 3) <= constants.TRIPLES:
         return np.array(list(combinations(range(n), 3)))
-    return np.random.default_rng(0).random((TRIPLES, n)).argsort(axis=1)[:, :3]
+    return np.random.default_rng(0).random((constants.TRIPLES, n)).argsort(axis=1)[:, :3]
 
 
 def _smallest_sums(squares: Array, size: int) -> NDArray[np.intp]:
@@ -146,9 +133,9 @@ def _holds(ct: Array) -> bool:
     """Whether some triple of points (n, 3) [m] has no angle below the least."""
     spread = np.linalg.svd(ct - ct.mean(axis=0), compute_uv=False)
     aside = np.hypot(spread[1], spread[2]) / np.sqrt(len(ct))
-    if aside >= np.sin(np.radians(LEAST_HELD)) * scipy.spatial.distance.pdist(ct).max():
+    if aside >= np.sin(np.radians(constants.LEAST_HELD)) * scipy.spatial.distance.pdist(ct).max():
         return True
-    return bool(condition_of(ct).angle >= LEAST_HELD)
+    return bool(condition_of(ct).angle >= constants.LEAST_HELD)
 
 
 def _symmetric(upper: Array) -> Array:
@@ -171,10 +158,10 @@ class Robust:
 
     # markers left out at most, three always remain; (n - 3) / 2 if not given
     most: int | None = None
-    alpha: float = ALPHA  # chance of leaving a good marker out
+    alpha: float = constants.ALPHA  # chance of leaving a good marker out
     # the same where no noise was stated: what is left over by four markers or five says little of
     # the noise, and a stricter test would see none but gross shifts
-    alpha_unstated: float = ALPHA_UNSTATED
+    alpha_unstated: float = constants.ALPHA_UNSTATED
 
     name: ClassVar[str] = "robust"
 
@@ -213,8 +200,8 @@ class Robust:
         return T.reshape(*shape, 4, 4)
 
     def _most(self, n: int) -> int:
-        given = max((n - FEWEST) // 2, 1) if self.most is None else self.most
-        return max(min(given, n - FEWEST), 0)
+        given = max((n - constants.FEWEST) // 2, 1) if self.most is None else self.most
+        return max(min(given, n - constants.FEWEST), 0)
 
     def _harmless(self, n: int, stated: float) -> float:
         """Squares of all n markers from which no step can be steep enough."""
@@ -240,13 +227,13 @@ class Robust:
         for k in range(len(levels) - 1, 0, -1):
             level, share = levels[k], alpha / ((len(levels) - 1) * levels[k].choices)
             drop = levels[k - 1].squares[0] - level.squares[0]
-            if drop > _steepest(level.squares[0], level.dof, share, stated) + ROUNDING:
+            if drop > _steepest(level.squares[0], level.dof, share, stated) + constants.ROUNDING:
                 return k
         return 0
 
     def _notes(self, markers: Markers, T: Array, out: Choice, rivals: list[str]) -> tuple[str, ...]:
         """Which markers moved, by how much, and what fits nearly as well."""
-        if len(markers) == FEWEST:
+        if len(markers) == constants.FEWEST:
             return ("three markers cannot show that one moved: give four or more",)
         if not out:
             return () if markers.known else (_UNSTATED,)
@@ -269,12 +256,12 @@ def _steepest(squares: float, dof: int, share: float, stated: float) -> float:
 
 def _rivals(level: Level, stated: float) -> list[Choice]:
     """Other choices that are not a thousand times less likely, by Student's t."""
-    best, others = level.squares[0] + ROUNDING, level.squares[1:] + ROUNDING
+    best, others = level.squares[0] + constants.ROUNDING, level.squares[1:] + constants.ROUNDING
     if np.isinf(stated):
         away = others - best
     else:
         away = (stated + level.dof) * np.log((stated + others) / (stated + best))
-    return [out for out, d in zip(level.left_out[1:], away, strict=True) if d <= RIVAL]
+    return [out for out, d in zip(level.left_out[1:], away, strict=True) if d <= constants.RIVAL]
 
 
 def _names(markers: Markers, out: Choice) -> str:

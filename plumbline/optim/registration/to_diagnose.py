@@ -32,13 +32,8 @@ from plumbline.optim.recording.origin import Array, Integers, Origin
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.stand_in import numbered, points_robot
 from plumbline.optim.recording.table import Table, as_integers
+from plumbline.optim.registration import constants
 from plumbline.optim.registration.checks import check
-from plumbline.optim.registration.constants import (
-    FEWEST_DIAGNOSED,
-    FINEST_GRID,
-    ON_GRID,
-    SAME_PLACE,
-)
 from plumbline.optim.registration.fiducials import KIND, Fiducials, Stated, stated_of, touches_of
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.rigid import rigid_match
@@ -99,11 +94,11 @@ def _recording(
 ) -> Recording:
     labels = tuple(dict.fromkeys(touches.labels))
     part = np.array([labels.index(label) + 1 for label in touches.labels], dtype=np.int64)
-    if len(labels) < FEWEST_DIAGNOSED:
+    if len(labels) < constants.FEWEST_DIAGNOSED:
         raise PlumblineError(
-            f"{name}: {len(labels)} markers, at least {FEWEST_DIAGNOSED} expected to tell a cause: "
-            "three leave three distances, and any of them may be to blame; add markers, or run "
-            "plumbline register FOLDER"
+            f"{name}: {len(labels)} markers, at least {constants.FEWEST_DIAGNOSED} expected to "
+            "tell a cause: three leave three distances, and any of them may be to blame; add "
+            "markers, or run plumbline register FOLDER"
         )
     ct, robot = (_means(values, part) for values in (touches.ct, touches.robot))
     _same_place(touches, part, ct)
@@ -112,7 +107,7 @@ def _recording(
     noise: dict[str, Any] = {}
     if sigma is not None:
         noise["noise_std"] = mean = float(np.sqrt(np.mean(sigma**2)))
-        if np.ptp(sigma) > ON_GRID * mean:
+        if np.ptp(sigma) > constants.ON_GRID * mean:
             noise["noise_shape"] = np.tile(sigma / mean, (len(part), 1))
     rig = points_robot()
     found = Recording(
@@ -146,7 +141,7 @@ def _means(values: Array, part: Integers) -> Array:
 
 def _same_place(touches: _Touches, part: Integers, ct: Array) -> None:
     away = np.abs(touches.ct - ct[part - 1])
-    if away.max() > SAME_PLACE:
+    if away.max() > constants.SAME_PLACE:
         row, axis = np.unravel_index(int(away.argmax()), away.shape)
         where = touches.origin.at(f"ct_{'xyz'[int(axis)]}", row)
         found = f"another place in CT of marker {shown(touches.labels[int(row)])}"
@@ -178,14 +173,14 @@ def _pitch(ct: Array, stated: Stated) -> Array:
 def _grid(values: Array) -> float:
     """The largest step that all differences are multiples of [m]; 0 where it is below any CT's."""
     steps = np.unique([abs(a - b) for a, b in combinations(values.tolist(), 2)])
-    steps = steps[steps > ON_GRID]
+    steps = steps[steps > constants.ON_GRID]
     if not len(steps):
         return 0.0
-    for parts in range(1, int(steps[0] / FINEST_GRID) + 1):
+    for parts in range(1, int(steps[0] / constants.FINEST_GRID) + 1):
         h = float(steps[0]) / parts
         for step in steps.tolist():  # the longer, the better it tells the pitch
             count = round(step / h)
-            if abs(step - count * h) > ON_GRID:
+            if abs(step - count * h) > constants.ON_GRID:
                 break
             h = step / count
         else:

@@ -363,7 +363,7 @@ def test_what_is_left_out_stays_as_it_was_asked_for(grouped):
 )
 def test_a_fold_asks_the_slots_of_many_terms_again(most, kept, expected, monkeypatch):
     """Of few terms it goes from nothing; of many none is added, but what it does not show goes."""
-    monkeypatch.setattr(shrink, "MANY_SLOTS", most)
+    monkeypatch.setattr(shrink.prior, "MANY_SLOTS", most)
     X = np.random.default_rng(0).normal(size=(60, 4))
     t = X[:, :2] @ [3.0, 2.0] + 0.01 * np.random.default_rng(1).normal(size=60)
     problem = selection(X, t, 0.01, allowed=[True, True, True, False])

@@ -86,7 +86,7 @@ def test_a_drift_that_rows_left_out_do_not_foretell_is_no_noise_of_theirs():
     assert implausible_noise(recording, noise, Missed, timed=False) == 3.0
     given = replace(noise, source="given")
     assert implausible_noise(recording, given, Missed, timed=False) == 0.0
-    assert set_up.PLAUSIBLE == 0.01
+    assert set_up.constants.PLAUSIBLE == 0.01
 
 
 def test_an_encoder_s_limit_is_an_angle():

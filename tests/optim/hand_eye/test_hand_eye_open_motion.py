@@ -85,7 +85,7 @@ def test_a_scan_that_lies_badly_is_refused_with_its_error():
 
 def test_the_limit_lies_between_a_ball_and_a_head(monkeypatch):
     assert SHOWN == 4.0
-    monkeypatch.setattr(surface, "SHOWN", 200.0)
+    monkeypatch.setattr(surface.constants, "SHOWN", 200.0)
     assert found(head, 0)
-    monkeypatch.setattr(surface, "SHOWN", -2.0)
+    monkeypatch.setattr(surface.constants, "SHOWN", -2.0)
     assert not found(ball, 0)

@@ -51,7 +51,7 @@ def test_likely_rounds_are_fifteen_about_each_of_three_points(monkeypatch):
     monkeypatch.setattr(reweighting, "_turns", listen)
     monkeypatch.setattr(reweighting, "fit_variance", never)
     monkeypatch.setattr(reweighting, "_settled", lambda *_: False)
-    monkeypatch.setattr(calibrate, "GROSS_ROUNDS", 1)
+    monkeypatch.setattr(calibrate.constants, "GROSS_ROUNDS", 1)
     _, _, readings = surveyed(0)
     calibrate.calibrate(readings, HandEyeOptions(poses=0, shapes=0, arm=0))
     assert len(turned) == 3
@@ -110,7 +110,7 @@ def test_the_starts_of_samples_take_twelve_rounds_and_four_are_kept(monkeypatch)
         return fit(problem, first, 2)
 
     monkeypatch.setattr(start, "robust_fit", listen)
-    monkeypatch.setattr(start, "TRIALS", 6)
+    monkeypatch.setattr(start.constants, "TRIALS", 6)
     assert len(start._sampled(surveyed(0)[2])) == 4
     assert rounds == {12}
 
@@ -162,7 +162,7 @@ def test_a_posture_is_reached_in_twelve_steps_of_four_tenths_and_to_a_hundredth_
     design.reach(chain, near, far)
     assert len(asked) == 12 + 1
     assert np.linalg.norm(asked[1] - asked[0]) == pytest.approx(0.4)
-    monkeypatch.setattr(design, "REACH_STEPS", 0)
+    monkeypatch.setattr(design.constants, "REACH_STEPS", 0)
     for off, arrived in ((0.75e-5, True), (1.5e-5, False)):
         goal = chain.placement(near)
         goal[0, 0, 3] += off

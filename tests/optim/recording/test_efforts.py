@@ -80,7 +80,7 @@ def test_a_window_lets_half_of_the_power_pass_at_its_bandwidth(rate):
     half = derivatives.half_window(rate, 10_000)
     f = derivatives.bandwidth(rate, half)
     assert rate < 125.0 or abs(f - BANDWIDTH) < 1.5
-    taps = savgol_coeffs(2 * half + 1, derivatives.ORDER)
+    taps = savgol_coeffs(2 * half + 1, derivatives.constants.ORDER)
     tone = np.exp(2j * np.pi * f / rate * np.arange(-half, half + 1))
     assert abs(taps @ tone) ** 2 == pytest.approx(0.5, abs=1e-6)
 

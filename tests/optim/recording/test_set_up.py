@@ -289,7 +289,7 @@ def test_a_large_gap_of_the_robot_is_not_refused(kind, size):
     refuse_wrong_set_up(recording)
 
 
-@pytest.mark.parametrize("rows", [set_up.FEWEST_POSTURES, 14])
+@pytest.mark.parametrize("rows", [set_up.constants.FEWEST_POSTURES, 14])
 def test_few_rows_that_mean_nothing_are_not_refused(rows):
     """Among some two hundred other set-ups none mends by chance what is nonsense."""
     chain = Robot.bundled("ur5").chain()
@@ -313,10 +313,10 @@ def test_shuffled_sockets_are_refused_by_name_also_where_they_are_close_together
 
 
 def test_fewer_postures_than_tell_are_not_refused(monkeypatch):
-    given = room("tip_position", rows=set_up.FEWEST_POSTURES - 1)
+    given = room("tip_position", rows=set_up.constants.FEWEST_POSTURES - 1)
     wrong = told(given, q=turned(given["q"], 3))
     assert wrong_set_up(wrong) is None
-    monkeypatch.setattr(set_up, "FEWEST_POSTURES", set_up.FEWEST_POSTURES - 1)
+    monkeypatch.setattr(set_up.constants, "FEWEST_POSTURES", set_up.constants.FEWEST_POSTURES - 1)
     assert wrong_set_up(wrong) is not None
 
 
@@ -353,8 +353,8 @@ def test_what_is_within_a_thousandth_of_the_reach_is_not_asked(monkeypatch):
     assert plausible(wrong) == pytest.approx(0.01 * wrong.chain.reach)
     assert 2.0 < missed(wrong) / plausible(wrong) < 4.0
     assert wrong_set_up(wrong) is not None
-    assert set_up.ASKED == 0.1
-    monkeypatch.setattr(set_up, "ASKED", 4.0)
+    assert set_up.constants.ASKED == 0.1
+    monkeypatch.setattr(set_up.constants, "ASKED", 4.0)
     assert wrong_set_up(wrong) is None
 
 

@@ -33,7 +33,7 @@ def test_exact_markers_are_judged_without_a_division_by_zero():
 
 
 def stopped_at_the_start(monkeypatch):
-    monkeypatch.setattr(least_squares, "STEPS", 0)
+    monkeypatch.setattr(least_squares.constants, "STEPS", 0)
     least_squares.best_fit.cache_clear()
 
 

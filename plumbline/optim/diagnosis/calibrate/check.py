@@ -21,6 +21,7 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import percent
 from plumbline.optim.core.shares import Share
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
 from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
@@ -28,14 +29,6 @@ from plumbline.optim.diagnosis.calibrate.truth_set import histogram, ranks, thre
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Cause, Key, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.prior import (
-    GAP_SPREAD,
-    LEAST_GAP,
-    LEAST_TOLD,
-    MOST_SIMULATED_CAUSES,
-    NOTHING_WRONG,
-    TRUTH_HELD,
-)
 from plumbline.optim.recording.recording import Recording
 
 
@@ -134,7 +127,7 @@ class CalibrationCheck:
     @property
     def _held_words(self) -> str:
         """The set and the ranks."""
-        share, told = percent(TRUTH_HELD), self.truth_set
+        share, told = percent(prior.TRUTH_HELD), self.truth_set
         if told is None:
             among = f"too few with a cause for a set that holds the truth with {share}"
         elif self.threshold == 0.0:
@@ -159,7 +152,7 @@ class CalibrationCheck:
         held = None if self.truth_set is None else list(self.truth_set)
         return {
             "cases": len(self.cases), **told, "slope": line.slope, "offset": line.offset,
-            "truth_set": {"holds": TRUTH_HELD, "from": self.threshold, "causes": held},
+            "truth_set": {"holds": prior.TRUTH_HELD, "from": self.threshold, "causes": held},
             "ranks": list(self.ranks),
         }  # fmt: skip
 
@@ -207,13 +200,15 @@ def _simulated(diagnosis: Diagnosis, cases: int) -> Iterator[tuple[Recording, Fa
     setting = Setting(selected.model.recording, selected, verdict.noise.sigma, options.effects)
     gross = selected.model.problem.weights == 0.0
     left = Mapped(selected.model.problem).residuals(diagnosis.solution.x)
-    count = min(max(len(verdict.causes), 1), MOST_SIMULATED_CAUSES)
+    count = min(max(len(verdict.causes), 1), prior.MOST_SIMULATED_CAUSES)
     for number in range(cases):
         rng = np.random.default_rng([options.seed, number, 23])
         fault = Fault()
-        for _ in range(0 if rng.random() < NOTHING_WRONG else count):
-            ratio = _gap(verdict) * GAP_SPREAD ** rng.uniform(-1.0, 1.0) / np.sqrt(count)
-            fault = fault.and_also(setting.draw(max(float(ratio), LEAST_GAP), rng, fault.keys))
+        for _ in range(0 if rng.random() < prior.NOTHING_WRONG else count):
+            ratio = _gap(verdict) * prior.GAP_SPREAD ** rng.uniform(-1.0, 1.0) / np.sqrt(count)
+            fault = fault.and_also(
+                setting.draw(max(float(ratio), prior.LEAST_GAP), rng, fault.keys)
+            )
         errors = rng.normal(0.0, setting.sigma, left.shape)
         errors[gross] = left[gross]
         yield setting.recorded(fault, errors), fault
@@ -223,7 +218,7 @@ def _gap(verdict: Verdict) -> float:
     """The gap over the noise, as far as frame and tool do not absorb it."""
     gap = verdict.gap
     beyond = max(gap.before**2 - gap.noise_floor**2, 0.0)
-    return float(np.sqrt(beyond) / gap.noise_floor) if gap.noise_floor > 0.0 else LEAST_GAP
+    return float(np.sqrt(beyond) / gap.noise_floor) if gap.noise_floor > 0.0 else prior.LEAST_GAP
 
 
 def _tried(
@@ -235,7 +230,7 @@ def _tried(
     stated = {
         (c.effect, c.element): c.probability
         for c in verdict.candidates
-        if c.probability >= LEAST_TOLD
+        if c.probability >= prior.LEAST_TOLD
     }
     named = tuple((c.effect, c.element) for c in verdict.causes)
     return SimulatedCase(fault.keys, named, stated, ranks(verdict.causes, fault))

@@ -14,6 +14,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import chance, counted
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.constants import ORDERS, RANDOM_COUNTS
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
@@ -21,13 +22,6 @@ from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expected_probabilities
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.prior import (
-    DRAWS,
-    HOPELESS,
-    MANY_CAUSES,
-    NO_EVIDENCE,
-    SETTLED,
-)
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.model.part import number_of
 from plumbline.optim.recording.kinds import PLACES
@@ -149,10 +143,11 @@ def next_experiment(
     shares = tuple(e.probability / total for e in rivals)
     chain = selected.model.recording.chain
     missing = (*_beyond(verdict), *_missing_columns(selected.model.recording, verdict))
-    if len(selected.selection.keys(selected.chosen)) > MANY_CAUSES:
-        said = f"more than {MANY_CAUSES} causes: no others are weighed against all of them together"
+    if len(selected.selection.keys(selected.chosen)) > prior.MANY_CAUSES:
+        many = f"more than {prior.MANY_CAUSES} causes"
+        said = f"{many}: no others are weighed against all of them together"
         return NextExperiment((), names, shares, None, (said, *missing))
-    if len(rivals) < 2 or max(shares) > SETTLED:
+    if len(rivals) < 2 or max(shares) > prior.SETTLED:
         said = (
             f"nothing to separate: among the library's explanations, {names[0]} has a probability "
             f"of {chance(shares[0])}"
@@ -224,19 +219,19 @@ def _forecast(design: Design, gram: Array) -> Forecast:
 def _if_lead(rivals: Rivals, gram: Array, seed: int) -> Array:
     """Expected probabilities (M,) after some rows if the leading explanation is right."""
     lead = rivals.leading
-    return expected_probabilities(rivals, gram, DRAWS, seed, only=lead)[lead]
+    return expected_probabilities(rivals, gram, prior.DRAWS, seed, only=lead)[lead]
 
 
 def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
     """What the rows leave untold, and what no number of such rows would tell."""
     rivals = design.contest.rivals
     told, lead = np.minimum(beliefs.information, beliefs.information.T), rivals.leading
-    faint = [j for j in range(len(told)) if j != lead and told[lead, j] < NO_EVIDENCE]
+    faint = [j for j in range(len(told)) if j != lead and told[lead, j] < prior.NO_EVIDENCE]
     if not faint:
         return ()
     many = design.random_grams((RANDOM_COUNTS[-1],), 1)[0, 0]
     left = _if_lead(rivals, many, design.options.seed)
-    hopeless = [j for j in faint if left[j] > HOPELESS * rivals.probabilities[j]]
+    hopeless = [j for j in faint if left[j] > prior.HOPELESS * rivals.probabilities[j]]
     mine, notes = rivals.labels[lead], []
     if set(faint) - set(hopeless):
         names = _listed(rivals, [j for j in faint if j not in hopeless])

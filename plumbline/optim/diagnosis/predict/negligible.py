@@ -8,15 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import square_with, squares_without
-from plumbline.optim.diagnosis.prior import (
-    HELD_OUT_CHANCE,
-    NEGLIGIBLE_RISE,
-    SWALLOWED,
-)
 
 
 def worth_while(
@@ -29,7 +25,7 @@ def worth_while(
     each of which can be spared, but not all, as many stay as the figure needs.
     """
     variance = selected.selection.variance(chosen)
-    limit = (1 + NEGLIGIBLE_RISE) ** 2 * square_with(selected.pool, chosen, variance)
+    limit = (1 + prior.NEGLIGIBLE_RISE) ** 2 * square_with(selected.pool, chosen, variance)
     kept = list(chosen)
     for settled in (named, ()):
         while keys := [k for k in _negligible(selected, kept, variance) if k not in settled]:
@@ -53,11 +49,11 @@ def _negligible(
         terms.setdefault(candidates[c.index].key, []).append(c)
     left = squares_without(selected.pool, chosen, list(terms.values()), variance)
     rise = {key: square / full for key, square in zip(terms, left, strict=True)}
-    chance = HELD_OUT_CHANCE / max(selected.best.gram.count, 1.0)
-    least = (1 + NEGLIGIBLE_RISE) ** 2 - chance
+    chance = prior.HELD_OUT_CHANCE / max(selected.best.gram.count, 1.0)
+    least = (1 + prior.NEGLIGIBLE_RISE) ** 2 - chance
     if least <= 1.0:
         removed = max(square_with(selected.pool, [], variance) / full - 1, 0.0)
-        return [k for k in rise if abs(rise[k] - 1) < SWALLOWED * removed]
+        return [k for k in rise if abs(rise[k] - 1) < prior.SWALLOWED * removed]
     return sorted((k for k in rise if rise[k] < least), key=lambda k: rise[k])
 
 

@@ -22,6 +22,7 @@ from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers.levenberg_marquardt import LevenbergMarquardt
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
@@ -31,17 +32,10 @@ from plumbline.optim.diagnosis.posterior.selection import (
     select,
 )
 from plumbline.optim.diagnosis.posterior.slots import added_evidence, asked_again
-from plumbline.optim.diagnosis.prior import (
-    BOOTSTRAP_DRAWS,
-    FOLD_STILL,
-    MANY_SLOTS,
-    MOST_BLOCKS,
-    NO_EVIDENCE,
-)
 from plumbline.optim.measurement.observation import Model, build_model
 
 # It ends at a hundredth of what a fold's square may still change by.
-FOLD_SOLVER = LevenbergMarquardt(tolerance=0.01 * FOLD_STILL**2)
+FOLD_SOLVER = LevenbergMarquardt(tolerance=0.01 * prior.FOLD_STILL**2)
 BY_MARKER = "marker"  # what the error of one marker's place depends on
 
 
@@ -102,11 +96,11 @@ def _chosen_anew(selection: SelectionProblem, kept: Sequence[SelectedTerm]) -> l
     many terms ends in another model of much the same: their slots are asked again.
     """
     kept = [c for c in kept if selection.allowed[c.index]]
-    if len(kept) > MANY_SLOTS:
+    if len(kept) > prior.MANY_SLOTS:
         return asked_again(selection, kept)
     found = select(selection, thorough=False)
     gained = added_evidence(selection, [], found) - added_evidence(selection, [], kept)
-    return found if gained > NO_EVIDENCE else kept
+    return found if gained > prior.NO_EVIDENCE else kept
 
 
 def _shown_by_fold_alone(
@@ -249,7 +243,7 @@ def _still(count: float) -> float:
 
     All that counts of it is what it misses rows by, which many rows hardly change.
     """
-    return max(STILL, FOLD_STILL * float(np.sqrt(count)))
+    return max(STILL, prior.FOLD_STILL * float(np.sqrt(count)))
 
 
 def _judged(solution: Solution) -> Judged:
@@ -333,7 +327,7 @@ def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
     """Blocks (N,) for the bootstrap: single rows, or stretches of successive rows of one fold."""
     count = len(folds)
     if separate:
-        return np.arange(count) % MOST_BLOCKS
+        return np.arange(count) % prior.MOST_BLOCKS
     length = max(1, round(np.sqrt(count)))
     labels = folds.astype(np.intp) * count + np.arange(count) // length
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.intp)
@@ -348,9 +342,11 @@ def shrink_interval(
     b = np.bincount(blocks, (before**2).sum(axis=1), count)
     a = np.bincount(blocks, (after**2).sum(axis=1), count)
     rng = np.random.default_rng(seed)
-    draws = rng.integers(0, count, size=(BOOTSTRAP_DRAWS, count))
+    draws = rng.integers(0, count, size=(prior.BOOTSTRAP_DRAWS, count))
     whole = b[draws].sum(axis=1)
-    ratio = np.divide(a[draws].sum(axis=1), whole, out=np.ones(BOOTSTRAP_DRAWS), where=whole > 0.0)
+    ratio = np.divide(
+        a[draws].sum(axis=1), whole, out=np.ones(prior.BOOTSTRAP_DRAWS), where=whole > 0.0
+    )
     shrink = 1 - np.sqrt(ratio)
     low, high = np.quantile(shrink, [0.025, 0.975])
     return float(low), float(high)

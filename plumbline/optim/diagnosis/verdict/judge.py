@@ -9,6 +9,7 @@ from dataclasses import replace
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.quantities import quantity
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.constants import MOST_LISTED
 from plumbline.optim.diagnosis.findings import (
     Blame,
@@ -26,14 +27,6 @@ from plumbline.optim.diagnosis.predict.held_out import (
     Evaluation,
     by_chance,
     judgement_of,
-)
-from plumbline.optim.diagnosis.prior import (
-    EARNED,
-    FAR,
-    LEAST_NAMED,
-    LEAST_TOLD,
-    REMOVABLE_FROM,
-    UNLISTED,
 )
 from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.diagnosis.verdict.causes import by_importance, causes_of
@@ -90,7 +83,7 @@ def judge(
     least = by_chance(recording, selected, evaluation) * max(noise.ratio, 1.0)
     noisier = told.unlisted <= 0.5 and is_noisier(noise, selected)
     known = noise.source != "fit" and not noisier
-    earned = max(told.conditional, left) < UNLISTED and known
+    earned = max(told.conditional, left) < prior.UNLISTED and known
     earned = earned and _is_earned(gap, causes, judged, least)
     # What foretells rows that no fit has seen is a gap, whatever it is to be called.
     foretold = bool(selected.chosen) and gap.shrink_ci95[0] > 0.0
@@ -137,7 +130,7 @@ def _where(selected: SelectedModel, told: Explanation, seed: int) -> tuple[Place
     Where several may do the same, or causes are many, places have their mean share of what may be
     at work. More noise than stated, with nothing seen that it depends on, is nowhere.
     """
-    equals = any(told.probabilities[key] < LEAST_NAMED for key in told.named)
+    equals = any(told.probabilities[key] < prior.LEAST_NAMED for key in told.named)
     states = told.swept or (told.states if equals else ())
     if selected.chosen and states:
         return expected_shares(selected.selection, states, seed)
@@ -164,7 +157,7 @@ def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement, chance: flo
             out err as those fitted do: whether that is more than noise is a question of its own.
     """
     # Where chance alone would miss rows by far, they test nothing.
-    if gap.is_far or gap.after > max(EARNED, chance) * gap.noise_floor:
+    if gap.is_far or gap.after > max(prior.EARNED, chance) * gap.noise_floor:
         return False
     stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
     return judged.converged and not stuck
@@ -194,7 +187,7 @@ def gap_of(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
     floor = noise.sigma * evaluation.per_point
     shrink = 1 - after / before if before > 0 else 0.0
     room = before - floor
-    known = noise.source != "fit" and room > REMOVABLE_FROM * floor
+    known = noise.source != "fit" and room > prior.REMOVABLE_FROM * floor
     removable = (before - after) / room if known else math.nan
     return Gap(
         unit=evaluation.unit,
@@ -249,7 +242,7 @@ def _notes(
     if told.compared:
         rows = f"{told.compared} of {len(selected.model.recording)} rows, evenly spread"
         notes.append(f"probabilities and the tree are from {rows}; fits and figures are of all")
-    if told.apart > LEAST_TOLD:
+    if told.apart > prior.LEAST_TOLD:
         notes.append(
             f"two searches from different starts differ by {told.apart:.2f} in a probability: "
             "what is told apart here is told by little"
@@ -270,7 +263,9 @@ def _notes(
 
 def _unnamed(selected: SelectedModel, told: Explanation) -> Iterator[str]:
     """What a search chose and the verdict does not name, by reason."""
-    improbable = {k for k in selected.excluded if told.probabilities.get(k, 0.0) < LEAST_NAMED}
+    improbable = {
+        k for k in selected.excluded if told.probabilities.get(k, 0.0) < prior.LEAST_NAMED
+    }
     said = {
         "in the model, but each too improbable to be named": (
             selected.selection.keys(selected.chosen) - told.named
@@ -307,7 +302,7 @@ def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool, noisier: bool) -> It
             f"what is left is {noise.ratio:.1f} times the noise that is stated and follows nothing "
             f"that was recorded: so would noise of {left} be, were noise_std too small"
         )
-    elif is_far(gap, noise) and noise.ratio < FAR:
+    elif is_far(gap, noise) and noise.ratio < prior.FAR:
         ratio = gap.after / gap.noise_floor
         yield (
             f"rows left out are missed by {ratio:.1f} times their noise: too few rows are left to "

@@ -11,26 +11,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtrc, expit, logit, logsumexp
 
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import Evaluation
-from plumbline.optim.diagnosis.prior import (
-    ALARM,
-    ANISOTROPY,
-    EARNED,
-    FORMLESS,
-    LOG_SCALE_WEIGHTS,
-    ROUNDING,
-    SCALES,
-    STATED_NOISE_FREEDOM,
-    UNLISTED,
-    USUAL,
-)
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible
 
-SIZES = np.geomspace(SCALES[0], SCALES[-1], 201)  # usual ones, as finely as a noise may be known
-LOG_SIZE_WEIGHTS = np.interp(np.log(SIZES), np.log(SCALES), LOG_SCALE_WEIGHTS)
+SIZES = np.geomspace(
+    prior.SCALES[0], prior.SCALES[-1], 201
+)  # usual ones, as finely as a noise may be known
+LOG_SIZE_WEIGHTS = np.interp(np.log(SIZES), np.log(prior.SCALES), prior.LOG_SCALE_WEIGHTS)
 LOG_SIZE_WEIGHTS = LOG_SIZE_WEIGHTS - logsumexp(LOG_SIZE_WEIGHTS)
 
 
@@ -44,17 +35,19 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
         return 1.0
     if noise.source == "fit":
         return 0.0
-    more = 1.0 + np.append(0.0, (USUAL * SIZES / noise.sigma) ** 2)
-    left = max(noise.ratio, ROUNDING) ** 2 / more
-    n, known = _freedom(selected), 3 * noise.repeats or STATED_NOISE_FREEDOM
+    more = 1.0 + np.append(0.0, (prior.USUAL * SIZES / noise.sigma) ** 2)
+    left = max(noise.ratio, prior.ROUNDING) ** 2 / more
+    n, known = _freedom(selected), 3 * noise.repeats or prior.STATED_NOISE_FREEDOM
     alone, *shaped = 0.5 * (n * np.log(left) - (n + known) * np.log(known + n * left))
-    return float(expit(logit(UNLISTED * FORMLESS) + logsumexp(shaped + LOG_SIZE_WEIGHTS) - alone))
+    return float(
+        expit(logit(prior.UNLISTED * prior.FORMLESS) + logsumexp(shaped + LOG_SIZE_WEIGHTS) - alone)
+    )
 
 
 def is_noisier(noise: NoiseLevel, selected: SelectedModel) -> bool:
     """Whether what is left exceeds a stated noise by far and not by chance, as noise may."""
     n = _freedom(selected)
-    above = noise.ratio > EARNED and chdtrc(n, n * noise.ratio**2) < ALARM
+    above = noise.ratio > prior.EARNED and chdtrc(n, n * noise.ratio**2) < prior.ALARM
     return bool(above) and noise.source == "given" and lack_of_fit(noise, selected) <= 0.5
 
 
@@ -89,6 +82,6 @@ def noisiest_joint(recording: Recording, selected: SelectedModel) -> str:
     r = selected.best.mapped.residuals(selected.best.x)[selected.best.problem.weights > 0]
     each = np.sqrt(np.mean(r**2, axis=0))
     k = int(np.argmax(each))
-    if each[k] ** 2 < ANISOTROPY * float(np.mean(each**2)):
+    if each[k] ** 2 < prior.ANISOTROPY * float(np.mean(each**2)):
         return ""
     return f"joint {recording.measured_joints[k] + 1}'s error changes from reading to reading"
