@@ -21,15 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from plumbline.experiments.benches.asking import (
-    SURE,
-    Asked,
-    Verdict,
-    counted,
-    loaded,
-    run_bench,
-    surest,
-)
+from plumbline.experiments.benches import asking
 from plumbline.experiments.console.measured import Found
 from plumbline.experiments.reality import Case, Plan, draw_case
 from plumbline.experiments.reality.arm import Array
@@ -78,7 +70,7 @@ def recorded(case: Case, noise: Array, copies: int = 1) -> Recording:
     points = measured(case.scene, case.effects) + case.noise_std * noise
     columns = tables.columns | dict(zip("xyz", points.T, strict=True))
     columns = {name: np.repeat(values, copies) for name, values in columns.items()}
-    return loaded(replace(tables, columns=columns))
+    return asking.loaded(replace(tables, columns=columns))
 
 
 def clean(number: int, seed: int, kind: str = "none", rows: tuple[int, int] = (60, 140)) -> Case:
@@ -99,23 +91,23 @@ NOISES: dict[str, Callable[[Case, np.random.Generator], Recording]] = {
 ROWS = {"copies": (20, 40)}  # postures of what is written five times
 
 
-def told(name: str, ask: Asked, count: int, seed: int) -> dict[str, Any]:
+def told(name: str, ask: asking.Asked, count: int, seed: int) -> dict[str, Any]:
     """Ask about arms with nothing wrong: of how many something was told, and how surely."""
     wrong = sure = 0
-    for number in counted(range(count), name):
+    for number in asking.counted(range(count), name):
         rng = np.random.default_rng([seed, number, 29])
         case = clean(number, seed, rows=ROWS.get(name, (60, 140)))
         verdict = ask(NOISES[name](case, rng))
         wrong += verdict["verdict"] != "no-gap"
-        sure += surest(verdict) > SURE
+        sure += asking.surest(verdict) > asking.SURE
     wrongly, surely = (Share.count_of(hits, count) for hits in (wrong, sure))
     return {"noise": name, "told of a gap": wrongly, "more than 95 % sure": surely}
 
 
-def otherwise(ask: Asked, count: int, seed: int) -> Share:
+def otherwise(ask: asking.Asked, count: int, seed: int) -> Share:
     """Of arms with one cause: five copies of each reading against one."""
     different = 0
-    for number in counted(range(count), "copies of one cause"):
+    for number in asking.counted(range(count), "copies of one cause"):
         rng = np.random.default_rng([seed, number, 31])
         case = clean(number, seed, "single")
         noise = white(case.rows, rng)
@@ -123,7 +115,7 @@ def otherwise(ask: Asked, count: int, seed: int) -> Share:
     return Share.count_of(different, count)
 
 
-def unlike(one: Verdict, other: Verdict) -> bool:
+def unlike(one: asking.Verdict, other: asking.Verdict) -> bool:
     """Whether two verdicts say different things, or the same with another probability."""
     said = [
         {(str(c["effect"]), c["element"]): float(c["probability"]) for c in verdict["causes"]}
@@ -134,7 +126,7 @@ def unlike(one: Verdict, other: Verdict) -> bool:
     return any(abs(said[0][key] - said[1][key]) > APART for key in said[0])
 
 
-def found(ask: Asked, count: int, seed: int) -> Found:
+def found(ask: asking.Asked, count: int, seed: int) -> Found:
     """Measure all of it."""
     return {
         "nothing wrong": pd.DataFrame([told(name, ask, count, seed) for name in NOISES]),
@@ -146,4 +138,4 @@ def found(ask: Asked, count: int, seed: int) -> Found:
 
 if __name__ == "__main__":
     WORDS = "Count what is told of arms with nothing wrong, by the kind of noise."
-    run_bench(found, WORDS, 50)
+    asking.run_bench(found, WORDS, 50)

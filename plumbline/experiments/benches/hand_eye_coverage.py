@@ -16,16 +16,8 @@ import pandas as pd
 import typer
 
 from plumbline.experiments.console.measured import Found, as_command
+from plumbline.experiments.reality.ranging import scene as ranging
 from plumbline.experiments.reality.ranging.finder import Finder
-from plumbline.experiments.reality.ranging.scene import (
-    Instrument,
-    Programme,
-    Scene,
-    calibration,
-    draw_scene,
-    plan,
-    remounted,
-)
 from plumbline.experiments.reproduce.hand_eye_trials import PER_SCENE, readings_of
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.calibrate import Calibration, HandEyeOptions, calibrate
@@ -33,7 +25,7 @@ from plumbline.optim.hand_eye.readings import Readings
 
 DRAWS = 300  # set-ups: a share of 95 % is then known to 1.3 %
 NORMAL_95 = 1.96  # standard errors that hold 95 % of a normal distribution
-UNLIKE = Instrument(accuracy=0.34e-3)
+UNLIKE = ranging.Instrument(accuracy=0.34e-3)
 MOST_SKEW = 0.4  # share of a spot's growth that is bias, at most: 0.1 mm at 30 deg
 PARTS = {"r along the beam": [2], "r across the beam": [0, 1], "direction of v": [3, 4]}
 
@@ -47,21 +39,21 @@ def draws(seed: int, count: int) -> Iterator[tuple[Finder, Readings]]:
         skew = rng.uniform(0.0, MOST_SKEW)
         other = replace(scene, instrument=replace(scene.instrument, skew=skew))
         while True:
-            mounted = remounted(other, rng)
+            mounted = ranging.remounted(other, rng)
             try:
-                survey = calibration(mounted, rng, programme)
+                survey = ranging.calibration(mounted, rng, programme)
             except ValueError:  # a beam that misses its board
                 continue
             break
         yield mounted.finder, readings_of(survey)
 
 
-def _planned(seed: int, number: int) -> tuple[Scene, Programme]:
+def _planned(seed: int, number: int) -> tuple[ranging.Scene, ranging.Programme]:
     rng = np.random.default_rng([seed, number, 1])
     while True:
-        scene = draw_scene(rng, UNLIKE)
+        scene = ranging.draw_scene(rng, UNLIKE)
         try:
-            return scene, plan(scene, rng)
+            return scene, ranging.plan(scene, rng)
         except ValueError:  # boards out of reach
             continue
 

@@ -32,18 +32,7 @@ from plumbline.experiments.mpc.arm_loop import run_arms
 from plumbline.experiments.mpc.closed_loop import point
 from plumbline.experiments.reality.touch import Touch, all_pairs
 from plumbline.experiments.report.style import AFTER, house_style, new_figure
-from plumbline.optim.capsule_mpc import (
-    LibraryQp,
-    Nonlinear,
-    Obstacle,
-    OneStep,
-    Plan,
-    Planner,
-    RealTime,
-    Settings,
-    Statement,
-    TipInstrument,
-)
+from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.capsule_mpc.banded_qp import native
 from plumbline.optim.capsule_mpc.constants import MM
 from plumbline.optim.capsule_mpc.planning import Ready, shifted
@@ -52,13 +41,13 @@ Array = NDArray[np.float64]
 Line = dict[str, Any]  # of a table
 STEPS, DT, SAFE = 300, 0.02, 2.0
 SIZES = ((10, 3), (20, 10))
-SOLVERS: dict[str, Planner] = {
-    "banded": RealTime(),
-    "hpipm by CasADi": RealTime(LibraryQp("hpipm")),
-    "piqp by CasADi": RealTime(LibraryQp("piqp")),
-    "one step": OneStep(),
-    "fatrop": Nonlinear("fatrop"),
-    "ipopt": Nonlinear("ipopt"),
+SOLVERS: dict[str, mpc.Planner] = {
+    "banded": mpc.RealTime(),
+    "hpipm by CasADi": mpc.RealTime(mpc.LibraryQp("hpipm")),
+    "piqp by CasADi": mpc.RealTime(mpc.LibraryQp("piqp")),
+    "one step": mpc.OneStep(),
+    "fatrop": mpc.Nonlinear("fatrop"),
+    "ipopt": mpc.Nonlinear("ipopt"),
 }
 ASKED = {  # median and p99 [ms]
     (10, "banded"): (0.6, 0.6),
@@ -76,7 +65,7 @@ class Timed:
     wall: list[float]
     thread: list[float]
 
-    def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
+    def plan(self, x0: Array, stages: Array, path: Array) -> mpc.Plan:
         """Plan, and note how long it took."""
         begun, own = perf_counter(), thread_time()
         found = self.planner.plan(x0, stages, path)
@@ -89,11 +78,11 @@ class Timed:
 class TimedPlanner:
     """Options of a planner whose steps are timed into two lists."""
 
-    planner: Planner
+    planner: mpc.Planner
     wall: list[float]
     thread: list[float]
 
-    def ready(self, statement: Statement) -> Ready:
+    def ready(self, statement: mpc.Statement) -> Ready:
         """Build, and time from then on."""
         return Timed(self.planner.ready(statement), self.wall, self.thread)
 
@@ -112,17 +101,17 @@ def machine() -> str:
     return f"{os.cpu_count()} cores {chip}, Python {platform.python_version()}, {versions}, {code}"
 
 
-def instruments(count: int) -> tuple[TipInstrument, ...]:
+def instruments(count: int) -> tuple[mpc.TipInstrument, ...]:
     """Instruments whose trocars lie on a ring; two of them face each other."""
     angles = np.pi + 2 * np.pi * np.arange(count) / count
     radius = 45.0 if count < 5 else 70.0
     return tuple(
-        TipInstrument(point(np.array([radius * np.cos(a), radius * np.sin(a), 0.0]) / MM))
+        mpc.TipInstrument(point(np.array([radius * np.cos(a), radius * np.sin(a), 0.0]) / MM))
         for a in angles
     )
 
 
-def goals(bodies: tuple[TipInstrument, ...], time: float) -> Array:
+def goals(bodies: tuple[mpc.TipInstrument, ...], time: float) -> Array:
     """Where the tips should be (g,) [mm]: to the other side and back in six seconds."""
     share = 0.7 * np.cos(2 * np.pi * time / 6.0)
     return np.concatenate(
@@ -133,7 +122,7 @@ def goals(bodies: tuple[TipInstrument, ...], time: float) -> Array:
     )
 
 
-def obstacles(count: int, time: float) -> list[Obstacle]:
+def obstacles(count: int, time: float) -> list[mpc.Obstacle]:
     """Rods and spheres around the middle [mm]; the first sphere moves."""
     found = []
     for k in range(count):
@@ -143,16 +132,16 @@ def obstacles(count: int, time: float) -> list[Obstacle]:
             swing = np.array([10.0 * np.sin(time), 0.0, 0.0])
             speed = np.array([10.0 * np.cos(time), 0.0, 0.0])
             place = np.array([0.0, 18.0, -90.0]) + swing
-            found.append(Obstacle.sphere(point(place), 4.0, point(speed)))
+            found.append(mpc.Obstacle.sphere(point(place), 4.0, point(speed)))
         elif k % 2:
             along = np.array([-np.sin(angle), np.cos(angle), 0.3]) * 12.0
-            found.append(Obstacle(point(middle - along), point(middle + along), 3.0))
+            found.append(mpc.Obstacle(point(middle - along), point(middle + along), 3.0))
         else:
-            found.append(Obstacle.sphere(point(middle), 5.0))
+            found.append(mpc.Obstacle.sphere(point(middle), 5.0))
     return found
 
 
-def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: int) -> Line:
+def drive(name: str, planner: mpc.Planner, p: int, count: int, tools: int, steps: int) -> Line:
     """Drive the course once.
 
     Times of a step by the clock and of the thread alone [ms]; least clearance by coal [mm]; RMS
@@ -161,7 +150,7 @@ def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: in
     """
     bodies = instruments(tools)
     balls = sum(o.a == o.b for o in obstacles(count, 0.0))
-    statement = Statement(bodies, count - balls, Settings(p=p, safe=SAFE / MM), balls)
+    statement = mpc.Statement(bodies, count - balls, mpc.Settings(p=p, safe=SAFE / MM), balls)
     ready, wall, thread = planner.ready(statement), [0.0], [0.0]
     x = goals(bodies, 0.0)
     path, radii = np.tile(x, (p, 1)), [2.5] * tools + [o.radius for o in obstacles(count, 0.0)]
@@ -190,7 +179,7 @@ def drive(name: str, planner: Planner, p: int, count: int, tools: int, steps: in
     }  # fmt: skip
 
 
-def _capsules(bodies: tuple[TipInstrument, ...], x: Array, seen: list[Obstacle]) -> Array:
+def _capsules(bodies: tuple[mpc.TipInstrument, ...], x: Array, seen: list[mpc.Obstacle]) -> Array:
     ends = []
     for body, tip in zip(bodies, x.reshape(-1, 3), strict=True):
         inside = tip - body.constants
@@ -201,7 +190,7 @@ def _capsules(bodies: tuple[TipInstrument, ...], x: Array, seen: list[Obstacle])
 def native_hpipm(p: int, count: int, steps: int) -> Race | None:
     """HPIPM with its own soft rows and the banded solver, on the programs of a course."""
     recorded = Recording([])
-    drive("recorded", RealTime(recorded), p, count, 2, steps)
+    drive("recorded", mpc.RealTime(recorded), p, count, 2, steps)
     return race(recorded.kept[::3])
 
 
@@ -215,7 +204,7 @@ def arms(tasks: int) -> Line:
     """Two seven-joint arms over some tasks: times [ms], clearance and trocar's miss [mm]."""
     wall: list[float] = []
     thread: list[float] = []
-    runs = [run_arms(seed, TimedPlanner(RealTime(), wall, thread)) for seed in range(tasks)]
+    runs = [run_arms(seed, TimedPlanner(mpc.RealTime(), wall, thread)) for seed in range(tasks)]
     return {
         "tasks": tasks, **percentiles(wall, ""), **percentiles(thread, "thread "),
         "clearance": min(run.clearance for run in runs), "rcm": max(run.rcm for run in runs),
@@ -243,7 +232,7 @@ def measured(*, quick: bool) -> Found:
     return {
         "machine": machine(),
         "one course, times of a step [ms]": pd.DataFrame(driven),
-        "growth": pd.DataFrame([drive("banded", RealTime(), *s, steps) for s in sizes]),
+        "growth": pd.DataFrame([drive("banded", mpc.RealTime(), *s, steps) for s in sizes]),
         "HPIPM with native soft rows, the solver alone": {
             f"p = {p}": gained(found, times[p]) for (p, _), found in both
         },

@@ -23,13 +23,7 @@ from plumbline.errors import best_matches, fault
 from plumbline.experiments.benches.asking import SURE, Asked, asking, counted, key_of, label, surest
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.arms import arm
-from plumbline.experiments.reality.parts import head, room_flaws
-from plumbline.experiments.reality.parts.drawing import (
-    RangePlan,
-    Truth,
-    draw_fiducials,
-    draw_ranges,
-)
+from plumbline.experiments.reality.parts import drawing, head, room_flaws
 from plumbline.optim.loading import load_to_diagnose
 
 SORTS = ("single", "clean", "outside")
@@ -39,24 +33,24 @@ ONCE = ("marker_shift", "ct_scale")  # that markers touched once can show, of no
 ANEW = 50  # seeds that are tried for a room in which the arm reaches all boards
 
 
-Draw = Callable[[Path, str | None, float, int, int], Truth]
+Draw = Callable[[Path, str | None, float, int, int], drawing.Truth]
 
 
-def _ranges(folder: Path, name: str | None, gap: float, seed: int, number: int) -> Truth:
+def _ranges(folder: Path, name: str | None, gap: float, seed: int, number: int) -> drawing.Truth:
     """A case of ranges; poses in place of joints in every other one."""
-    plan = RangePlan(poses=name not in room_flaws.OF_ARM and number // 2 % 2 == 1)
+    plan = drawing.RangePlan(poses=name not in room_flaws.OF_ARM and number // 2 % 2 == 1)
     for more in range(ANEW):
         try:
-            return draw_ranges(folder, arm("lbr"), name, gap, seed + 1000 * more, plan)
+            return drawing.draw_ranges(folder, arm("lbr"), name, gap, seed + 1000 * more, plan)
         except ValueError:
             continue  # this room is out of the arm's reach
     raise fault("--seed", str(seed), "a room in reach", "choose another")
 
 
-def _fiducials(folder: Path, name: str | None, gap: float, seed: int, number: int) -> Truth:
+def _fiducials(folder: Path, name: str | None, gap: float, seed: int, number: int) -> drawing.Truth:
     """A case of fiducials; every fourth round of markers that are touched once."""
     once = name in (None, *ONCE) and number % 4 == 3
-    return draw_fiducials(folder, name, gap, seed, *((10, 1) if once else (8, 5)))
+    return drawing.draw_fiducials(folder, name, gap, seed, *((10, 1) if once else (8, 5)))
 
 
 KINDS: dict[str, tuple[Draw, Sequence[str], Sequence[str]]] = {

@@ -22,17 +22,7 @@ from plumbline.experiments.reality.touch import Touch
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_capsules import LinkCapsule, bones
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.capsule_mpc import (
-    Controller,
-    Noise,
-    Obstacle,
-    Planner,
-    RealTime,
-    Safety,
-    Settings,
-    Statement,
-    TipInstrument,
-)
+from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.capsule_mpc.arms import ArmInstrument, held_tip
 from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.stopping import held_exactly
@@ -73,7 +63,7 @@ def make_arm(side: float) -> ArmInstrument:
 class Watch:
     """Pinocchio and coal on the same arms, sharing nothing with the symbols but the numbers."""
 
-    def __init__(self, arms: tuple[ArmInstrument, ...], obstacles: list[Obstacle]) -> None:
+    def __init__(self, arms: tuple[ArmInstrument, ...], obstacles: list[mpc.Obstacle]) -> None:
         """For arms and obstacles that stand still."""
         self.arms = arms
         self.data = [arm.chain.model.createData() for arm in arms]
@@ -116,7 +106,7 @@ class Watch:
         return float(self.touch.clearances(capsules).min()), max(misses)
 
 
-def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[Obstacle]]:
+def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[mpc.Obstacle]]:
     """Arms, joint coordinates (14,) at the start, goals (6,) [m], and two spheres between."""
     rng = np.random.default_rng(seed)
     arms = (make_arm(-1.0), make_arm(1.0))
@@ -125,7 +115,9 @@ def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[O
         goals = starts[::-1] * [1, 1, 1] + rng.uniform(-6, 6, (2, 3))
         goals[:, 1] += np.array([1.0, -1.0]) * rng.uniform(4, 10)
         balls = [
-            Obstacle.sphere((0.0, rng.uniform(-25, 25), rng.uniform(350, 375)), 4.0).scaled(1 / MM)
+            mpc.Obstacle.sphere((0.0, rng.uniform(-25, 25), rng.uniform(350, 375)), 4.0).scaled(
+                1 / MM
+            )
             for _ in range(2)
         ]
         q0 = [held_tip(arm, tip / MM, POSTURE) for arm, tip in zip(arms, starts, strict=True)]
@@ -135,19 +127,21 @@ def arm_task(seed: int) -> tuple[tuple[ArmInstrument, ...], Array, Array, list[O
             return arms, np.concatenate(q0), goals.ravel() / MM, balls
 
 
-def run_arms(seed: int, planner: Planner | None = None, p: int = 10, most: int = 300) -> ArmRun:
+def run_arms(seed: int, planner: mpc.Planner | None = None, p: int = 10, most: int = 300) -> ArmRun:
     """Run a task of two arms on the exact model."""
     arms, q, goal, balls = arm_task(seed)
     # Weights are per unit of a state: those meant for mm would make joints slow.
-    settings = Settings(p=p, effort=0.5, smooth=0.0, noise=Noise(bias=BEND))
-    statement = Statement(arms, 0, settings, len(balls))
-    controller = Controller(statement, planner or RealTime(), Safety(budget=1.0))
+    settings = mpc.Settings(p=p, effort=0.5, smooth=0.0, noise=mpc.Noise(bias=BEND))
+    statement = mpc.Statement(arms, 0, settings, len(balls))
+    controller = mpc.Controller(statement, planner or mpc.RealTime(), mpc.Safety(budget=1.0))
     watch, unit = Watch(arms, balls), statement.unit
     low, high = (np.concatenate([getattr(a.chain, s) for a in arms]) for s in ("lower", "upper"))
     least, miss, inside, seconds = np.inf, 0.0, True, []
     stage = statement.stages(MM * goal, [ball.scaled(MM) for ball in balls])[0]
     # For whole ways, an arm's shaft is an instrument by its tip.
-    guide = Guide(Statement(tuple(TipInstrument(arm.trocar) for arm in arms), 0, Settings()))
+    guide = Guide(
+        mpc.Statement(tuple(mpc.TipInstrument(arm.trocar) for arm in arms), 0, mpc.Settings())
+    )
     reached, wanted = False, goal.reshape(-1, 3)
     for _ in range(most):
         tips = watch.tips(np.split(q, len(arms))) / MM

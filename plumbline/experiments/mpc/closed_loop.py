@@ -16,15 +16,7 @@ from numpy.typing import NDArray
 
 from plumbline.experiments.reality.instruments import Mismatch, Plant
 from plumbline.experiments.reality.task import Scenario
-from plumbline.optim.capsule_mpc import (
-    Command,
-    Controller,
-    Noise,
-    Obstacle,
-    Settings,
-    Statement,
-    TipInstrument,
-)
+from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.capsule_mpc.guide import Guide
 
 Array = NDArray[np.float64]
@@ -58,12 +50,12 @@ def point(values: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-def obstacles_at(scenario: Scenario, time: float) -> list[Obstacle]:
+def obstacles_at(scenario: Scenario, time: float) -> list[mpc.Obstacle]:
     """What a perfect sensor would say of the obstacles [m]."""
     found = []
     for swing in scenario.obstacles:
         ends, velocity = swing.at(time)
-        seen = Obstacle(point(ends[0]), point(ends[1]), swing.radius, point(velocity))
+        seen = mpc.Obstacle(point(ends[0]), point(ends[1]), swing.radius, point(velocity))
         found.append(seen.scaled(M))
     return found
 
@@ -73,33 +65,33 @@ def known_delay(mismatch: Mismatch, dt: float = 0.02) -> int:
     return int(mismatch.delay / dt + 1e-9)
 
 
-def noise_for(mismatch: Mismatch, v_max: float, epsilon: float = 1e-3) -> Noise:
+def noise_for(mismatch: Mismatch, v_max: float, epsilon: float = 1e-3) -> mpc.Noise:
     """What to state of a plant: its noise, and how far a rate's lag and delay may carry it on [m].
 
     Whole steps of delay are left to the controller's own prediction.
     """
     rest = mismatch.delay - 0.02 * known_delay(mismatch)
     bias = v_max * (mismatch.lag + rest) + 0.5 * mismatch.deadband * 0.02
-    return Noise(M * mismatch.measured, M * mismatch.shake, epsilon, bias=M * bias)
+    return mpc.Noise(M * mismatch.measured, M * mismatch.shake, epsilon, bias=M * bias)
 
 
-def statement_of(scenario: Scenario, settings: Settings, v_max: float = 60.0) -> Statement:
+def statement_of(scenario: Scenario, settings: mpc.Settings, v_max: float = 60.0) -> mpc.Statement:
     """The control problem of a scenario; tips are no faster than ``v_max`` [mm/s]."""
     kit = scenario.instruments
     bodies = tuple(
-        TipInstrument(point(M * trocar), float(M * length), float(M * radius), M * v_max)
+        mpc.TipInstrument(point(M * trocar), float(M * length), float(M * radius), M * v_max)
         for trocar, length, radius in zip(kit.trocars, kit.lengths, kit.radii, strict=True)
     )
     balls = sum(o.speed == 0.0 and np.array_equal(*o.ends) for o in scenario.obstacles)
-    return Statement(bodies, len(scenario.obstacles) - balls, settings, balls)
+    return mpc.Statement(bodies, len(scenario.obstacles) - balls, settings, balls)
 
 
 def run(
     scenario: Scenario,
-    controller: Controller,
+    controller: mpc.Controller,
     guide: Guide | None = None,
     most: int = 600,
-    watch: Callable[[int, Command], None] | None = None,
+    watch: Callable[[int, mpc.Command], None] | None = None,
 ) -> Run:
     """Run a scenario until all tips are at their goals, or for so many steps.
 

@@ -25,16 +25,7 @@ from plumbline.experiments.mpc.closed_loop import M, judged, obstacles_at, state
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
 from plumbline.experiments.reality.task import Scenario, Swing
 from plumbline.experiments.reality.tip_drives import Slides, SlidingTips
-from plumbline.optim.capsule_mpc import (
-    Controller,
-    Noise,
-    OneStep,
-    Planner,
-    Plant,
-    RealTime,
-    Safety,
-    Settings,
-)
+from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -123,15 +114,15 @@ def _scenario(wanted: Array, seed: int) -> Scenario:
 
 
 def followed(
-    planner: Planner, wrong: Slides, plant: Plant, seed: int, seconds: float = FOLLOWED
+    planner: mpc.Planner, wrong: Slides, plant: mpc.Plant, seed: int, seconds: float = FOLLOWED
 ) -> Followed:
     """Follow a path on a plant, of which the controller knows what it is told."""
     steps, p = round(seconds / DT), 10
     wanted = path(seed, steps + p + AHEAD + 1)
     scenario = _scenario(wanted, seed)
-    noise = Noise(measured=M * wrong.measured, bias=plant.bias(M * FAST, 10 * M * FAST))
-    statement = statement_of(scenario, Settings(p=p, dt=DT, noise=noise), FAST)
-    controller = Controller(statement, planner, Safety(budget=1.0, plant=plant))
+    noise = mpc.Noise(measured=M * wrong.measured, bias=plant.bias(M * FAST, 10 * M * FAST))
+    statement = statement_of(scenario, mpc.Settings(p=p, dt=DT, noise=noise), FAST)
+    controller = mpc.Controller(statement, planner, mpc.Safety(budget=1.0, plant=plant))
     tips = SlidingTips(wanted[0], wrong, DT, SUBSTEPS, np.random.default_rng([seed, 2]))
     way, off = [wanted[:1]], []
     for k in range(steps):
@@ -145,13 +136,13 @@ def followed(
     return Followed(error, judged(scenario, np.concatenate(way), DT)[0])
 
 
-def track(seed: int, planner: Planner, seconds: float = FOLLOWED) -> Tracked:
+def track(seed: int, planner: mpc.Planner, seconds: float = FOLLOWED) -> Tracked:
     """Draw a plant, record and diagnose it, and follow a path without and with what was found."""
     rng = np.random.default_rng(seed)
     wrong = drawn(rng)
     answer = diagnose_motion(shaken(wrong, rng))
     ideal = Slides(measured=wrong.measured)
-    three = [(ideal, Plant()), (wrong, Plant()), (wrong, Plant.of(answer))]
+    three = [(ideal, mpc.Plant()), (wrong, mpc.Plant()), (wrong, mpc.Plant.of(answer))]
     runs = [followed(planner, slides, plant, seed, seconds) for slides, plant in three]
     return Tracked(answer, *runs)
 
@@ -163,13 +154,13 @@ def bench(
 ) -> Found:
     """Compare closed loops whose controller knows its plant with some that do not."""
 
-    def line(name: str, planner: Planner, number: int) -> dict[str, object]:
+    def line(name: str, planner: mpc.Planner, number: int) -> dict[str, object]:
         t = track(number, planner)
         errors = {knows: getattr(t, knows).error for knows in ("ideal", "untold", "told")}
         least = min(t.untold.clearance, t.told.clearance)
         return {"planner": name, "plant": number, **errors, "gone": t.gone, "clearance": least}
 
-    planners: dict[str, Planner] = {"one step": OneStep(), "horizon": RealTime()}
+    planners: dict[str, mpc.Planner] = {"one step": mpc.OneStep(), "horizon": mpc.RealTime()}
     lines = [
         line(name, planner, number)
         for name, planner in planners.items()

@@ -15,17 +15,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from plumbline.experiments.reality import body_effects as body
+from plumbline.experiments.reality import gap
 from plumbline.experiments.reality import joint_effects as joint
 from plumbline.experiments.reality import sensor_effects as sensor
 from plumbline.experiments.reality import tool_effects as tool
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.draws import offered
-from plumbline.experiments.reality.gap import (
-    displacement,
-    frame_and_tool,
-    sockets_and_tool,
-    unabsorbed,
-)
 from plumbline.experiments.reality.recorder import Case
 from plumbline.experiments.reality.scene import Mechanism, Scene
 
@@ -104,8 +99,8 @@ def always(case: Case) -> Array | None:
     if case.observation == "joint_position":
         return None
     if case.sockets is not None:
-        return sockets_and_tool(case.scene, case.sockets)
-    return frame_and_tool(case.scene)
+        return gap.sockets_and_tool(case.scene, case.sockets)
+    return gap.frame_and_tool(case.scene)
 
 
 def confounded(
@@ -129,13 +124,13 @@ def confounded(
     rivals = [*joint_rivals(case.scene), *body_rivals(case.scene), *device_rivals()]
     rivals = [*(r for r in rivals if r[0].effect in allowed), *more]
     moved = [
-        np.stack([displacement(case.scene, (m,), case.observation).ravel() for m in r], axis=1)
+        np.stack([gap.displacement(case.scene, (m,), case.observation).ravel() for m in r], axis=1)
         for r in rivals
     ]
     sizes = {r[0].effect: len(r) for r in rivals}
     found: dict[tuple[object, ...], dict[str, object]] = {}
     for truth in case.effects:
-        target = displacement(case.scene, (truth,), case.observation)
+        target = gap.displacement(case.scene, (truth,), case.observation)
         own = 0.0
         if shift is not None:
             own = _left(shift, target.reshape(-1, 1), columns) if modelled else 0.0
@@ -162,4 +157,4 @@ def confounded(
 
 def _left(target: Array, basis: Array, columns: Array | None) -> float:
     """What a rival leaves of a displacement, always-fitted columns beside it."""
-    return unabsorbed(target, basis if columns is None else np.hstack([columns, basis]))
+    return gap.unabsorbed(target, basis if columns is None else np.hstack([columns, basis]))

@@ -13,29 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.tip_readings import SURGICAL, Box, Session, poses
-from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
-from plumbline.experiments.reproduce.dh_fit_beyond import (
-    Beyond,
-    beyond_figures,
-    beyond_tables,
-    look_beyond,
-)
-from plumbline.experiments.reproduce.dh_fit_sessions import (
-    FINE_NOISE,
-    FINE_WANDER,
-    JOINT,
-    NOISE,
-    PAPER,
-    PUBLISHED,
-    READINGS,
-    WANDER,
-    WITH_TILTS,
-    draw,
-    in_mm,
-    recording_of,
-    registration_of,
-    words,
-)
+from plumbline.experiments.reproduce import Compared, Reproduction, Table, dh_fit_beyond, figure
+from plumbline.experiments.reproduce import dh_fit_sessions as sessions
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
 from plumbline.optim.recording.building import build_recording
@@ -60,16 +39,21 @@ class Group:
     fresh_floor: float  # the same of the fresh poses [m]
 
 
-def run(seed: int, progress: Progress | None = None, *, several: int = len(PAPER)) -> Reproduction:
+def run(
+    seed: int, progress: Progress | None = None, *, several: int = len(sessions.PAPER)
+) -> Reproduction:
     """Simulate, fit and tabulate; ``several`` of the paper's groups, or all."""
     tell = progress or silent
     groups, fine = [], []
     for k in range(several):
         tell(f"group {k + 1} of {several}", k / 8.0)
-        groups.append(_group(seed, k, NOISE, WANDER, SURGICAL))
-        fine.append(_group(seed, k, FINE_NOISE, FINE_WANDER, SURGICAL))
+        groups.append(_group(seed, k, sessions.NOISE, sessions.WANDER, SURGICAL))
+        fine.append(_group(seed, k, sessions.FINE_NOISE, sessions.FINE_WANDER, SURGICAL))
     tell("beyond the paper", 5 / 8.0)
-    beyond = [look_beyond(seed, k, group.session, group.fits) for k, group in enumerate(groups)]
+    beyond = [
+        dh_fit_beyond.look_beyond(seed, k, group.session, group.fits)
+        for k, group in enumerate(groups)
+    ]
     tell("fifty points", 6 / 8.0)
     points = [_fifty(seed, k) for k in range(several)]
     tell("outliers", 7 / 8.0)
@@ -82,7 +66,7 @@ def run(seed: int, progress: Progress | None = None, *, several: int = len(PAPER
         (
             _groups_table(groups),
             _forms_table(groups, fine),
-            *beyond_tables([group.fits[1] for group in groups], beyond),
+            *dh_fit_beyond.beyond_tables([group.fits[1] for group in groups], beyond),
             _points_table(points),
             _outliers_table(outliers),
         ),
@@ -98,8 +82,8 @@ NOTES = (
     "on a tilt about the third direction. The published 24 parameters cannot hold the tilt of "
     "nearly parallel axes, and bounds ten times as wide win little back: what is lost is these "
     "tilts. With Hayati's beta on them the fit reaches the noise; without tilts the 24 do too.",
-    f"Noise: {1e3 * NOISE:g} mm on every axis, 0.43 mm in space (an optical tracker of 0.35 mm RMS "
-    "and an arm's own repeatability); joints come back to 0.02 mm and 0.05 mrad.",
+    f"Noise: {1e3 * sessions.NOISE:g} mm on every axis, 0.43 mm in space (an optical tracker of "
+    "0.35 mm RMS and an arm's own repeatability); joints come back to 0.02 mm and 0.05 mrad.",
     "The camera's frame follows from four registration points near corners of the space; how the "
     "paper computed it is lost, here it is the least-squares rigid transform.",
     "The fifty points lie over the whole workspace; the arm was fitted to 30 readings over it. "
@@ -110,9 +94,12 @@ NOTES = (
 
 
 def _group(seed: int, k: int, noise: float, wander: tuple[float, float], box: Box) -> Group:
-    session = draw(seed, k, noise, wander, box)
-    recording, four = recording_of(session), registration_of(session)
-    fits = tuple(fit_dh(recording, o, registration=four) for o in (PUBLISHED, WITH_TILTS, JOINT))
+    session = sessions.draw(seed, k, noise, wander, box)
+    recording, four = sessions.recording_of(session), sessions.registration_of(session)
+    fits = tuple(
+        fit_dh(recording, o, registration=four)
+        for o in (sessions.PUBLISHED, sessions.WITH_TILTS, sessions.JOINT)
+    )
     rng = np.random.default_rng([seed, k, 2])
     q = poses(FRESH, rng, box)
     seen = Readings(q, session.visit(q, rng))
@@ -138,8 +125,12 @@ class Fifty:
 
 
 def _fifty(seed: int, k: int) -> Fifty:
-    session = draw(seed, k, NOISE, WANDER, None)
-    fit = fit_dh(recording_of(session), WITH_TILTS, registration=registration_of(session))
+    session = sessions.draw(seed, k, sessions.NOISE, sessions.WANDER, None)
+    fit = fit_dh(
+        sessions.recording_of(session),
+        sessions.WITH_TILTS,
+        registration=sessions.registration_of(session),
+    )
     rng = np.random.default_rng([seed, k, 3])
     q = poses(POINTS, rng)
     visits = np.array([session.visit(q, rng) for _ in range(VISITS)])
@@ -159,10 +150,10 @@ class Outliers:
 
 
 def _outliers(seed: int, k: int) -> Outliers:
-    session = draw(seed, k, NOISE, WANDER, SURGICAL)
+    session = sessions.draw(seed, k, sessions.NOISE, sessions.WANDER, SURGICAL)
     rng = np.random.default_rng([seed, k, 4])
-    clean = recording_of(session)
-    bad = rng.choice(READINGS, round(GROSS_SHARE * READINGS), replace=False)
+    clean = sessions.recording_of(session)
+    bad = rng.choice(sessions.READINGS, round(GROSS_SHARE * sessions.READINGS), replace=False)
     push = rng.normal(size=(len(bad), 3))
     push *= (rng.uniform(*GROSS, len(bad)) / np.linalg.norm(push, axis=1))[:, None]
     measured = session.tips.copy()
@@ -187,14 +178,14 @@ def _outliers(seed: int, k: int) -> Outliers:
 
 def _figures(
     groups: list[Group],
-    beyond: list[Beyond],
+    beyond: list[dh_fit_beyond.Beyond],
     fine: list[Group],
     points: list[Fifty],
     outliers: list[Outliers],
 ) -> dict[str, Any]:
     return {
         "groups": [
-            {**_group_figures(k, group), **beyond_figures(more)}
+            {**_group_figures(k, group), **dh_fit_beyond.beyond_figures(more)}
             for k, (group, more) in enumerate(zip(groups, beyond, strict=True))
         ],
         "fine": [_fine_figures(group) for group in fine],
@@ -219,15 +210,15 @@ def _figures(
 def _group_figures(k: int, group: Group) -> dict[str, Any]:
     published, tilted, joint = group.fits
     names = ("mean", "max", "std")
-    before, after = (dict(zip(names, values, strict=True)) for values in PAPER[k])
+    before, after = (dict(zip(names, values, strict=True)) for values in sessions.PAPER[k])
     return {
         "unit": "mm",
-        "before": in_mm(tilted.before),
-        "after": in_mm(tilted.after),
+        "before": sessions.in_mm(tilted.before),
+        "after": sessions.in_mm(tilted.after),
         "paper": {"before": before, "after": after},
-        "published_form": in_mm(published.after),
-        "free_frame": in_mm(joint.after),
-        "fresh": in_mm(group.fresh[1]),
+        "published_form": sessions.in_mm(published.after),
+        "free_frame": sessions.in_mm(joint.after),
+        "fresh": sessions.in_mm(group.fresh[1]),
         "noise_floor": 1e3 * group.floor,
     }
 
@@ -235,10 +226,10 @@ def _group_figures(k: int, group: Group) -> dict[str, Any]:
 def _fine_figures(group: Group) -> dict[str, Any]:
     return {
         "unit": "mm",
-        "after": in_mm(group.fits[1].after),
+        "after": sessions.in_mm(group.fits[1].after),
         "noise_floor": 1e3 * group.floor,
-        "fresh": in_mm(group.fresh[1]),
-        "fresh_free_frame": in_mm(group.fresh[2]),
+        "fresh": sessions.in_mm(group.fresh[1]),
+        "fresh_free_frame": sessions.in_mm(group.fresh[2]),
         "fresh_noise_floor": 1e3 * group.fresh_floor,
     }
 
@@ -247,7 +238,7 @@ def _shown(groups: list[Group]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Mean misfits with their spread, and the paper's."""
     for k, group in enumerate(groups):
         both = group.fits[1].before, group.fits[1].after
-        for when, own, paper in zip(("before", "after"), both, PAPER[k], strict=True):
+        for when, own, paper in zip(("before", "after"), both, sessions.PAPER[k], strict=True):
             own_std = 1e3 * own.std
             yield f"group {k + 1}, {when}", figure(1e3 * own.mean, "mm", paper[0], std=own_std)
 
@@ -255,16 +246,20 @@ def _shown(groups: list[Group]) -> Iterator[tuple[str, dict[str, Any]]]:
 def _groups_table(groups: list[Group]) -> Table:
     rows = []
     for k, group in enumerate(groups):
-        before, after = (" / ".join(f"{value:.3f}" for value in values) for values in PAPER[k])
+        before, after = (
+            " / ".join(f"{value:.3f}" for value in values) for values in sessions.PAPER[k]
+        )
         fit = group.fits[1]
-        rows.append((f"{k + 1}", before, words(fit.before), after, words(fit.after)))
+        rows.append(
+            (f"{k + 1}", before, sessions.words(fit.before), after, sessions.words(fit.after))
+        )
     heads = ("group", "before, paper", "before, ours", "after, paper", "after, ours")
     return Table("Mean / maximum / standard deviation of 30 misfits, mm", heads, tuple(rows))
 
 
 def _forms_table(groups: list[Group], fine: list[Group]) -> Table:
     rows = []
-    for noise, several in ((NOISE, groups), (FINE_NOISE, fine)):
+    for noise, several in ((sessions.NOISE, groups), (sessions.FINE_NOISE, fine)):
         for k, g in enumerate(several):
             cells = [f"{1e3 * fit.after.mean:.3f}" for fit in g.fits]
             fresh = [f"{1e3 * g.fresh[j].mean:.3f}" for j in (1, 2)]

@@ -15,16 +15,7 @@ from numpy.typing import NDArray
 
 from plumbline.experiments.reality.tip_readings import SURGICAL, Built, Session, poses
 from plumbline.experiments.reproduce import Table
-from plumbline.experiments.reproduce.dh_fit_sessions import (
-    NOISE,
-    PUBLISHED,
-    WANDER,
-    draw,
-    in_mm,
-    recording_of,
-    registration_of,
-    words,
-)
+from plumbline.experiments.reproduce import dh_fit_sessions as sessions
 from plumbline.optim.dh_fit import DHFit, Misfit, Readings, fit_dh
 
 Array = NDArray[np.float64]
@@ -64,19 +55,19 @@ class Beyond:
 def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> Beyond:
     """Look at one group beyond the paper's figures."""
     published, tilted, _ = fits
-    four = registration_of(session)
+    four = sessions.registration_of(session)
     q = poses(WORKSPACE, np.random.default_rng([seed, k, 5]))
     true = session.built.tips(q)
     exact = Readings(q, (true - session.camera.t) @ session.camera.R)
     errors, within = [fit.misfits(exact) for fit in fits], SURGICAL.holds(true).astype(bool)
     wide = replace(
-        PUBLISHED,
-        delta_length=WIDER * PUBLISHED.delta_length,
-        delta_angle=WIDER * PUBLISHED.delta_angle,
+        sessions.PUBLISHED,
+        delta_length=WIDER * sessions.PUBLISHED.delta_length,
+        delta_angle=WIDER * sessions.PUBLISHED.delta_angle,
     )
     return Beyond(
         (_tilted(1.0, session, published), *(_less_tilted(seed, k, part) for part in LESS)),
-        fit_dh(recording_of(session), wide, registration=four).after.mean,
+        fit_dh(sessions.recording_of(session), wide, registration=four).after.mean,
         tilted.after.mean,
         (published.shares, tilted.shares),
         (Misfit.of(tilted.nominal_misfits(four)), Misfit.of(tilted.misfits(four))),
@@ -86,8 +77,12 @@ def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> B
 
 
 def _less_tilted(seed: int, k: int, part: float) -> Tilted:
-    session = draw(seed, k, NOISE, WANDER, SURGICAL, tilt=part)
-    fit = fit_dh(recording_of(session), PUBLISHED, registration=registration_of(session))
+    session = sessions.draw(seed, k, sessions.NOISE, sessions.WANDER, SURGICAL, tilt=part)
+    fit = fit_dh(
+        sessions.recording_of(session),
+        sessions.PUBLISHED,
+        registration=sessions.registration_of(session),
+    )
     return _tilted(part, session, fit)
 
 
@@ -110,9 +105,9 @@ def beyond_figures(found: Beyond) -> dict[str, Any]:
         ],
         "published_form_wider_bounds": 1e3 * found.wider,
         "shares": dict(zip(FORMS, found.shares, strict=False)),
-        "registration_points": {"before": in_mm(before), "after": in_mm(after)},
+        "registration_points": {"before": sessions.in_mm(before), "after": sessions.in_mm(after)},
         "workspace": {
-            form: {"inside": in_mm(inside), "outside": in_mm(outside)}
+            form: {"inside": sessions.in_mm(inside), "outside": sessions.in_mm(outside)}
             for form, inside, outside in zip(FORMS, found.inside, found.outside, strict=True)
         },
     }
@@ -160,7 +155,7 @@ def _points_table(fits: Sequence[DHFit], several: Sequence[Beyond]) -> Table:
     rows = []
     for k, (fit, beyond) in enumerate(zip(fits, several, strict=True), start=1):
         before, after = beyond.registration
-        rows.append((f"{k}", *(words(m) for m in (before, after, fit.before, fit.after))))
+        rows.append((f"{k}", *(sessions.words(m) for m in (before, after, fit.before, fit.after))))
     heads = ("group", "4 points, before", "4 points, after", "30, before", "30, after")
     title = "Registration points apart from fit points: mean / maximum / standard deviation, mm"
     return Table(title, heads, tuple(rows))

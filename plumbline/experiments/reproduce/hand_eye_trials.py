@@ -13,27 +13,10 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import placed, rotations
+from plumbline.experiments.reality.ranging import phantoms
+from plumbline.experiments.reality.ranging import scene as ranging
 from plumbline.experiments.reality.ranging.camera import camera_place, target_poses
 from plumbline.experiments.reality.ranging.finder import spoil
-from plumbline.experiments.reality.ranging.phantoms import (
-    Head,
-    Scan,
-    block,
-    draw_head,
-    scan_head,
-    tracked,
-)
-from plumbline.experiments.reality.ranging.scene import (
-    Instrument,
-    Programme,
-    Scene,
-    Survey,
-    calibration,
-    draw_scene,
-    marks,
-    plan,
-    remounted,
-)
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
@@ -45,7 +28,7 @@ from plumbline.optim.hand_eye.single_plane import Selection, select
 from plumbline.optim.hand_eye.surface import face_angles, register_surface
 from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes
 
-REALITY = Instrument(poor=0.04)
+REALITY = ranging.Instrument(poor=0.04)
 # A spot lies 0.4 mm from its mark, and marks are seen from up to 45 deg.
 PAPER_AIM = replace(REALITY, aim=0.4e-3 / np.sqrt(2.0), tilt=float(np.deg2rad(45.0)))
 PLANE_POINTS = (20, 10)  # the paper's: points, and readings of each
@@ -97,9 +80,9 @@ class Detail:
 class SetUp:
     """A scene, its readings, and two sets of marks."""
 
-    scene: Scene
+    scene: ranging.Scene
     readings: Readings
-    survey: Survey
+    survey: ranging.Survey
     chosen_on: Marks
     judged_on: Marks
     as_aimed: Marks
@@ -117,13 +100,13 @@ def chain() -> Chain:
 
 
 @lru_cache(maxsize=2)
-def programme(seed: int, number: int) -> tuple[Scene, Programme]:
+def programme(seed: int, number: int) -> tuple[ranging.Scene, ranging.Programme]:
     """A scene and its measurement programme, shared by several range finders."""
     rng = np.random.default_rng([seed, number, 1])
     for _ in range(20):
-        scene = draw_scene(rng, REALITY)
+        scene = ranging.draw_scene(rng, REALITY)
         try:
-            return scene, plan(scene, rng)
+            return scene, ranging.plan(scene, rng)
         except ValueError:  # a board out of the arm's reach: the boards are set up anew
             continue
     raise PlumblineError(f"scene {number}: no boards within reach; change the seed")
@@ -134,12 +117,12 @@ def set_up(seed: int, number: int) -> SetUp:
     scene, planned = programme(seed, number // PER_SCENE)
     rng = np.random.default_rng([seed, number, 2])
     for _ in range(20):
-        mounted = remounted(scene, rng)
+        mounted = ranging.remounted(scene, rng)
         try:
-            survey = calibration(mounted, rng, planned)
-            choice, judge = (marks(mounted, rng)[0] for _ in range(2))
+            survey = ranging.calibration(mounted, rng, planned)
+            choice, judge = (ranging.marks(mounted, rng)[0] for _ in range(2))
             poorer = replace(mounted, instrument=PAPER_AIM)
-            aimed_at = marks(poorer, np.random.default_rng([seed, number, 4]))[0]
+            aimed_at = ranging.marks(poorer, np.random.default_rng([seed, number, 4]))[0]
         except ValueError:  # a beam that misses its board: mounted too far off
             continue
         three = (marks_of(choice), marks_of(judge), marks_of(aimed_at))
@@ -147,7 +130,7 @@ def set_up(seed: int, number: int) -> SetUp:
     raise PlumblineError(f"set-up {number}: no range finder within the programme; change the seed")
 
 
-def readings_of(survey: Survey) -> Readings:
+def readings_of(survey: ranging.Survey) -> Readings:
     """The readings as a user has them: encoders through the arm's model."""
     T = chain().placement(survey.q)
     return Readings.from_arrays(
@@ -155,13 +138,13 @@ def readings_of(survey: Survey) -> Readings:
     )
 
 
-def marks_of(survey: Survey) -> Marks:
+def marks_of(survey: ranging.Survey) -> Marks:
     """Readings of marks, likewise."""
     T = chain().placement(survey.q)
     return Marks(T[:, :3, :3], T[:, :3, 3], survey.distance, survey.patch)
 
 
-def rebuilt(beam: Beam, scan: Scan) -> Array:
+def rebuilt(beam: Beam, scan: phantoms.Scan) -> Array:
     """Points (N, 3) of a scan in the base frame [m]."""
     T = chain().placement(scan.q)
     return beam.points(T[:, :3, :3], T[:, :3, 3], scan.distance)
@@ -208,13 +191,13 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     rng = np.random.default_rng([seed, number, 3])
     beam = calibrate(case.readings).beam
     spoilt, spoilt_three, found = _spoilt(case, done, rng)
-    head = draw_head(rng)
-    scan, seen = tracked(case.scene, head, rng)
+    head = phantoms.draw_head(rng)
+    scan, seen = phantoms.tracked(case.scene, head, rng)
     points = rebuilt(beam, scan)
     views = points.reshape(len(seen), -1, 3)
     many, once = leave_one_out(views.mean(axis=1), seen), leave_one_out(views[:, 0], seen)
     planes = _plane_points(case, beam, np.random.default_rng([seed, number, 5]))
-    faces = block(case.scene, rng)
+    faces = phantoms.block(case.scene, rng)
     corners = rebuilt(beam, faces)
     angles = face_angles([corners[faces.part == k] for k in range(3)])
     surface, targets = _head(case.scene, head, beam, rng)
@@ -258,16 +241,18 @@ def _spoilt(case: SetUp, done: Trial, rng: np.random.Generator) -> tuple[float, 
 
 def _plane_points(case: SetUp, beam: Beam, rng: np.random.Generator) -> Accuracy:
     """Points of the planes, the mean of several readings each, against the tracker."""
-    survey, true = marks(case.scene, rng, *PLANE_POINTS)
+    survey, true = ranging.marks(case.scene, rng, *PLANE_POINTS)
     rebuilt_means = marks_of(survey).means(beam)
     T = placed(rotations(rng.normal(0.0, 1.0, 3)), rng.uniform(-1.0, 1.0, 3))
     noise = rng.normal(0.0, case.scene.instrument.tracker / np.sqrt(3.0), true.shape)
     return leave_one_out(rebuilt_means, moved(T, true) + noise)
 
 
-def _head(scene: Scene, head: Head, beam: Beam, rng: np.random.Generator) -> tuple[Array, Array]:
+def _head(
+    scene: ranging.Scene, head: phantoms.Head, beam: Beam, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Distances of the scan from the CT surface, and the errors of the targets inside [m]."""
-    scan, at_base, in_ct = scan_head(scene, head, rng)
+    scan, at_base, in_ct = phantoms.scan_head(scene, head, rng)
     fit = register_surface(rebuilt(beam, scan), head.surface, (at_base, in_ct))
     found = moved(np.asarray(np.linalg.inv(fit.T), dtype=float), head.targets)
     T_base_ct: Array = head.T @ np.asarray(np.linalg.inv(head.T_ct), dtype=float)
@@ -275,7 +260,7 @@ def _head(scene: Scene, head: Head, beam: Beam, rng: np.random.Generator) -> tup
     return fit.distances, np.linalg.norm(found - true, axis=1)
 
 
-def _camera(scene: Scene, survey: Survey, rng: np.random.Generator) -> float:
+def _camera(scene: ranging.Scene, survey: ranging.Survey, rng: np.random.Generator) -> float:
     """How far OpenCV misplaces a camera that sees a target on the first board [m]."""
     first = survey.q[survey.plane == 1]
     try:

@@ -5,19 +5,12 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from plumbline.experiments.reproduce.registration_trial import (
-    BETA,
-    LESIONS,
-    MM,
-    NEEDLE,
-    THETA,
-    Array,
-)
+from plumbline.experiments.reproduce import registration_trial as trial
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.pointing import Aim, AngleMap, Box, Sweep, plan_sweep, safe_angle_map
 
 # The markers lie on its top, z = 147 mm, and on its side, y = -10 mm; the other faces are guessed.
-PHANTOM = Box((0.0, -10 * MM, 0.0), (120 * MM, 160 * MM, 147 * MM))
+PHANTOM = Box((0.0, -10 * trial.MM, 0.0), (120 * trial.MM, 160 * trial.MM, 147 * trial.MM))
 ANGLES = 100
 RINGS = np.deg2rad(np.arange(10.0, 61.0, 10.0))
 AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 15.0))
@@ -42,12 +35,12 @@ class Pointed:
         return float(np.nanmax(self.sweep.rcm_error))
 
 
-def phantom_aim(arm: str, T_RC: Array) -> Aim:
+def phantom_aim(arm: str, T_RC: trial.Array) -> Aim:
     """A bundled arm with the published needle at lesion M of the phantom."""
-    return Aim(Robot.bundled(arm).chain(), T_RC, LESIONS["M"], NEEDLE, PHANTOM)
+    return Aim(Robot.bundled(arm).chain(), T_RC, trial.LESIONS["M"], trial.NEEDLE, PHANTOM)
 
 
-def pointed(arm: str, T_RC: Array, repeats: int = 3) -> Pointed:
+def pointed(arm: str, T_RC: trial.Array, repeats: int = 3) -> Pointed:
     """Map the safe angles, then plan the widest arc of one ring."""
     aim = phantom_aim(arm, T_RC)
     found = safe_angle_map(aim, RINGS, AZIMUTHS)
@@ -57,12 +50,12 @@ def pointed(arm: str, T_RC: Array, repeats: int = 3) -> Pointed:
         start, cpu = perf_counter(), process_time()
         sweep = plan_sweep(aim, theta, beta)
         seconds.append((perf_counter() - start, process_time() - cpu))
-    published = plan_sweep(aim, THETA, BETA)
+    published = plan_sweep(aim, trial.THETA, trial.BETA)
     later = np.median(seconds[1:], axis=0)
     return Pointed(arm, found, sweep, published, seconds[0][0], float(later[0]), float(later[1]))
 
 
-def widest_arc(found: AngleMap, count: int = ANGLES) -> tuple[float, Array]:
+def widest_arc(found: AngleMap, count: int = ANGLES) -> tuple[float, trial.Array]:
     """The ring with the longest run of safe azimuths: its theta, and azimuths (count,) [rad]."""
     best, start, ring = 0, 0, 0
     for i, safe in enumerate(found.safe):
@@ -75,7 +68,7 @@ def widest_arc(found: AngleMap, count: int = ANGLES) -> tuple[float, Array]:
     return float(found.theta[ring]), beta - 2 * np.pi * (beta[-1] > 2 * np.pi)
 
 
-def _runs(safe: Array) -> list[int]:
+def _runs(safe: trial.Array) -> list[int]:
     """How many safe ones follow each of a ring's azimuths, itself included, going round once."""
     around = np.concatenate([safe, safe])
     count = len(safe)

@@ -11,14 +11,7 @@ import numpy as np
 import pandas as pd
 
 from plumbline.errors import shown
-from plumbline.experiments.slicer.points import (
-    UNITS,
-    axes_changed,
-    check_axes,
-    points_table,
-    read_text,
-    refusal,
-)
+from plumbline.experiments.slicer import points
 
 COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc",
            "associatedNodeID")  # fmt: skip
@@ -32,17 +25,17 @@ def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
         PlumblineError: The file does not say its axes or columns, or a point has no usable place.
     """
     file = Path(path).name
-    check_axes(axes)
-    lines = read_text(path, "a .fcsv").splitlines()
+    points.check_axes(axes)
+    lines = points.read_text(path, "a .fcsv").splitlines()
     source, names = _header(file, lines)
     numbered = [(k, line) for k, line in enumerate(lines, start=1) if _is_point(line)]
     rows = [(k, next(csv.reader([line]))) for k, line in numbered]
     if not rows:
-        raise refusal(file, "no points", "one line a point", "place some in Slicer")
-    values = np.array([_place(file, k, row, names) for k, row in rows]) * UNITS["mm"]
+        raise points.refusal(file, "no points", "one line a point", "place some in Slicer")
+    values = np.array([_place(file, k, row, names) for k, row in rows]) * points.UNITS["mm"]
     labels = [_cell(row, names, "label") or f"F-{i + 1}" for i, (_, row) in enumerate(rows)]
     words = [_cell(row, names, "desc") for _, row in rows]
-    return points_table(labels, axes_changed(values, source, axes), words)
+    return points.points_table(labels, points.axes_changed(values, source, axes), words)
 
 
 def _is_point(line: str) -> bool:
@@ -59,14 +52,14 @@ def _header(file: str, lines: list[str]) -> tuple[str, list[str]]:
     where = f"{file}, CoordinateSystem"
     if "coordinatesystem" not in said:
         mend = "add a line: # CoordinateSystem = LPS"
-        raise refusal(where, "nothing", "LPS or RAS", mend)
+        raise points.refusal(where, "nothing", "LPS or RAS", mend)
     axes = NUMBERED.get(said["coordinatesystem"], said["coordinatesystem"])
     names = [name.strip() for name in said.get("columns", ",".join(COLUMNS)).split(",")]
     missing = [name for name in "xyz" if name not in names]
     if missing:
         found = f"columns {', '.join(names)}"
-        raise refusal(f"{file}, columns", found, f"a column {missing[0]!r}", "save it again")
-    return check_axes(axes, where), names
+        raise points.refusal(f"{file}, columns", found, f"a column {missing[0]!r}", "save it again")
+    return points.check_axes(axes, where), names
 
 
 def _cell(row: list[str], names: list[str], name: str) -> str:
@@ -82,5 +75,7 @@ def _place(file: str, line: int, row: list[str], names: list[str]) -> list[float
         numbers = [np.nan]
     if not np.isfinite(numbers).all():
         found = shown(",".join(cells))
-        raise refusal(f"{file}, row {line}", found, "x, y, z in mm", "mend or delete the line")
+        raise points.refusal(
+            f"{file}, row {line}", found, "x, y, z in mm", "mend or delete the line"
+        )
     return numbers

@@ -18,22 +18,8 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality import draw_case, simulate, write
 from plumbline.experiments.reality.confounding import confounded
+from plumbline.experiments.withheld import sealing
 from plumbline.experiments.withheld.design import ONE, Design, Draw, draw_plan
-from plumbline.experiments.withheld.sealing import (
-    LEDGER,
-    PLAN,
-    RUN,
-    Entry,
-    Ledger,
-    append,
-    check_apart,
-    check_seal,
-    hash_of_recording,
-    head,
-    line,
-    make_folder,
-    read_ledger,
-)
 from plumbline.optim.core.progress import Progress
 
 ATTEMPTS = 20
@@ -41,16 +27,16 @@ ATTEMPTS = 20
 
 def make_set(
     cases: Path, truth: Path, design: Design, count: int, progress: Progress | None = None
-) -> Ledger:
+) -> sealing.Ledger:
     """Write a set of sealed cases, or the part of it that is missing.
 
     Raises:
         PlumblineError: The folders are not apart, hold another set, or a sealed file was changed.
     """
-    check_apart(cases, truth)
+    sealing.check_apart(cases, truth)
     plan = json.dumps({"design": asdict(design)}, indent=1, sort_keys=True) + "\n"
     _begin(cases, truth, plan)
-    begun = read_ledger(cases)
+    begun = sealing.read_ledger(cases)
     assert begun is not None
     known = begun.by_case
     for number in range(1, count + 1):
@@ -59,7 +45,7 @@ def make_set(
             progress(name, (number - 1) / count)
         if not _is_there(cases, truth, known.get(name)):
             _make_one(cases, truth, design, number, name, known.get(name))
-    ledger = read_ledger(cases)
+    ledger = sealing.read_ledger(cases)
     assert ledger is not None
     return ledger
 
@@ -67,30 +53,30 @@ def make_set(
 def _begin(cases: Path, truth: Path, plan: str) -> None:
     """Write the head of the ledger, or refuse to mix two sets."""
     sealed = hashlib.sha256(plan.encode()).hexdigest()
-    ledger = read_ledger(cases)
+    ledger = sealing.read_ledger(cases)
     if ledger is None and cases.is_dir() and any(cases.glob("*/dataset.toml")):
         raise PlumblineError(f"{cases}: holds recordings without a ledger; use a new folder")
     if ledger is not None and ledger.plan != sealed:
         raise PlumblineError(f"{cases}: holds a set of another design or seed; use a new folder")
     _check_truth_folder(truth, plan, sealed)
     for folder in (truth, cases):
-        make_folder(folder)
+        sealing.make_folder(folder)
     if ledger is None:
-        append(cases / LEDGER, head(sealed))
-    (truth / PLAN).write_text(plan, encoding="utf-8")
-    shutil.copyfile(cases / LEDGER, truth / LEDGER)
+        sealing.append(cases / sealing.LEDGER, sealing.head(sealed))
+    (truth / sealing.PLAN).write_text(plan, encoding="utf-8")
+    shutil.copyfile(cases / sealing.LEDGER, truth / sealing.LEDGER)
 
 
 def _check_truth_folder(truth: Path, plan: str, sealed: str) -> None:
     """Refuse a folder that holds another set's truth, or verdicts."""
-    theirs, note = read_ledger(truth), truth / PLAN
+    theirs, note = sealing.read_ledger(truth), truth / sealing.PLAN
     if theirs is not None:
         strange = theirs.plan != sealed
     elif note.is_file():
         strange = note.read_bytes() != plan.encode()
     else:
         strange = truth.is_dir() and any(truth.glob("case-*.json"))
-    if strange or (truth / RUN).exists():
+    if strange or (truth / sealing.RUN).exists():
         raise PlumblineError(
             f"{truth}: holds the truth of another set, or verdicts; name a new one"
         )
@@ -108,32 +94,32 @@ def _check_place(recording: Path, made: Path, *, begun: bool) -> None:
         raise PlumblineError(f"{what}: not of this set and in its way; take it out of there")
 
 
-def _is_there(cases: Path, truth: Path, entry: Entry | None) -> bool:
+def _is_there(cases: Path, truth: Path, entry: sealing.Entry | None) -> bool:
     if entry is None:
         return False
     recording, fact = cases / entry.case, truth / f"{entry.case}.json"
     if not (recording / "samples.csv").is_file() or not fact.is_file():
         return False
-    check_seal(entry, recording, fact)
+    sealing.check_seal(entry, recording, fact)
     return True
 
 
 def _make_one(
-    cases: Path, truth: Path, design: Design, number: int, name: str, sealed: Entry | None
+    cases: Path, truth: Path, design: Design, number: int, name: str, sealed: sealing.Entry | None
 ) -> None:
     """Draw, seal, and only then write one case."""
     with tempfile.TemporaryDirectory(prefix="plumbline-make-") as scratch:
         made = Path(scratch) / name
         text, without = drawn_case(made, design, number, name)
         truth_hash = hashlib.sha256(text.encode()).hexdigest()
-        entry = Entry(name, truth_hash, hash_of_recording(made), without)
+        entry = sealing.Entry(name, truth_hash, sealing.hash_of_recording(made), without)
         if sealed is not None and entry != sealed:
             raise PlumblineError(f"{name}: this version draws another case than the sealed one")
         _check_place(cases / name, made, begun=sealed is not None)
         if sealed is None:
-            append(cases / LEDGER, line(entry))
+            sealing.append(cases / sealing.LEDGER, sealing.line(entry))
         (truth / f"{name}.json").write_text(text, encoding="utf-8")
-        shutil.copyfile(cases / LEDGER, truth / LEDGER)
+        shutil.copyfile(cases / sealing.LEDGER, truth / sealing.LEDGER)
         shutil.rmtree(cases / name, ignore_errors=True)
         shutil.copytree(made, cases / name)
 

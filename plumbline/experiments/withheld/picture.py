@@ -7,30 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, page_html
-from plumbline.experiments.report.style import (
-    AFTER,
-    BEFORE,
-    FAINT,
-    GUILTY,
-    INK,
-    MUTED,
-    PAPER,
-    SHARES,
-    calm,
-    house_style,
-    new_figure,
-)
+from plumbline.experiments.withheld import tables
 from plumbline.experiments.withheld.calibration import Calibration
 from plumbline.experiments.withheld.scoring import Score
-from plumbline.experiments.withheld.tables import (
-    by_level,
-    calibration_lines,
-    mistakes,
-    percent,
-    rows_of,
-    seal_words,
-)
 from plumbline.kinematics.files import write_whole
 
 MOST_MISTAKES = 12  # lines, what a page has room for (looks only)
@@ -40,16 +21,16 @@ LAST = ("outside", "no gap", "partly-explained", "refused", "failed")
 def confusion_figure(score: Score) -> Figure:
     """Rows are truths, columns first answers; shade is the share of the row, numbers are cases."""
     size = 2.6 + 0.27 * len(_order(score))
-    with house_style():
-        figure = new_figure(size + 0.6, size)
+    with style.house_style():
+        figure = style.new_figure(size + 0.6, size)
         _confusion(figure, score)
     return figure
 
 
 def reliability_figure(score: Score) -> Figure:
     """Share of right statements over their probability, with intervals and how many they were."""
-    with house_style():
-        figure = new_figure(4.6, 4.6)
+    with style.house_style():
+        figure = style.new_figure(4.6, 4.6)
         _reliability(figure, score)
     return figure
 
@@ -62,7 +43,7 @@ def _order(score: Score) -> list[str]:
 def _confusion(figure: Figure | SubFigure, score: Score) -> None:
     order, axes = _order(score), figure.add_subplot()
     if not order:
-        axes.text(0, 0, "no case of at most one cause", color=MUTED, ha="center")
+        axes.text(0, 0, "no case of at most one cause", color=style.MUTED, ha="center")
         axes.set(xlim=(-1, 1), ylim=(-1, 1))
         axes.axis("off")
         return
@@ -70,11 +51,11 @@ def _confusion(figure: Figure | SubFigure, score: Score) -> None:
     for mistake in score.confusion:
         counts[order.index(mistake.truth), order.index(mistake.answer)] = mistake.count
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    axes.imshow(np.ma.masked_equal(share, 0), cmap=SHARES, vmin=0, vmax=1)
+    axes.imshow(np.ma.masked_equal(share, 0), cmap=style.SHARES, vmin=0, vmax=1)
     for i, j in np.argwhere(counts > 0):
         weight = "bold" if i == j else "normal"
         words = f"{counts[i, j]:.0f}"
-        axes.text(j, i, words, ha="center", va="center", size=7, color=INK, weight=weight)
+        axes.text(j, i, words, ha="center", va="center", size=7, color=style.INK, weight=weight)
     labels = [name.replace("_", " ") for name in order]
     axes.set_xticks(range(len(order)), labels, rotation=90, size=7.5)
     axes.set_yticks(range(len(order)), labels, size=7.5)
@@ -84,15 +65,15 @@ def _confusion(figure: Figure | SubFigure, score: Score) -> None:
 
 def _reliability(figure: Figure | SubFigure, score: Score) -> None:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    upper.plot([0, 1], [0, 1], color=FAINT, linewidth=1)
+    upper.plot([0, 1], [0, 1], color=style.FAINT, linewidth=1)
     for found, colour, label, shift in (
-        (score.named, AFTER, "causes named, confounded right", -1),
-        (score.candidates, BEFORE, "all candidates, strictly", 0),
-        (score.outside, GUILTY, "outside the library", 1),
+        (score.named, style.AFTER, "causes named, confounded right", -1),
+        (score.candidates, style.BEFORE, "all candidates, strictly", 0),
+        (score.outside, style.GUILTY, "outside the library", 1),
     ):
-        _curve(calm(upper), found, colour, label, 0.008 * shift)
+        _curve(style.calm(upper), found, colour, label, 0.008 * shift)
         at = [0.5 * (b.low + b.high) + 0.026 * shift for b in found.curve]
-        calm(lower).bar(at, [b.right.of for b in found.curve], 0.024, color=colour)
+        style.calm(lower).bar(at, [b.right.of for b in found.curve], 0.024, color=colour)
     upper.set(ylabel="share that is right", ylim=(-0.03, 1.03))
     upper.legend(loc="upper left")
     upper.set_title("Stated probabilities against what came true")
@@ -128,20 +109,20 @@ def write_picture(score: Score, path: Path) -> None:
 def _png(score: Score) -> bytes:
     """Both figures on one sheet, as pixels."""
     size = max(2.6 + 0.27 * len(_order(score)), 4.6)
-    with house_style():
-        sheet = new_figure(size + 5.2, size)
+    with style.house_style():
+        sheet = style.new_figure(size + 5.2, size)
         grid = sheet.add_gridspec(1, 2, width_ratios=(size + 0.6, 4.6))
         _confusion(sheet.add_subfigure(grid[0]), score)
         _reliability(sheet.add_subfigure(grid[1]), score)
         pixels = io.BytesIO()
-        sheet.savefig(pixels, format="png", dpi=160, facecolor=PAPER)
+        sheet.savefig(pixels, format="png", dpi=160, facecolor=style.PAPER)
     return pixels.getvalue()
 
 
 def page(score: Score) -> Page:
     """The score as a page: for a browser, or for a terminal."""
     late = (f"{score.missing} cases have no verdict.",) if score.missing else ()
-    groups = by_level(score)
+    groups = tables.by_level(score)
     columns = ("", *(f"{group.name} ({group.cases})" for group in groups))
     curve = Picture(
         "curve",
@@ -156,17 +137,23 @@ def page(score: Score) -> Page:
         (confusion_figure(score),),
         wide=True,
     )
-    wrong = [f"{m.truth} taken for {m.answer}: {m.count}" for m in mistakes(score)[:MOST_MISTAKES]]
+    wrong = [
+        f"{m.truth} taken for {m.answer}: {m.count}" for m in tables.mistakes(score)[:MOST_MISTAKES]
+    ]
     return Page(
         name=f"{score.cases} withheld cases",
-        verdict=seal_words(score),
+        verdict=tables.seal_words(score),
         tone="explained" if score.sealed else "partly-explained",
         lead=late,
         tiles=(),
         parts=(
-            Part("Percent, with 95 % intervals", (), Grid(columns, rows_of(groups), range(1, 99))),
+            Part(
+                "Percent, with 95 % intervals",
+                (),
+                Grid(columns, tables.rows_of(groups), range(1, 99)),
+            ),
             *_by_effect(score),
-            Part("Probabilities", (), None, calibration_lines(score)),
+            Part("Probabilities", (), None, tables.calibration_lines(score)),
             curve,
             confusion,
             *([Part("Most often taken for another", (), None, wrong)] if wrong else []),
@@ -183,7 +170,7 @@ def _by_effect(score: Score) -> list[Part]:
         "outside_hits",
     )
     rows = [
-        (group.name, str(group.cases), *(percent(group.share(key)) for key in keys))
+        (group.name, str(group.cases), *(tables.percent(group.share(key)) for key in keys))
         for group in groups
     ]
     columns = ("effect", "cases", "right", "or confounded", "best-ranked or confounded",

@@ -5,16 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from plumbline.experiments.reality import recorder
 from plumbline.experiments.reality.arm import Arm, Array, forward
 from plumbline.experiments.reality.ranging.phantoms import Head, Scan
 from plumbline.experiments.reality.ranging.scene import Scene, Survey
-from plumbline.experiments.reality.recorder import (
-    Recording,
-    numbered,
-    quaternions,
-    write,
-    write_table,
-)
 
 
 def write_survey(
@@ -23,7 +17,7 @@ def write_survey(
     """Write readings, and marks if there are any, by joint readings or by flange poses."""
     parts = [survey] if marks is None else [survey, marks]
     q = np.concatenate([part.q for part in parts])
-    columns = flange_columns(scene.arm, q) if poses else numbered("q", q)
+    columns = flange_columns(scene.arm, q) if poses else recorder.numbered("q", q)
     columns |= {
         "range": np.concatenate([part.distance for part in parts]),
         "plane": np.concatenate([part.plane for part in parts]),
@@ -41,14 +35,14 @@ def _written(
 ) -> Path:
     text = f'name = "{folder.name}"\nobservation = "{observation}"\n{noise}\n[robot]\n'
     text += f'bundled = "{scene.arm.name}"\ntip_frame = "{scene.arm.tip_frame}"\n'
-    write(folder, Recording(text, columns))
+    recorder.write(folder, recorder.Recording(text, columns))
     return folder
 
 
 def flange_columns(arm: Arm, q: Array) -> dict[str, Array]:
     """Columns of the flange's poses at joint readings (N, n), as the encoders have them."""
     T = forward(arm, q)[:, -1]
-    values = np.hstack([T[:, :3, 3], quaternions(T[:, :3, :3])])
+    values = np.hstack([T[:, :3, 3], recorder.quaternions(T[:, :3, :3])])
     names = ("px", "py", "pz", "qw", "qx", "qy", "qz")
     return dict(zip(names, values.T, strict=True))
 
@@ -64,15 +58,15 @@ def write_head(
     """Write a scan of a head, its surface in CT, landmarks in base and CT, and targets."""
     _write_scan(folder, scene, scan, {})
     base, ct = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")
-    write_table(folder / "surface.csv", dict(zip("xyz", head.surface.T, strict=True)))
+    recorder.write_table(folder / "surface.csv", dict(zip("xyz", head.surface.T, strict=True)))
     marks = np.hstack(landmarks)
-    write_table(folder / "landmarks.csv", dict(zip((*base, *ct), marks.T, strict=True)))
+    recorder.write_table(folder / "landmarks.csv", dict(zip((*base, *ct), marks.T, strict=True)))
     numbers = np.arange(1.0, len(head.targets) + 1.0)
     targets = dict(zip(ct, head.targets.T, strict=True))
-    write_table(folder / "targets.csv", {"label": numbers, **targets})
+    recorder.write_table(folder / "targets.csv", {"label": numbers, **targets})
     return folder
 
 
 def _write_scan(folder: Path, scene: Scene, scan: Scan, more: dict[str, Array]) -> Path:
-    columns = {**numbered("q", scan.q), "range": scan.distance, **more}
+    columns = {**recorder.numbered("q", scan.q), "range": scan.distance, **more}
     return _written(folder, scene, "surface_scan", columns)

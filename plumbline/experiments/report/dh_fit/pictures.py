@@ -10,25 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from plumbline.experiments.report.style import (
-    AFTER,
-    BEFORE,
-    GUILTY,
-    INK,
-    MOST_VECTORS,
-    SIZES,
-    calm,
-    house_style,
-    new_figure,
-    numbered,
-)
+from plumbline.experiments.report import style
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit import DHFit
 from plumbline.optim.dh_fit.local import LocalGlobal, Space
 from plumbline.optim.dh_fit.poses import Design
 from plumbline.optim.recording.constants import FIRST_ROW
 
-SIGNED = LinearSegmentedColormap.from_list("signed", [AFTER, "#f4f4f2", GUILTY])
+SIGNED = LinearSegmentedColormap.from_list("signed", [style.AFTER, "#f4f4f2", style.GUILTY])
 BRIGHTEST = 98.0  # percentile that the colours reach
 TITLES = ("nominal links", "fitted in the box", "fitted everywhere")
 
@@ -39,8 +28,8 @@ def error_map(found: LocalGlobal, space: Space, axes: tuple[int, int] = (0, 2)) 
         1e3 * np.linalg.norm(values, axis=1)
         for values in (found.nominal, found.local, found.everywhere)
     ]
-    with house_style():
-        figure = new_figure(9.6, 3.6)
+    with style.house_style():
+        figure = style.new_figure(9.6, 3.6)
         panels = figure.subplots(1, 3, sharex=True, sharey=True)
         fitted = Normalize(0.0, float(np.percentile(np.concatenate(sizes[1:]), BRIGHTEST)))
         before = Normalize(0.0, float(np.percentile(sizes[0], BRIGHTEST)))
@@ -52,7 +41,7 @@ def error_map(found: LocalGlobal, space: Space, axes: tuple[int, int] = (0, 2)) 
             panel.set_xlabel(f"{'xyz'[axes[0]]} [m], base frame")
         panels[0].set_ylabel(f"{'xyz'[axes[1]]} [m]")
         for scale, panel in ((before, panels[0]), (fitted, panels[2])):
-            bar = figure.colorbar(ScalarMappable(scale, SIZES), ax=panel, shrink=0.85)
+            bar = figure.colorbar(ScalarMappable(scale, style.SIZES), ax=panel, shrink=0.85)
             bar.outline.set_visible(False)
             bar.set_label("misfit [mm]; larger ones in the last colour")
         return figure
@@ -63,15 +52,17 @@ def _cloud(
 ) -> None:
     order = np.argsort(values, kind="stable")
     x, y = tips[order, axes[0]], tips[order, axes[1]]
-    panel.scatter(x, y, c=values[order], cmap=SIZES, norm=scale, s=9, linewidths=0)
+    panel.scatter(x, y, c=values[order], cmap=style.SIZES, norm=scale, s=9, linewidths=0)
     panel.set_aspect("equal", adjustable="box")
-    calm(panel, grid="both")
+    style.calm(panel, grid="both")
 
 
 def _box(panel: Axes, space: Space, axes: tuple[int, int]) -> None:
     corner = tuple(float(space.lower[k]) for k in axes)
     width, height = (float(space.upper[k] - space.lower[k]) for k in axes)
-    panel.add_patch(Rectangle((corner[0], corner[1]), width, height, fill=False, edgecolor=INK))
+    panel.add_patch(
+        Rectangle((corner[0], corner[1]), width, height, fill=False, edgecolor=style.INK)
+    )
 
 
 def _title(panel: Axes, title: str, values: Array, inside: NDArray[np.bool_]) -> None:
@@ -85,8 +76,8 @@ def correlations(fit: DHFit) -> Figure:
     names = [name for name, k in zip(fit.statement.names, known, strict=True) if k]
     C = fit.correlations[np.ix_(known, known)]
     size = 1.8 + 0.19 * len(names)
-    with house_style():
-        figure = new_figure(size + 0.7, size)
+    with style.house_style():
+        figure = style.new_figure(size + 0.7, size)
         axes = figure.add_subplot()
         drawn = axes.imshow(C, cmap=SIGNED, vmin=-1.0, vmax=1.0)
         places = list(range(len(names)))
@@ -104,39 +95,41 @@ def correlations(fit: DHFit) -> Figure:
 def rows_picture(fit: DHFit) -> Figure:
     """Misfits of all rows before and after [mm], by row as an editor counts."""
     numbers = np.arange(len(fit.readings)) + FIRST_ROW
-    with house_style():
-        figure = new_figure(4.6, 3.6)
+    with style.house_style():
+        figure = style.new_figure(4.6, 3.6)
         axes = figure.add_subplot()
         for values, colour, label in (
-            (fit.nominal_misfits(), BEFORE, "nominal"),
-            (fit.misfits(), AFTER, "fitted"),
+            (fit.nominal_misfits(), style.BEFORE, "nominal"),
+            (fit.misfits(), style.AFTER, "fitted"),
         ):
             sizes = 1e3 * np.linalg.norm(values, axis=1)
-            many = len(sizes) > MOST_VECTORS
+            many = len(sizes) > style.MOST_VECTORS
             dots = axes.scatter(numbers, sizes, s=12, color=colour, alpha=0.75, linewidths=0,
                                 label=label, rasterized=many)  # fmt: skip
             if not many:
-                numbered(dots, numbers)
+                style.numbered(dots, numbers)
         axes.set(xlabel="row of samples.csv", ylabel="misfit [mm]", ylim=(0.0, None))
         axes.legend(loc="upper right")
-        calm(axes)
+        style.calm(axes)
         return figure
 
 
 def designs(chosen: Sequence[tuple[str, Design]], blind: Sequence[Design]) -> Figure:
     """What designs promise: how well links are known, and the worst expected target error."""
-    with house_style():
-        figure = new_figure(5.4, 3.2)
+    with style.house_style():
+        figure = style.new_figure(5.4, 3.2)
         axes = figure.add_subplot()
         x = [d.log_determinant for d in blind]
         y = [1e3 * d.worst for d in blind]
-        axes.scatter(x, y, color=BEFORE, s=16, linewidths=0, label=f"{len(blind)} random designs")
-        for (name, design), colour in zip(chosen, (AFTER, GUILTY), strict=False):
+        axes.scatter(
+            x, y, color=style.BEFORE, s=16, linewidths=0, label=f"{len(blind)} random designs"
+        )
+        for (name, design), colour in zip(chosen, (style.AFTER, style.GUILTY), strict=False):
             place = (design.log_determinant, 1e3 * design.worst)
             axes.scatter(*place, color=colour, s=46, linewidths=0, label=name, zorder=3)
         axes.set_ylim(bottom=0.0)
         axes.set_xlabel("log det of the information: more is better")
         axes.set_ylabel("worst expected target error [mm]")
         axes.legend(loc="upper right")
-        calm(axes)
+        style.calm(axes)
         return figure

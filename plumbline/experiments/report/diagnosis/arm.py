@@ -19,16 +19,8 @@ import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.diagnosis.subject import Array, Subject
-from plumbline.experiments.report.style import (
-    FAINT,
-    INK,
-    MUTED,
-    PAPER,
-    SHARES,
-    house_style,
-    new_figure,
-)
 from plumbline.kinematics.chain import Chain
 from plumbline.optim.diagnosis.findings import Place
 
@@ -93,8 +85,8 @@ def arm(subject: Subject) -> Figure:
     )
     azimuth = best_azimuth(body.points)
     share = _Shares.of(subject.verdict.where)
-    with house_style():
-        figure = new_figure(3.3, 3.6)
+    with style.house_style():
+        figure = style.new_figure(3.3, 3.6)
         axes = figure.add_subplot()
         axes.set_aspect("equal")
         axes.axis("off")
@@ -123,7 +115,7 @@ class _Shares:
         # A joint's drive stands at the joint.
         at = ("joint", "actuation") if stage == "joint" else (stage,)
         total = sum(p.share for p in self.places if p.stage in at and p.element == element)
-        return tuple(SHARES(float(np.clip(total / self.largest, 0.0, 1.0))))
+        return tuple(style.SHARES(float(np.clip(total / self.largest, 0.0, 1.0))))
 
 
 def project(points: Array, azimuth: float) -> Array:
@@ -151,7 +143,7 @@ def _ground(axes: Axes, body: Skeleton, azimuth: float, share: _Shares) -> None:
     plate = project(disc, azimuth)
     path = np.vstack([np.zeros((1, 3)), *body.links, body.tool]) * [1.0, 1.0, 0.0]
     shadow = project(path, azimuth)
-    axes.plot(*shadow.T, color=FAINT, linewidth=4.0, alpha=0.25, solid_joinstyle="round")
+    axes.plot(*shadow.T, color=style.FAINT, linewidth=4.0, alpha=0.25, solid_joinstyle="round")
     axes.fill(*plate.T, color=share.colour("base"), linewidth=0.0)
     stand = project(np.vstack([np.zeros(3), body.joints[0]]), azimuth)
     axes.plot(*stand.T, color=share.colour("base"), linewidth=7.0)
@@ -171,14 +163,14 @@ def _joints(axes: Axes, body: Skeleton, azimuth: float, share: _Shares) -> None:
     places = _apart(project(body.joints, azimuth))
     for k, (place, true) in enumerate(zip(places, project(body.joints, azimuth), strict=True), 1):
         if not np.allclose(place, true):
-            axes.plot(*np.array([true, place]).T, color=MUTED, linewidth=0.8, zorder=3)
+            axes.plot(*np.array([true, place]).T, color=style.MUTED, linewidth=0.8, zorder=3)
         axes.plot(
             *place, marker="o", markersize=15, color=share.colour("joint", k), zorder=4,
-            markeredgecolor=PAPER, markeredgewidth=1.2,
+            markeredgecolor=style.PAPER, markeredgewidth=1.2,
         )  # fmt: skip
         axes.annotate(
             str(k), place, ha="center", va="center_baseline", fontsize=8.5, fontweight="bold",
-            color=INK, zorder=5,
+            color=style.INK, zorder=5,
         )  # fmt: skip
 
 
@@ -202,8 +194,8 @@ def _scale_bar(axes: Axes, points: Array) -> None:
     extent = float((high - low).max())
     length = min(SCALE_BARS, key=lambda bar: abs(bar - 0.2 * extent))
     y = low[1] - 0.12 * extent
-    axes.plot([high[0] - length, high[0]], [y, y], color=MUTED, linewidth=1.4)
+    axes.plot([high[0] - length, high[0]], [y, y], color=style.MUTED, linewidth=1.4)
     axes.annotate(
         f"{1e3 * length:.0f} mm", (high[0] - 0.5 * length, y), xytext=(0, -3), ha="center",
-        textcoords="offset points", va="top", color=MUTED, fontsize=8.5,
+        textcoords="offset points", va="top", color=style.MUTED, fontsize=8.5,
     )  # fmt: skip

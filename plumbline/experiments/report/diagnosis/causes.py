@@ -6,16 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from plumbline.experiments.report.style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    INK,
-    SHARES,
-    calm,
-    house_style,
-    new_figure,
-)
+from plumbline.experiments.report import style
 from plumbline.optim.core.quantities import chance, percent, scaled, significant
 from plumbline.optim.diagnosis.findings import Cause, Step, Verdict
 from plumbline.optim.diagnosis.verdict.words import floor_words, place_words
@@ -31,8 +22,8 @@ def ranking(verdict: Verdict) -> Figure:
     """Probabilities of the candidates, those of the verdict in colour."""
     shown = ranked(verdict)
     guilty = {(c.effect, c.element) for c in verdict.causes}
-    colours = [AFTER if (c.effect, c.element) in guilty else BEFORE for c in shown]
-    with house_style():
+    colours = [style.AFTER if (c.effect, c.element) in guilty else style.BEFORE for c in shown]
+    with style.house_style():
         figure = _bars(
             [c.label for c in shown],
             [c.probability for c in shown],
@@ -63,19 +54,19 @@ def staircase(verdict: Verdict) -> Figure:
     steps = _from_the_top(_fewer(verdict.staircase), verdict)
     sizes = [factor * step.gap for step in steps]
     labels = [steps[0].label, *(f"+ {step.label}" for step in steps[1:])]
-    colours = [BEFORE] + [AFTER] * (len(steps) - 1)
+    colours = [style.BEFORE] + [style.AFTER] * (len(steps) - 1)
     floor = factor * gap.noise_floor
-    with house_style():
+    with style.house_style():
         figure = _bars(labels, sizes, colours, [significant(size) for size in sizes], clear=floor)
         axes = figure.axes[0]
         axes.set_xlim(0.0, 1.16 * np.nanmax([*sizes, floor]) or 1.0)
         axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.set_xlabel(f"root mean square of rows left out [{unit}]")
         if np.isfinite(floor):
-            axes.axvline(floor, color=FLOOR, linewidth=1.6, linestyle=(0, (4, 2)))
+            axes.axvline(floor, color=style.FLOOR, linewidth=1.6, linestyle=(0, (4, 2)))
             axes.annotate(
                 f"{floor_words(verdict)} {significant(floor)}", (floor, 1.0),
-                va="bottom", color=FLOOR,
+                va="bottom", color=style.FLOOR,
                 xycoords=("data", "axes fraction"), xytext=(4, 2), textcoords="offset points",
                 fontsize=8.5,
             )  # fmt: skip
@@ -102,11 +93,11 @@ def shares(verdict: Verdict) -> Figure:
     """Share of the explained gap by stage and element, in the colours of the arm's picture."""
     where = verdict.where[:MOST_BARS]
     largest = max((place.share for place in where), default=1.0)
-    with house_style():
+    with style.house_style():
         figure = _bars(
             [place_words(place.stage, place.element) for place in where],
             [place.share for place in where],
-            [SHARES(max(place.share, 0.0) / largest) for place in where],
+            [style.SHARES(max(place.share, 0.0) / largest) for place in where],
             [percent(place.share) for place in where],
             width=3.3,
         )
@@ -127,7 +118,7 @@ def _bars(
     clear: float = np.nan,
 ) -> Figure:
     """Horizontal bars from the top down, each with its value in words, off the line ``clear``."""
-    figure = new_figure(width, 0.75 + ROW * max(len(labels), 2))
+    figure = style.new_figure(width, 0.75 + ROW * max(len(labels), 2))
     axes = figure.add_subplot()
     rows = np.arange(len(labels))
     lengths = np.nan_to_num(np.asarray(values, dtype=float))
@@ -137,13 +128,13 @@ def _bars(
         end = clear if length <= clear < length + room else length
         axes.annotate(
             text, (end, row), xytext=(5, 0), textcoords="offset points", va="center",
-            color=INK, fontsize=8.5,
+            color=style.INK, fontsize=8.5,
         )  # fmt: skip
-    axes.set_yticks(rows, [_short(label) for label in labels], color=INK)
+    axes.set_yticks(rows, [_short(label) for label in labels], color=style.INK)
     axes.set_ylim(max(len(labels), 2) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    calm(axes, grid="")
+    style.calm(axes, grid="")
     return figure
 
 

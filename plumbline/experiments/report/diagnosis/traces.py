@@ -4,16 +4,8 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.diagnosis.subject import Array
-from plumbline.experiments.report.style import (
-    AFTER,
-    BEFORE,
-    FAINT,
-    INK,
-    calm,
-    house_style,
-    new_figure,
-)
 
 WIDTH, HEIGHT = 6.4, 3.2  # [in]
 
@@ -46,17 +38,17 @@ class Traces:
 def over_time(traces: Traces) -> Figure:
     """The curves, residuals below."""
     t = traces.time
-    with house_style():
-        figure = new_figure(WIDTH, HEIGHT)
+    with style.house_style():
+        figure = style.new_figure(WIDTH, HEIGHT)
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
         for axes in (upper, lower):
-            calm(axes)
-        upper.plot(t, traces.nominal, color=FAINT, linewidth=2.2)
-        upper.plot(t, traces.actual, color=INK, linewidth=1.4)
-        upper.plot(t, traces.corrected, color=AFTER, linewidth=1.2, linestyle="--")
+            style.calm(axes)
+        upper.plot(t, traces.nominal, color=style.FAINT, linewidth=2.2)
+        upper.plot(t, traces.actual, color=style.INK, linewidth=1.4)
+        upper.plot(t, traces.corrected, color=style.AFTER, linewidth=1.2, linestyle="--")
         upper.set_ylabel(traces.what)
-        lower.plot(t, traces.before, color=BEFORE, linewidth=1.0)
-        lower.plot(t, traces.after, color=AFTER, linewidth=1.0)
+        lower.plot(t, traces.before, color=style.BEFORE, linewidth=1.0)
+        lower.plot(t, traces.after, color=style.AFTER, linewidth=1.0)
         lower.set_ylabel(traces.left)
         lower.set_xlabel("time [s]")
         return figure

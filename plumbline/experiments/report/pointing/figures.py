@@ -7,19 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.diagnosis.arm import project
-from plumbline.experiments.report.style import (
-    AFTER,
-    FAINT,
-    FLOOR,
-    GUILTY,
-    INK,
-    MUTED,
-    PAPER,
-    calm,
-    house_style,
-    new_figure,
-)
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import AngleMap, Status, Sweep
 from plumbline.optim.pointing.body import Box
@@ -49,15 +38,15 @@ def safe_angles(
     maps: Sequence[tuple[str, AngleMap]], mark: tuple[float, float] | None = None
 ) -> Figure:
     """Maps over theta (outwards) and beta (around), one an arm; ``mark`` is one angle [rad]."""
-    with house_style():
-        figure = new_figure(3.6 * len(maps), 4.2)
+    with style.house_style():
+        figure = style.new_figure(3.6 * len(maps), 4.2)
         shown: dict[Status, str] = {}
         for k, (name, found) in enumerate(maps):
             axes = figure.add_subplot(1, len(maps), k + 1, projection="polar")
             _rings(axes, found)
             if mark is not None:
                 axes.plot(
-                    mark[1], np.degrees(mark[0]), "*", color=PAPER, markeredgecolor=INK,
+                    mark[1], np.degrees(mark[0]), "*", color=style.PAPER, markeredgecolor=style.INK,
                     markersize=11, label="published angle",
                 )  # fmt: skip
             axes.set_title(f"{name}\n", loc="center")
@@ -82,7 +71,7 @@ def _rings(axes: Axes, found: AngleMap) -> None:
     for i in range(len(theta)):
         axes.bar(
             beta, outer[i] - inner[i], width=width, bottom=inner[i], color=colours[i],
-            edgecolor=PAPER, linewidth=0.3,
+            edgecolor=style.PAPER, linewidth=0.3,
         )  # fmt: skip
     axes.set_ylim(0.0, float(outer[-1]))
     axes.tick_params(axis="x", pad=7)
@@ -93,7 +82,7 @@ def around(axes: Axes) -> None:
     """Polar axes that say theta outwards and beta around."""
     axes.set_yticks([20, 40, 60], labels=["20°", "40°", "θ = 60°"])
     for label in axes.get_yticklabels():
-        label.set_color(INK)
+        label.set_color(style.INK)
     axes.set_xticks(np.deg2rad([0, 90, 180, 270]), labels=["β = 0°", "90°", "180°", "270°"])
     axes.grid(visible=False)
     axes.spines["polar"].set_visible(False)
@@ -103,32 +92,34 @@ def cone(sweep: Sweep, azimuth: float, shown: int = 4) -> Figure:
     """The arm at some angles of a sweep, the needle at all, the body; orthographic, mm."""
     held = np.flatnonzero(np.isfinite(sweep.joints).all(axis=1))
     tips, tops = sweep.tips_and_tops
-    with house_style():
-        figure = new_figure(6.4, 5.2)
+    with style.house_style():
+        figure = style.new_figure(6.4, 5.2)
         axes = figure.add_subplot()
         _floor(axes, azimuth)
         if isinstance(sweep.aim.body, Box):
             _solid(axes, sweep.aim.T_robot_ct, sweep.aim.body, azimuth)
         for tip, top in zip(tips[held], tops[held], strict=True):
             line = MM * project(np.array([tip, top]), azimuth)
-            axes.plot(*line.T, color=FLOOR, linewidth=0.8, alpha=0.45)
+            axes.plot(*line.T, color=style.FLOOR, linewidth=0.8, alpha=0.45)
             way = MM * project(np.array([sweep.aim.target, tip]), azimuth)
-            axes.plot(*way.T, color=FLOOR, linewidth=0.6, alpha=0.35, linestyle=":")
+            axes.plot(*way.T, color=style.FLOOR, linewidth=0.6, alpha=0.35, linestyle=":")
         for k, i in enumerate(held[np.linspace(0, len(held) - 1, shown).round().astype(int)]):
             _arm(axes, sweep, int(i), azimuth, 0.35 + 0.65 * k / max(shown - 1, 1))
         axes.plot(
-            *(MM * project(sweep.aim.target[None], azimuth)).T, "D", color=GUILTY, markersize=7,
-            label="lesion, tool centre point", linestyle="none", zorder=6,
+            *(MM * project(sweep.aim.target[None], azimuth)).T, "D", color=style.GUILTY, zorder=6,
+            label="lesion, tool centre point", linestyle="none", markersize=7,
         )  # fmt: skip
-        axes.plot([], [], color=FLOOR, label="needle, one line an angle")
-        axes.plot([], [], ":", color=FLOOR, label="from its tip to the lesion")
-        axes.plot([], [], color=AFTER, linewidth=5, label=f"arm, {shown} of {len(held)} postures")
-        axes.plot([], [], color=MUTED, linewidth=1, label="body; base")
+        axes.plot([], [], color=style.FLOOR, label="needle, one line an angle")
+        axes.plot([], [], ":", color=style.FLOOR, label="from its tip to the lesion")
+        axes.plot(
+            [], [], color=style.AFTER, linewidth=5, label=f"arm, {shown} of {len(held)} postures"
+        )
+        axes.plot([], [], color=style.MUTED, linewidth=1, label="body; base")
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("across the line of sight [mm]")
         axes.set_ylabel("upwards in the picture [mm]")
         axes.margins(0.05)
-        calm(axes, grid="both")
+        style.calm(axes, grid="both")
         figure.legend(loc="outside lower center", ncols=3)
         return figure
 
@@ -136,9 +127,11 @@ def cone(sweep: Sweep, azimuth: float, shown: int = 4) -> Figure:
 def _arm(axes: Axes, sweep: Sweep, k: int, azimuth: float, strength: float) -> None:
     segments = links(sweep.aim.chain, sweep.joints[k : k + 1])[0]
     path = MM * project(np.vstack([segments[:, 0], segments[-1:, 1]]), azimuth)
-    axes.plot(*path.T, color=AFTER, linewidth=5, alpha=strength, solid_joinstyle="round", zorder=3)
+    axes.plot(
+        *path.T, color=style.AFTER, linewidth=5, alpha=strength, solid_joinstyle="round", zorder=3
+    )
     joints = MM * project(segments[1::2, 0], azimuth)
-    axes.plot(*joints.T, "o", color=PAPER, markersize=3.2, zorder=4, alpha=strength)
+    axes.plot(*joints.T, "o", color=style.PAPER, markersize=3.2, zorder=4, alpha=strength)
 
 
 def _solid(axes: Axes, T: Array, body: Box, azimuth: float) -> None:
@@ -149,21 +142,23 @@ def _solid(axes: Axes, T: Array, body: Box, azimuth: float) -> None:
     for i in range(8):
         for bit in (1, 2, 4):
             if not i & bit:
-                axes.plot(*flat[[i, i | bit]].T, color=MUTED, linewidth=1.0, zorder=2)
+                axes.plot(*flat[[i, i | bit]].T, color=style.MUTED, linewidth=1.0, zorder=2)
 
 
 def _floor(axes: Axes, azimuth: float) -> None:
     turn = np.linspace(0.0, 2 * np.pi, 80)
     disc = 0.07 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
-    axes.fill(*(MM * project(disc, azimuth)).T, facecolor=FAINT, edgecolor=MUTED, zorder=1)
+    axes.fill(
+        *(MM * project(disc, azimuth)).T, facecolor=style.FAINT, edgecolor=style.MUTED, zorder=1
+    )
 
 
 def joint_path(sweep: Sweep) -> Figure:
     """The joints over a sweep, and what Pinocchio and coal say of it."""
     beta = np.degrees(sweep.beta)
     turning = np.array(sweep.aim.chain.kinds) == "revolute"
-    with house_style():
-        figure = new_figure(6.8, 6.2)
+    with style.house_style():
+        figure = style.new_figure(6.8, 6.2)
         top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=[2.2, 1, 1])
         for j in range(sweep.aim.chain.n):
             factor = 180 / np.pi if turning[j] else MM
@@ -173,15 +168,15 @@ def joint_path(sweep: Sweep) -> Figure:
             )  # fmt: skip
         top.set_ylabel("joint [deg]" if turning.all() else "joint [deg or mm]")
         top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        middle.plot(beta, sweep.singular_value, color=AFTER, linewidth=1.7)
+        middle.plot(beta, sweep.singular_value, color=style.AFTER, linewidth=1.7)
         middle.set_ylabel("smallest singular\nvalue [rad/rad]")
         middle.set_ylim(bottom=0.0)
-        bottom.plot(beta, MM * sweep.clearance, color=GUILTY, linewidth=1.7)
+        bottom.plot(beta, MM * sweep.clearance, color=style.GUILTY, linewidth=1.7)
         bottom.set_ylabel("clearance\n[mm]")
         bottom.set_ylim(bottom=0.0)
         bottom.set_xlabel("azimuth β from the CT's x axis [deg]")
         for ax in (top, middle, bottom):
-            calm(ax, grid="both")
+            style.calm(ax, grid="both")
         off = sweep.rcm_error[np.isfinite(sweep.rcm_error)]
         said = f"at most {MM * off.max():.0e} mm off the lesion" if len(off) else "held nowhere"
         top.set_title(
