@@ -105,11 +105,6 @@ def tables(cases: pd.DataFrame) -> Found:
 
 
 def _chosen(option: str, asked: str, every: str, known: Iterable[str]) -> list[str]:
-    """One of the known, or all of them.
-
-    Raises:
-        PlumblineError: It is none of them.
-    """
     if asked not in (every, *known):
         near = best_matches(asked, known)
         listed = ", ".join((every, *known))

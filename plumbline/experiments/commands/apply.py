@@ -37,11 +37,6 @@ def apply(
 
 
 def _tried(path: Path, folder: Path) -> Applied:
-    """How a stored model does on a recording of its kind.
-
-    Raises:
-        PlumblineError: The recording is of another kind, or of another robot.
-    """
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
     from plumbline.optim.loading import load, load_model, load_to_diagnose
     from plumbline.optim.model import Drives

@@ -78,7 +78,6 @@ def _facts(recording: Recording | MotionRecording, joints: Sequence[str]) -> dic
 
 
 def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
-    """A recording that ``diagnose`` reads, for JSON and in words."""
     content = _facts(recording, recording.chain.joint_names) | {"tip_frame": recording.tip_frame}
     if recording.noise_by_joint is not None:
         content["noise_by_joint"] = recording.noise_by_joint.tolist()
@@ -90,7 +89,6 @@ def _diagnosable(recording: Recording) -> tuple[dict[str, Any], str]:
 
 
 def _session(session: SessionFile) -> tuple[dict[str, Any], str]:
-    """Several recordings of one robot, for JSON and in words."""
     from plumbline.optim.core.quantities import counted
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
     from plumbline.optim.diagnosis.several.sections import refuse_unlike
@@ -112,7 +110,6 @@ def _session(session: SessionFile) -> tuple[dict[str, Any], str]:
 
 
 def _motion(recording: MotionRecording) -> tuple[dict[str, Any], str]:
-    """A motion, for JSON and in words."""
     content = _facts(recording, recording.joints) | {"commands": str(recording.law)}
     return content, f"{recording.describe()}\n{'read by':<13}{content['command']}"
 

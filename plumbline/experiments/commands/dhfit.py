@@ -90,7 +90,6 @@ def dhfit(
 
 
 def _found(unseen: HeldOut | None, files: dict[str, Exported]) -> dict[str, Any]:
-    """What is found about a fit: rows not seen, and files read again."""
     if unseen is None:
         misfits = None
     else:

@@ -138,11 +138,7 @@ def diagnose(
 
 
 def refuse_for_parts(recording: Recording, asked: Mapping[str, object]) -> None:
-    """Refuse what a diagnosis of ranges or fiducials cannot give.
-
-    Raises:
-        PlumblineError: It names the option.
-    """
+    """Refuse what a diagnosis of ranges or fiducials cannot give."""
     given = next((name for name, value in asked.items() if value), None)
     if given is not None:
         raise PlumblineError(
@@ -154,11 +150,6 @@ def refuse_for_parts(recording: Recording, asked: Mapping[str, object]) -> None:
 def _options(
     held_out: str, seed: int, without: Sequence[str], unlisted: float | None, *, force: bool
 ) -> DiagnosisOptions:
-    """The options.
-
-    Raises:
-        PlumblineError: There is no effect of a name, or a prior that is no probability.
-    """
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.diagnosis.prior import UNLISTED
 

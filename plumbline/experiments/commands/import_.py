@@ -120,11 +120,6 @@ def _import(
 
 
 def _ask(to: Path, json: str | None) -> None:
-    """Ask whether to write.
-
-    Raises:
-        PlumblineError: Nobody is there to answer, or the answer is no.
-    """
     if sys.stdin is None or not sys.stdin.isatty() or json == "-":
         raise PlumblineError(f"--to {to}: nothing was written; say --yes to write what was shown")
     if not typer.confirm(f"Write {to}?", err=True):
@@ -132,11 +127,6 @@ def _ask(to: Path, json: str | None) -> None:
 
 
 def _checked(folder: Path) -> dict[str, Any]:
-    """What ``plumbline check`` says of the folder.
-
-    Raises:
-        PlumblineError: It cannot be used.
-    """
     from plumbline.experiments.commands.check import examined
 
     try:

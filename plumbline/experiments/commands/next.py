@@ -51,11 +51,7 @@ Of = Annotated[
 
 
 def refuse_parts(folder: Path) -> None:
-    """Refuse ranges and fiducials, for which no rows are proposed here.
-
-    Raises:
-        PlumblineError: It says where to look instead.
-    """
+    """Refuse ranges and fiducials, for which no rows are proposed here."""
     from plumbline.optim.recording.loading import open_folder
 
     opened = open_folder(folder)
@@ -122,11 +118,7 @@ def next_(
 def _of_session(
     folder: Path, name: str, options: DiagnosisOptions, count: int, within: str, silent: bool
 ) -> tuple[Recording, NextExperiment, Path]:
-    """Rows for one recording of a session by what all of them leave open; its folder.
-
-    Raises:
-        PlumblineError: There is none of that name, or it is of a kind that none is proposed for.
-    """
+    """Rows for one recording of a session by what all of them leave open; its folder."""
     from plumbline.optim.diagnosis.answer import Diagnosis
     from plumbline.optim.diagnosis.design.next_experiment import next_experiment
     from plumbline.optim.diagnosis.design.rows import DesignOptions
@@ -174,7 +166,6 @@ def _hand_out(
     *,
     quiet: bool,
 ) -> None:
-    """Write and print what was found."""
     outputs.write_json(json, {"recording": recording.name, **found.to_dict()})
     if csv is not None and found.rows:
         outputs.write_text(csv, table_to_fill(folder, recording, found), "--csv")
@@ -299,7 +290,6 @@ def _lettered(words: str, explanations: Sequence[str]) -> str:
 
 
 def _foreseen(found: NextExperiment, forecast: Forecast) -> str:
-    """What the rows are expected to bring, in a line."""
     from plumbline.optim.core.quantities import chance
     from plumbline.optim.diagnosis.constants import RANDOM_COUNTS
 

@@ -95,11 +95,6 @@ def register(
 
 
 def _noise(ct_resolution: str | None, robot_std: str | None) -> MarkerNoise | None:
-    """What the options state of the readings.
-
-    Raises:
-        PlumblineError: They are no lengths in m, or the robot's stands alone.
-    """
     from plumbline.optim.registration import MarkerNoise
 
     if ct_resolution is None:
@@ -131,11 +126,6 @@ def _lengths(option: str, text: str) -> list[float]:
 
 
 def _method(fiducials: Fiducials, name: str, triple: str | None) -> Method | str:
-    """The method of a name, with the markers that it is to rest on.
-
-    Raises:
-        PlumblineError: There are no such markers, or they are for another method.
-    """
     from plumbline.optim.registration import ThreePoint
 
     if triple is None:

@@ -41,7 +41,6 @@ def diagnose_several(
 
 
 def _tried(found: Any, other: Any) -> Applied:
-    """How what was found does on another recording of one of its kinds."""
     from plumbline.optim.diagnosis.several.sections import Sections, tried
 
     return found.transfer(other) if isinstance(found, Sections) else tried(found, other)

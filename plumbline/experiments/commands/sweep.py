@@ -104,11 +104,6 @@ def _kept_beside(*outputs: str | Path | None) -> Path | None:
 def _two_of(
     by: str | None, options: Mapping[str, Any], plot: Path | None
 ) -> tuple[str, str] | None:
-    """The factors of ``--by``, before anything is run.
-
-    Raises:
-        PlumblineError: They are not two of those that there are, or a picture lacks them.
-    """
     suffixes = (".svg", ".png", ".pdf")
     if plot is not None and (by is None or plot.suffix not in suffixes):
         known = ", ".join(suffixes)
@@ -122,11 +117,6 @@ def _two_of(
 
 
 def _refuse_if_all_are(found: Sweep) -> None:
-    """No case at all is no result.
-
-    Raises:
-        PlumblineError: Every case was refused; the first reason is told.
-    """
     from plumbline.experiments.sweep.outcome import REFUSED
 
     if all(outcome.verdict == REFUSED for outcome in found.outcomes):
@@ -220,7 +210,6 @@ def _print(found: Sweep, table: Crossed | None) -> None:
 
 
 def _crossed(crossed: Crossed) -> tuple[str, Grid]:
-    """A table by two factors, with what it is of."""
     from plumbline.experiments.report.page.page import Grid
 
     rows = [
@@ -232,7 +221,6 @@ def _crossed(crossed: Crossed) -> tuple[str, Grid]:
 
 
 def _table(found: Sweep) -> tuple[str, Grid]:
-    """A line a case, with what the table is of."""
     from plumbline.experiments.report.page.page import Grid
 
     shown = [n for n in as_rows(found)[0] if n not in {*found.varied, *HIDDEN}]

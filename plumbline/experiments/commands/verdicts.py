@@ -76,11 +76,7 @@ class Outputs:
 
 
 def refuse(asked: Mapping[str, object], what: str) -> None:
-    """Refuse options that one kind of recording has no answer to.
-
-    Raises:
-        PlumblineError: It names the option.
-    """
+    """Refuse options that one kind of recording has no answer to."""
     for option, value in asked.items():
         if value:
             raise PlumblineError(f"{option} {value}: not for {what}; leave it out")

@@ -89,11 +89,6 @@ def _run(python: Path, way: Way, subject: str, given: Path) -> dict[str, Any]:
 
 
 def _called(command: list[str]) -> str:
-    """What a process says.
-
-    Raises:
-        EmptyCellError: It fails, or takes too long.
-    """
     alone = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     try:
         done = subprocess.run(

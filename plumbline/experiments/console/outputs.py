@@ -80,11 +80,7 @@ def check_output(
 
 
 def check_new(path: Path, option: str, *, overwrite: bool) -> None:
-    """Refuse to replace a file unless that was asked for, or it is an earlier report or JSON.
-
-    Raises:
-        PlumblineError: There is one that must stay.
-    """
+    """Refuse to replace a file unless that was asked for, or it is an earlier report or JSON."""
     if overwrite or not path.is_file() or _may_go(path):
         return
     raise PlumblineError(
@@ -127,11 +123,7 @@ def check_outputs(
 
 
 def check_distinct(outputs: Mapping[str, str | Path | None]) -> None:
-    """Refuse two outputs into one file.
-
-    Raises:
-        PlumblineError: Two options name the same file.
-    """
+    """Refuse two outputs into one file."""
     seen: dict[Path, str] = {}
     for option, path in outputs.items():
         if path is None or str(path) == STDOUT:

@@ -10,11 +10,7 @@ from plumbline.errors import PlumblineError
 
 
 def check_free(target: Path) -> None:
-    """Refuse a target that holds anything.
-
-    Raises:
-        PlumblineError: the target is a file, or a folder that is not empty.
-    """
+    """Refuse a target that holds anything."""
     if target.is_symlink() or (target.exists() and not target.is_dir()):
         raise PlumblineError(f"{target} exists and is no folder: move it away, or choose another")
     if target.is_dir() and any(target.iterdir()):

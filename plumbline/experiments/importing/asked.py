@@ -95,11 +95,6 @@ def shift(word: str) -> tuple[str, float]:
 
 
 def _told_robot(raws: Sequence[Raw]) -> dict[str, str]:
-    """The robot that a table names, if any.
-
-    Raises:
-        PlumblineError: None is known by that name.
-    """
     told = next((raw for raw in raws if raw.robot not in ("", "unknown")), None)
     if told is None:
         return {}
@@ -176,7 +171,6 @@ def named_robot(word: str | None) -> tuple[dict[str, Any], dict[str, Path], Robo
 def _robot(
     given: object, toml: Path | None
 ) -> tuple[dict[str, Any], dict[str, Path], Robot | None]:
-    """``[robot]``, the files that it needs, and the robot."""
     if given is None:
         return {}, {}, None
     table = dict(given) if isinstance(given, dict) else _source_of(str(given))

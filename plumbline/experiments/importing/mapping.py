@@ -162,7 +162,6 @@ def _by_joint(raw: Raw, joints: Sequence[str]) -> Mapping[str, str]:
 
 
 def _unit(raw: Raw, column: str) -> Unit | None:
-    """The unit that the file says, in a row of units or in the column's own name."""
     said = raw.units.get(column)
     return units.known(said) if said else units.of_header(column)[1]
 

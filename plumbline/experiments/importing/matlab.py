@@ -43,11 +43,7 @@ def read(path: Path) -> list[Raw]:
 
 
 def _hdf5(path: Path) -> dict[str, Any]:
-    """The arrays of a file of version 7.3 as they lie in MATLAB; no link is followed.
-
-    Raises:
-        PlumblineError: It cannot be read, or h5py is not there.
-    """
+    """The arrays of a file of version 7.3 as they lie in MATLAB; no link is followed."""
     mend = "save it again in MATLAB: save('file.mat', '-v7')"
     try:
         h5py = import_module("h5py")

@@ -55,7 +55,6 @@ def read_dataset(folder: Path) -> list[Raw]:
 
 
 def _table(path: Path) -> pd.DataFrame:
-    """The columns of a file but for its pictures."""
     try:
         from pyarrow import parquet
 

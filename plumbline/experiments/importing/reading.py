@@ -39,11 +39,6 @@ def read(path: Path) -> list[Raw]:
 
 
 def _bag(folder: Path) -> list[Raw]:
-    """The tables of a ROS 2 bag's folder.
-
-    Raises:
-        PlumblineError: It is another folder; what lies in it is listed.
-    """
     if not (folder / "metadata.yaml").is_file():
         there = listed(sorted(path.name for path in folder.iterdir())) or "nothing"
         found, mend = f"a folder (there: {there})", "name the files of the log"

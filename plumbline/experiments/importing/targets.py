@@ -57,11 +57,7 @@ def from_one(name: str, names: Iterable[str]) -> str:
 
 
 def check_target(name: str) -> None:
-    """Refuse a column that no recording has.
-
-    Raises:
-        PlumblineError: There is none of that name.
-    """
+    """Refuse a column that no recording has."""
     if not is_target(name):
         known = [*(f"{prefix}1" for prefix in NUMBERED), *SINGLE, *LABELS]
         raise PlumblineError(

@@ -129,7 +129,6 @@ def _units_row(table: pd.DataFrame) -> list[str]:
 
 
 def _column(cells: pd.Series[str]) -> NDArray[Any]:
-    """The cells; lists in brackets as lists."""
     values = np.asarray(cells, dtype=object)
     if len(values) and str(values[0]).startswith("["):
         try:
@@ -147,6 +146,5 @@ def _numeric(cell: str) -> bool:
 
 
 def _has_decimal_commas(table: pd.DataFrame) -> bool:
-    """Whether any cell of the first rows is a number with a comma."""
     some = table.iloc[: 10 * LOOKED_AT].to_numpy().ravel()
     return any(DECIMALS.match(str(cell).strip()) for cell in some)

@@ -126,7 +126,6 @@ def _numbered_alike(columns: Sequence[str], count: int) -> str:
 
 
 def _base(matches: Sequence[Match]) -> Raw:
-    """The table that the rows are of."""
     first = {match.target: match.raw for match in reversed(matches)}
     for target in targets.MEASURED:
         if target in first:
@@ -135,7 +134,6 @@ def _base(matches: Sequence[Match]) -> Raw:
 
 
 def _clock(raw: Raw, request: Request) -> Array | None:
-    """A table's clock [s], or None."""
     told = mapping.clock_of(raw, request.columns)
     if told is None:
         return None
@@ -216,7 +214,6 @@ def _converted(
 
 
 def _values(match: Match, request: Request, kinds: Sequence[str]) -> tuple[NDArray[Any], str]:
-    """A column in SI units, and its unit as the file has it."""
     if match.target in targets.LABELS:
         return _labels(match), "1"
     try:
@@ -312,7 +309,6 @@ def _turned(table: pd.DataFrame, rotation: str) -> pd.DataFrame:
 
 
 def _derived(table: pd.DataFrame, request: Request) -> pd.DataFrame:
-    """With what was asked to be derived from the path."""
     joints = [c for c in table if (targets.numbered(str(c)) or ("",))[0] == "q"]
     for what in request.derive:
         if what not in DERIVED:
@@ -331,7 +327,6 @@ def _derived(table: pd.DataFrame, request: Request) -> pd.DataFrame:
 
 
 def _unused(raws: list[Raw], matches: Sequence[Match], request: Request) -> list[str]:
-    """Columns that nothing is made of."""
     used = {(match.raw.name, match.column) for match in matches}
     clocks = {raw.name: (mapping.clock_of(raw, request.columns) or ("",))[0] for raw in raws}
     several = len({name for name, _ in used}) > 1

@@ -114,7 +114,6 @@ def _parsed(row: dict[str, str]) -> Line:
 
 
 def _made(seed: int, asked: tuple[int, list[str]]) -> list[Line]:
-    """All lines of a task that are asked for."""
     number, names = asked
     return [line_of(number, name, task(number, seed, CONTROLLERS[name])) for name in names]
 
@@ -154,7 +153,6 @@ def go_on(
 
 
 def _lines(missing: list[tuple[int, list[str]]], seed: int, jobs: int) -> Iterator[Line]:
-    """Lines of all tasks, as they are done."""
     for lines in done_by(partial(_made, seed), missing, jobs):
         yield from lines
 

@@ -39,7 +39,6 @@ class Plan:
     arms: tuple[str, ...] = ()  # names of the arms to draw from; all when empty
 
     def __post_init__(self) -> None:
-        """Refuse names that mean nothing."""
         for value, known in ((self.kind, KINDS), (self.observation, OBSERVATIONS)):
             if value not in known:
                 raise PlumblineError(f"{value!r} not recognised; known: {', '.join(known)}")
@@ -69,7 +68,6 @@ def draw_case(plan: Plan, name: str, seed: int) -> Case:
 
 
 def _names(plan: Plan, rng: np.random.Generator) -> tuple[str, ...]:
-    """Names of the effects, in the order of the chain."""
     if plan.kind == "none":
         return ()
     pools = {"outside": outside_offered, "unseen": unseen_offered}

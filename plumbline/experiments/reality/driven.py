@@ -129,7 +129,6 @@ def commands(rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _named(plan: Plan, rng: np.random.Generator) -> list[tuple[str, int]]:
-    """What is wrong, and at which joint."""
     if plan.kind == "none":
         return []
     pool = list(OUTSIDE) if plan.kind == "outside" else list(plan.effects or INSIDE)
@@ -139,7 +138,6 @@ def _named(plan: Plan, rng: np.random.Generator) -> list[tuple[str, int]]:
 
 
 def _wrongs(named: list[tuple[str, int]], sizes: list[float]) -> list[Wrong]:
-    """What is wrong with each joint's drive."""
     wrongs = [Wrong()] * JOINTS
     for (name, j), size in zip(named, sizes, strict=True):
         wrongs[j] = replace(wrongs[j], **{_drawn(name)[0]: size})

@@ -262,7 +262,6 @@ def _scored(
 
 
 def _recording(case: Case, found: Scored, noise: Array) -> Recording:
-    """Columns as a logger of a moving arm writes them."""
     session, n = case.scene.session, case.arm.joints
     columns = numbered("q", session.q)
     if case.observation == "joint_position":

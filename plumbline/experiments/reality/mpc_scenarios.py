@@ -198,7 +198,6 @@ def _flier(rng: np.random.Generator, aim: Array, when: float) -> Swing:
 
 
 def _swinger(rng: np.random.Generator, middle: Array) -> Swing:
-    """A sphere that swings to and fro at up to 1 m/s."""
     way = rng.normal(size=3)
     way *= rng.uniform(10.0, 60.0) / np.linalg.norm(way)
     speed = float(np.exp(rng.uniform(np.log(50.0), np.log(1000.0))))
@@ -214,7 +213,6 @@ def fast_obstacle(rng: np.random.Generator) -> Draft:
 
 
 def _alone(trocars: Array, starts: Array, goals: Array) -> Scenario:
-    """Instruments with nothing in their way but each other."""
     return Scenario("", 0, _instruments(trocars), starts, goals, (), STATED)
 
 
@@ -317,7 +315,6 @@ def draw(family: str, seed: int, mismatch: Mismatch = STATED) -> Scenario:
 
 
 def _is_clear(found: Scenario) -> bool:
-    """Whether starts and goals keep clear as long as they must."""
     now, always = np.zeros(1), np.arange(0.0, PASSED, LOOKED)
     if min(found.clearance(found.starts, now), found.clearance(found.goals, now)) < CLEAR:
         return False

@@ -63,7 +63,6 @@ def spread(arm: Arm, rows: int, rng: np.random.Generator) -> Array:
 
 
 def _revisit(q: Array, rng: np.random.Generator) -> Array:
-    """Replace a share of the rows by poses visited earlier."""
     again = q.copy()
     for k in range(3, len(q)):
         if rng.random() < REPEATED:

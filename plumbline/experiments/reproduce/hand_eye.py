@@ -236,7 +236,6 @@ def _selection(f: dict[str, object]) -> Table:
 
 
 def _pair(entry: object) -> tuple[str, str]:
-    """Ours and the paper's, with their spreads."""
     assert isinstance(entry, dict)
     ours = f"{entry['value']:.3f} ± {entry['std']:.3f}"
     paper = f"{entry['paper']:.2f}" if "paper" in entry else "–"

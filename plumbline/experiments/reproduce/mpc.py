@@ -59,7 +59,6 @@ def _nearest(runs: list[Run]) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _said(figures: dict[str, Any]) -> str:
-    """What the tasks came to, in plain words."""
     least, times = figures["min_clearance"]["value"], figures["step_ms"]
     return (
         f"In {figures['scenarios']} random tasks instruments touched {figures['collisions']} times "

@@ -43,7 +43,6 @@ def _is_point(line: str) -> bool:
 
 
 def _header(file: str, lines: list[str]) -> tuple[str, list[str]]:
-    """The axes and the names of the columns."""
     said = {}
     for line in lines:
         if line.lstrip().startswith("#") and "=" in line:

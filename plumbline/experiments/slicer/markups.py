@@ -54,7 +54,6 @@ def _lists(file: str, path: Path) -> list[dict[str, Any]]:
 
 
 def _points(file: str, number: int, content: dict[str, Any], axes: str) -> pd.DataFrame:
-    """The points of one list."""
     where = f"{file}, markups {number}"
     source = check_axes(str(content.get("coordinateSystem", "LPS")), f"{where}, coordinateSystem")
     scale = _unit(where, content.get("coordinateUnits", "mm"))

@@ -40,7 +40,6 @@ def local_files(source: Source, *, progress: bool = False) -> dict[str, Path]:
 
 
 def _local_file(source: Source, file: SourceFile, progress: bool) -> Path:
-    """Checked local copy of one file."""
     local = cache_folder() / source.folder / file.path
     if local.is_file():
         _check(local, file)
@@ -50,7 +49,6 @@ def _local_file(source: Source, file: SourceFile, progress: bool) -> Path:
 
 
 def _check(local: Path, file: SourceFile) -> None:
-    """Refuse a local copy that is not the pinned file."""
     try:
         found = pooch.file_hash(str(local), alg="sha256")
     except OSError as error:
@@ -66,7 +64,6 @@ def _check(local: Path, file: SourceFile) -> None:
 
 
 def _download(source: Source, file: SourceFile, local: Path, progress: bool) -> None:
-    """Fetch one file into the cache, where there is none yet."""
     url = source.file_url(file)
     if not _writable(local.parent):
         raise PlumblineError(

@@ -55,7 +55,6 @@ def write(source: Source, draft: Draft, target: Path) -> Path:
 
 
 def _fill(folder: Path, source: Source, draft: Draft) -> None:
-    """Write the files of a recording into a folder."""
     (folder / "dataset.toml").write_text(dataset_toml(source, draft), encoding="utf-8")
     # Twelve digits keep a micrometre in a kilometre, more than any of the instruments gives.
     draft.samples.to_csv(

@@ -33,7 +33,6 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
 
 
 def _read(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times (N,) [s] and positions (N, 6) [rad]."""
     table = pd.read_csv(file)
     positions = np.array([json.loads(cell) for cell in table["positions"]], dtype=float)
     return table["timestamp"].to_numpy(dtype=float) * 1e-6, positions[:, :JOINTS]

@@ -60,7 +60,6 @@ def _unpacked(shipped: Shipped) -> Path:
 
 
 def _worked(work: Callable[[Path, Task], Found], shipped: Shipped, task: Task) -> Found:
-    """One task, on a worker."""
     return work(shipped.unpacked(), task)
 
 
@@ -114,7 +113,6 @@ def done_on(
 
 
 def _connected(address: str) -> Client:
-    """A client of a scheduler that has a worker."""
     try:
         from distributed import Client
     except ImportError:

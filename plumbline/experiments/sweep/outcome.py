@@ -104,7 +104,6 @@ class Sweep:
     varied: tuple[str, ...] = field(default=())  # options of which there is more than one value
 
     def __repr__(self) -> str:
-        """The recording, and how many cases agree."""
         return f"<Sweep over {self.recording[:60]}: {self.agreement}>"
 
     @property

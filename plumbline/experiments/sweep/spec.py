@@ -62,7 +62,6 @@ def _of_reality(path: Path, settings: Section) -> Spec:
 
 
 def _one_of(settings: Section, key: str, known: Sequence[str]) -> str:
-    """A word of those that are known; the first where it is not stated and not asked for."""
     if key not in settings.values and key != "reality":
         return known[0]
     value = settings.word(key)
@@ -80,7 +79,6 @@ def _whole(section: Section, key: str, usual: int) -> int:
 
 
 def _values(section: Section, key: str, factor: simulated.Factor) -> tuple[Any, ...]:
-    """The values of one factor: a list, or one alone."""
     value = section.values[key]
     values = value if isinstance(value, list) else [value]
     odd = next((v for v in values if not factor.takes(v)), None)
@@ -90,7 +88,6 @@ def _values(section: Section, key: str, factor: simulated.Factor) -> tuple[Any, 
 
 
 def _span(section: Section, key: str, factor: simulated.Factor) -> tuple[Any, ...]:
-    """A range of numbers, or words to choose from."""
     values = _values(section, key, factor)
     if not factor.words and not (len(values) == 2 and values[0] < values[1]):
         raise section.fault(key, "a range [LEAST, MOST]", f"write {key} = {factor.example}")
@@ -104,11 +101,7 @@ def _refuse_many(path: Path, counts: Sequence[int]) -> None:
 
 
 def refuse_unknown(section: Section, known: Sequence[str]) -> None:
-    """Refuse a key that nothing reads.
-
-    Raises:
-        PlumblineError: There is one.
-    """
+    """Refuse a key that nothing reads."""
     odd = next((key for key in section.values if key not in known), None)
     if odd is not None:
         near = best_matches(odd, known)

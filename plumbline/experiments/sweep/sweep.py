@@ -89,7 +89,6 @@ def _varied(cases: Sequence[Any]) -> tuple[str, ...]:
 def _done(
     folder: Path | None, cases: list[Any], jobs: int | None, dask: str | None
 ) -> Iterator[Outcome]:
-    """What comes of each case, here, on a backend of joblib's, or on a cluster."""
     work: Callable[[Any, Any], Outcome] = simulated.outcome_of
     if folder is not None:
         work = recorded.outcome_of
@@ -108,18 +107,12 @@ def key_of(recording: Recording) -> dict[str, str]:
 
 
 def _line(outcome: Outcome) -> dict[str, Any]:
-    """An outcome as it is kept."""
     return {
         "case": outcome.case.to_dict(), "found": dict(outcome.found), "reason": outcome.reason,
     }  # fmt: skip
 
 
 def _known(kept: Kept | None, cases: Sequence[Any]) -> dict[Any, Outcome]:
-    """Outcomes that an earlier sweep has kept, of the cases that are asked for.
-
-    Raises:
-        PlumblineError: They are none.
-    """
     asked = {_key(case.to_dict()): case for case in cases}
     found: dict[Any, Outcome] = {}
     for number, line in enumerate(kept.lines if kept else (), start=2):

@@ -59,7 +59,6 @@ class Design:
     simulator: str = "numpy"
 
     def __post_init__(self) -> None:
-        """Refuse names and ranges that mean nothing."""
         for option, value, known in (
             ("--kind", self.kind, (*KINDS, MIXTURE, MIXED)),
             ("--level", self.level, (*LEVELS, MIXED)),
@@ -83,7 +82,6 @@ class Design:
                 )
 
     def _check_together(self) -> None:
-        """Refuse options that are each known, but draw nothing together."""
         if self.kind == "pair" and len(set(self.effects)) == 1:
             raise PlumblineError(f"--kind pair: of {self.effects[0]} alone; name another --effect")
         if self.kind in {UNLISTED, MIXTURE} and self.leave_out:
@@ -121,7 +119,6 @@ def _named(
 
 
 def _effects_of(simulator: str, kind: str) -> tuple[str, ...]:
-    """What a simulator can draw by name."""
     if simulator == "torque":
         from plumbline.experiments.reality.torques import INSIDE as TORQUES
 
@@ -140,7 +137,6 @@ def _effects_of(simulator: str, kind: str) -> tuple[str, ...]:
 
 
 def _arms_of(simulator: str) -> tuple[str, ...]:
-    """The arms that a simulator moves."""
     if simulator != "mujoco":
         return tuple(ARMS)
     from plumbline.experiments.reality.moving import ARM_NAMES

@@ -107,7 +107,6 @@ def _is_there(cases: Path, truth: Path, entry: sealing.Entry | None) -> bool:
 def _make_one(
     cases: Path, truth: Path, design: Design, number: int, name: str, sealed: sealing.Entry | None
 ) -> None:
-    """Draw, seal, and only then write one case."""
     with tempfile.TemporaryDirectory(prefix="plumbline-make-") as scratch:
         made = Path(scratch) / name
         text, without = drawn_case(made, design, number, name)
@@ -141,11 +140,7 @@ def drawn_case(folder: Path, design: Design, number: int, name: str) -> tuple[st
 
 
 def _one_of(facts: Mapping[str, Any], rng: np.random.Generator) -> tuple[str, ...]:
-    """The effect of one of the causes, whichever: they are listed in the order of the chain.
-
-    Raises:
-        PlumblineError: The causes have one effect, so that nothing known would be left.
-    """
+    """The effect of one of the causes, whichever: they are listed in the order of the chain."""
     names = [str(effect["effect"]) for effect in facts["effects"]]
     if len(set(names)) < len(names):
         raise PlumblineError(f"{names[0]}: twice in one case, two effects expected; draw another")

@@ -85,11 +85,7 @@ def run_set(
 
 
 def _check_out(cases: Path, out: Path, entries: Sequence[Entry]) -> None:
-    """Refuse a folder for the verdicts that holds what no run wrote, a truth above all.
-
-    Raises:
-        PlumblineError: It names the file in the way.
-    """
+    """Refuse a folder for the verdicts that holds what no run wrote, a truth above all."""
     try:
         within = out.resolve().is_relative_to(cases.resolve())
         begun = (out / RUN).exists()
@@ -121,11 +117,7 @@ def entries_of(cases: Path) -> list[Entry]:
 
 
 def refuse_truth(cases: Path, sealed: set[str]) -> None:
-    """Refuse to run where a truth lies within the cases or in a folder above them.
-
-    Raises:
-        PlumblineError: It names the file.
-    """
+    """Refuse to run where a truth lies within the cases or in a folder above them."""
     above = (path for parent in cases.resolve().parents for path in _json_in(parent))
     for path in (*sorted(cases.rglob("*.json")), *above):
         if _is_truth(path, sealed):
@@ -152,7 +144,6 @@ def _is_truth(path: Path, sealed: set[str]) -> bool:
 
 
 def _sign(cases: Path, out: Path) -> None:
-    """Note which set the verdicts belong to, and which code they are by."""
     ledger = cases / LEDGER
     sealed = hash_of_file(ledger) if ledger.is_file() else ""
     note = {"cases": str(cases.resolve()), "ledger": sealed, "code": code_hash()}

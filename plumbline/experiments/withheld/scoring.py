@@ -137,7 +137,6 @@ def _sealed(verdicts: Path, truth: Path, ledger: Ledger) -> tuple[list[ScoredCas
 
 
 def _unsealed(verdicts: Path, truth: Path) -> tuple[list[ScoredCase], list[str]]:
-    """Every truth with its verdict; nothing vouches for either."""
     if not truth.is_dir():
         raise PlumblineError(f"{truth}: no such folder; expected a JSON file a case")
     judged, missing = [], []

@@ -181,11 +181,7 @@ def seal_folder(cases: Path, truth: Path, without: tuple[str, ...] = ()) -> Ledg
 
 
 def check_apart(cases: Path, truth: Path) -> None:
-    """Refuse a truth within the cases, and cases within the truth.
-
-    Raises:
-        PlumblineError: One folder is the other or lies in it.
-    """
+    """Refuse a truth within the cases, and cases within the truth."""
     try:
         here, there = cases.resolve(), truth.resolve()
     except (OSError, RuntimeError, ValueError) as error:

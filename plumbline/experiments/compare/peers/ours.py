@@ -51,7 +51,6 @@ def hand_eye(given: Mapping[str, Array]) -> Array:
 
 
 def _tool(q: Array, seen: Array) -> Array:
-    """Of one set-up."""
     turned = Rotation.from_matrix(seen[:, :3, :3]).as_quat(scalar_first=True)
     measured = np.column_stack([seen[:, :3, 3], turned])
     recording = build_recording(
@@ -85,7 +84,6 @@ def dh_misses(given: Mapping[str, Array], found: Any) -> Array:
 
 
 def _recording(given: Mapping[str, Array], end: str) -> Recording:
-    """The rows of one end."""
     robot = Robot.from_urdf(str(given["urdf"]), gravity=given["gravity"])
     return build_recording(
         observation="joint_torque", robot=robot, q=given[f"q{end}"], velocity=given[f"v{end}"],
@@ -95,7 +93,6 @@ def _recording(given: Mapping[str, Array], end: str) -> Recording:
 
 
 def _effects(recording: Recording) -> list[Effect]:
-    """Five terms a joint."""
     scope = scope_of(recording)
     every = [e for name in TERMS for e in REGISTRY[name].candidates(scope)]
     return [e for e in every if getattr(e, "power", 1.0) == 1.0]
@@ -116,7 +113,6 @@ def torque_misses(given: Mapping[str, Array], found: Array) -> Array:
 
 
 def _windows(given: Mapping[str, Array], joint: int, starts: Array) -> Windows:
-    """Windows of one joint."""
     u, q = given["u"][:, joint], given["q"][:, joint]
     nothing = np.zeros(len(q))
     return Windows(

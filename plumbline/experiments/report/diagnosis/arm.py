@@ -189,7 +189,6 @@ def _apart(places: Array) -> Array:
 
 
 def _scale_bar(axes: Axes, points: Array) -> None:
-    """A length to compare with, at the lower edge."""
     low, high = points.min(axis=0), points.max(axis=0)
     extent = float((high - low).max())
     length = min(SCALE_BARS, key=lambda bar: abs(bar - 0.2 * extent))

@@ -278,7 +278,6 @@ def _next(verdict: Verdict) -> Iterator[Part]:
 
 
 def _about(answer: Diagnosis | MotionDiagnosis) -> str:
-    """What was recorded, on which robot."""
     recording = answer.recording
     if isinstance(recording, MotionRecording):
         return f" of {recording.observation} on {recording.robot.name}, {recording.n} joints"

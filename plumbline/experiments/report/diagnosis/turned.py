@@ -18,7 +18,6 @@ class Turned:
     page: str  # the whole of it, one HTML file
 
     def __repr__(self) -> str:
-        """Of what it is."""
         return f"<scene of {self.name[:60]}: shown in a notebook>"
 
     def _repr_html_(self) -> str:

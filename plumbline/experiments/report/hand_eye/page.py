@@ -101,7 +101,6 @@ def _worst(answer: HandEye) -> Part:
 
 
 def _gross(answer: HandEye) -> str:
-    """The rows taken for gross errors, by their numbers in the file."""
     rows = answer.calibration.gross
     if not len(rows):
         return "none"

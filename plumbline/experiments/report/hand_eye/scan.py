@@ -38,7 +38,6 @@ def page(answer: ScanAnswer) -> Page:
 
 
 def _lead(answer: ScanAnswer) -> list[str]:
-    """What the scan says, in plain sentences."""
     said = []
     if answer.laid is not None:
         said.append(

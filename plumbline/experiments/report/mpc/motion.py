@@ -57,7 +57,6 @@ class Film:
     """The frames of one run."""
 
     def __init__(self, scenario: Scenario, found: Run, safe: float) -> None:
-        """Draw what does not move."""
         self.scenario, self.found = scenario, found
         self.gaps = clearances(scenario, found)
         with house_style():

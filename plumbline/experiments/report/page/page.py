@@ -102,7 +102,6 @@ class Picture:
     last_wide: bool = False  # whether the last one does, being the scale of the others
 
     def __repr__(self) -> str:
-        """The finding."""
         return f"<Picture {self.key!r}: {self.title[:200]}>"
 
     def _repr_html_(self) -> str:

@@ -58,7 +58,6 @@ def safe_angles(
 
 
 def _rings(axes: Axes, found: AngleMap) -> None:
-    """Cells coloured by status; edges lie halfway between the angles."""
     theta, beta = np.degrees(found.theta), found.beta
     kinds = list(COLOURS)
     number = np.vectorize(kinds.index)(found.status)

@@ -100,7 +100,6 @@ def _tiles(answer: Registration, told: Mapping[str, Any]) -> list[Tile]:
 
 
 def _origin(answer: Registration) -> str:
-    """Where the size of the noise is from."""
     if np.isinf(answer.dof):
         return "as stated"
     both = "as stated, mended by the misfits" if answer.surprise >= DOUBTFUL else "estimated"
@@ -172,7 +171,6 @@ def _methods(lines: Lines) -> list[Part]:
 
 
 def _beside(line: Mapping[str, Any]) -> str:
-    """A transform found elsewhere, in one line."""
     turned = " (its inverse: the file maps robot to CT)" if line["inverted"] else ""
     said = f"{line['name']}{turned}: FRE {_mm(line['fre'])} mm"
     inside = {None: "not known whether within", True: "inside", False: "outside"}
