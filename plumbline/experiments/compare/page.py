@@ -21,15 +21,7 @@ COLUMNS = ("peer", "version", "figure", "first [s]", "again [s]", "memory [MB]",
 def page(
     contests: Sequence[Contest], cells: Sequence[Cell], *, day: date, machine: str, floor: float
 ) -> str:
-    """The page in Markdown.
-
-    Args:
-        contests: What was compared.
-        cells: All that was found.
-        day: When.
-        machine: On what.
-        floor: Memory of our imports alone [MB].
-    """
+    """The page in Markdown: on which day and machine, our imports alone taking ``floor`` [MB]."""
     parts = [HEAD.format(day=day.isoformat(), machine=machine, floor=floor)]
     for contest in contests:
         own = [c for c in cells if c.contest == contest.name]

@@ -37,11 +37,7 @@ class Output(io.TextIOWrapper):
 
 
 def guard() -> Output | None:
-    """Make this process's standard streams fit for any outcome; for the start of a process.
-
-    Returns:
-        Its standard output; None if that is closed.
-    """
+    """Make this process's streams fit for any outcome; its standard output, None if closed."""
     for number in range(3):
         try:
             os.fstat(number)

@@ -22,10 +22,7 @@ ONE_THREAD = dict.fromkeys(
 def done_by(work: Callable[[Task], Found], tasks: Sequence[Task], jobs: int) -> Iterator[Found]:
     """What comes of each task, in the order in which they are done.
 
-    Args:
-        work: What is done; a function of a module.
-        tasks: What it is done to.
-        jobs: Processes at a time; 1 for this process alone, -1 for one a core.
+    ``work`` is a function of a module; jobs are processes at a time, -1 for one a core.
     """
     count = min(jobs if jobs > 0 else os.cpu_count() or 1, len(tasks))
     if count <= 1:

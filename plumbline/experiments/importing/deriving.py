@@ -50,10 +50,8 @@ def velocities(q: Array, time: Array, group: NDArray[np.int64]) -> Array:
 def directions(q: Array, group: NDArray[np.int64], still: float = STILL) -> NDArray[np.int64]:
     """Side (N, n) from which each joint came: -1, 1, or 0 before its first motion.
 
-    Args:
-        q: Joints (N, n) [rad or m], in the order of time.
-        group: Which rows follow each other (N,).
-        still: Motion back that counts as none [rad or m]; half of it before the first motion.
+    Joints (N, n) [rad or m] in the order of time, by groups (N,) of rows that follow each other.
+    Motion back by ``still`` [rad or m] counts as none; half of it before the first motion.
     """
     found = np.zeros(q.shape, dtype=np.int64)
     dragged = q[0] if len(q) else q

@@ -20,10 +20,7 @@ ROUNDING = 1e-9  # [s] by which a difference may pass the gap: clocks in decimal
 def partners(moments: Array, others: Array, gap: float) -> NDArray[np.int64]:
     """The nearest row of another table to each row (N,), :data:`NOBODY` where none is near.
 
-    Args:
-        moments: Clock of the rows (N,) [s], in any order; nan for none.
-        others: Clock of the other table (M,) [s], in any order; nan for none.
-        gap: How far apart two readings may be [s].
+    Clocks (N,) and (M,) [s] in any order, nan for none; two readings may be ``gap`` [s] apart.
     """
     order = np.argsort(others, kind="stable")
     order = order[: int(np.isfinite(others).sum())]  # nan is sorted last

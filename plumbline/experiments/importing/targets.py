@@ -67,12 +67,7 @@ def check_target(name: str) -> None:
 
 
 def dimensions(target: str, kinds: Sequence[str] = ()) -> tuple[str, ...]:
-    """What a column may measure, the likeliest first.
-
-    Args:
-        target: Its name; no label.
-        kinds: ``"revolute"`` or ``"prismatic"`` by joint, where the robot is known.
-    """
+    """What a column may measure, the likeliest first; of joints by their kinds, where known."""
     parts = numbered(target)
     if parts is None:
         return SINGLE[target]

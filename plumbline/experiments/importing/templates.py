@@ -120,12 +120,7 @@ def template(kind: str) -> Template:
 
 
 def header(kind: str, joints: int) -> str:
-    """The first line of ``samples.csv``.
-
-    Args:
-        kind: Kind of recording.
-        joints: Number of joints.
-    """
+    """The first line of ``samples.csv``, for so many joints."""
     names: list[str] = []
     for column in template(kind).columns:
         many = range(1, joints + 1)
@@ -134,13 +129,7 @@ def header(kind: str, joints: int) -> str:
 
 
 def settings(kind: str, name: str, robot: Sequence[str]) -> str:
-    """The text of ``dataset.toml``.
-
-    Args:
-        kind: Kind of recording.
-        name: What the recording is called.
-        robot: Lines of its table ``[robot]``.
-    """
+    """The text of ``dataset.toml``, with the lines of its table ``[robot]``."""
     made = template(kind)
     lines = [
         "# A recording: what was measured, and on which robot. SI units: m, rad, s, kg, N.",

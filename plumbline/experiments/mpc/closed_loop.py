@@ -95,12 +95,8 @@ def run(
 ) -> Run:
     """Run a scenario until all tips are at their goals, or for so many steps.
 
-    Args:
-        scenario: What to do.
-        controller: What does it.
-        guide: Where to go first; straight to the goals without it.
-        most: Steps at most.
-        watch: Is told every command.
+    Tips go where ``guide`` says first, without it straight to the goals; ``watch`` is told every
+    command.
     """
     dt = controller.statement.settings.dt
     rng = np.random.default_rng([scenario.seed, 77])

@@ -95,15 +95,9 @@ def placed(R: Array, t: Array) -> Array:
 
 
 def forward(arm: Arm, q: Array, shape: Shape | None = None) -> Array:
-    """Frames of all links in the base frame.
+    """Frames of all links (N, n + 1, 4, 4) in the base frame, the base itself first.
 
-    Args:
-        arm: The arm.
-        q: (N, n) true joint positions [rad or m].
-        shape: Geometry by row; the drawing's when omitted.
-
-    Returns:
-        (N, n + 1, 4, 4) transforms T_base_i, the base itself first.
+    At true joint positions q (N, n) [rad or m]; the geometry by row is the drawing's when omitted.
     """
     rows = len(q)
     shape = Shape.of(arm, rows) if shape is None else shape
@@ -136,13 +130,8 @@ def _link(arm: Arm, q: Array, shape: Shape, i: int) -> Array:
 def loads(arm: Arm, frames: Array) -> tuple[Array, Array]:
     """What gravity puts on every joint: force and moment of all that hangs outboard.
 
-    Args:
-        arm: The arm, with its masses.
-        frames: (N, n + 1, 4, 4) from `forward`.
-
-    Returns:
-        Forces (N, n, 3) [N] and moments (N, n, 3) [N m] about each joint frame's origin, in the
-        base frame.
+    Forces (N, n, 3) [N] and moments (N, n, 3) [N m] about each joint frame's origin, in the base
+    frame, of an arm whose link frames (N, n + 1, 4, 4) are those of `forward`.
     """
     rows = len(frames)
     force, moment = np.zeros((rows, arm.joints, 3)), np.zeros((rows, arm.joints, 3))

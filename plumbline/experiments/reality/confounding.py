@@ -106,18 +106,12 @@ def always(case: Case) -> Array | None:
 def confounded(
     case: Case, more: Sequence[Basis] = (), shift: Array | None = None, *, modelled: bool = True
 ) -> tuple[dict[str, object], ...]:
-    """Rivals that the recording cannot tell from the truth, nearest first.
+    """Rivals that the recording cannot tell from the truth, nearest first, besides `more` of them.
 
-    Args:
-        case: The case.
-        more: Rivals that this recording makes possible, whatever others are offered.
-        shift: What the truth really did to the readings, (N, 3) [m] or (N, n) [rad], where its
-            mechanism is but an idea of it. What the idea leaves of it then counts for no rival.
-        modelled: Whether the truth is something that a library is expected to have.
-
-    Returns:
-        For each the true effect and element that it is confounded with (`of`), its own `effect` and
-        `element`, and the `separation`.
+    Each with what it is confounded with (`of`), its `effect`, `element` and `separation`. ``shift``
+    is what the truth really did to the readings, (N, 3) [m] or (N, n) [rad], where its mechanism is
+    but an idea of it: what that leaves then counts for no rival. ``modelled`` says whether a
+    library is expected to have the truth.
     """
     columns = always(case)
     allowed = offered(case.observation)

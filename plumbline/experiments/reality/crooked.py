@@ -51,15 +51,7 @@ def parallel_rows(arm: Arm) -> Array:
 def draw_crooked(
     arm: Arm, reality: Reality, rows: int, rng: np.random.Generator, *, tool: Array
 ) -> Crooked:
-    """Draw an arm, its readings and a device that sees its tip.
-
-    Args:
-        arm: The drawing.
-        reality: What is unlike it.
-        rows: Number of readings N.
-        rng: Source of all chance.
-        tool: Nominal tip in the last link's frame (3,) [m].
-    """
+    """Draw an arm, N readings and a device that sees its tip; its nominal tool is (3,) [m]."""
     n = arm.joints
     errors = rng.normal(size=(n, 5)) * np.array([reality.length] * 2 + [reality.angle] * 3)
     errors[:, 4] *= parallel_rows(arm)
@@ -82,12 +74,8 @@ def draw_crooked(
 def crooked_tips(arm: Arm, errors: Array, give: Array, q: Array, tool: Array) -> Array:
     """Tips (N, 3) in the base [m] of an arm with errors (n, 5) of d, a, alpha, theta, beta.
 
-    Args:
-        arm: The drawing.
-        errors: What is added to it [m, m, rad, rad, rad].
-        give: Compliance of the joints (n,) [rad/(N m)].
-        q: Joint readings (N, n) [rad or m].
-        tool: The tip in the last link's frame (3,) [m].
+    Errors are in m and rad, compliances (n,) in rad/(N m), readings (N, n) in rad or m; the tool
+    (3,) is in the last link's frame [m].
     """
     shape = Shape.of(arm, len(q))
     shape.flex[:, :, 4] = errors[:, 4]

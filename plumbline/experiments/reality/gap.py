@@ -84,11 +84,7 @@ def scaled(
     observation: str,
     sockets: NDArray[np.int64] | None = None,
 ) -> Mechanism | None:
-    """The mechanism at the strength whose unabsorbed gap is `target`.
-
-    Returns:
-        The mechanism, or None when no strength within its limit gives that gap.
-    """
+    """The mechanism where its unabsorbed gap is `target`; None if that is beyond its limit."""
     trial = mechanism.sized(mechanism.typical)
     for _ in range(30):
         now = gap(scene, (trial,), observation, sockets)

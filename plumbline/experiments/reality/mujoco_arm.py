@@ -47,13 +47,10 @@ def fixed_part(arm: Arm, i: int) -> Array:
 
 
 def mjcf(arm: Arm, tool: Array, drives: dict[int, Drive], payload: float = 0.0) -> str:
-    """The model as MJCF text.
+    """The model as MJCF text, of an arm with its real masses, its tip (3,) [m] in the last frame.
 
-    Args:
-        arm: The arm with its real masses.
-        tool: (3,) tip in the last frame [m].
-        drives: Drives that yield, by joint from 0; all others are rigid.
-        payload: Unknown mass at the tip [kg].
+    Drives that yield are given by joint from 0, all others are rigid; an unknown mass [kg] is at
+    the tip.
     """
     body = _end(arm, tool, payload)
     for i in reversed(range(arm.joints)):

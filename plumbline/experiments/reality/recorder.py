@@ -67,11 +67,7 @@ class Readings:
 
 
 def simulate(case: Case) -> tuple[Recording, dict[str, object]]:
-    """Take the readings.
-
-    Returns:
-        The recording's tables, and the truth about it.
-    """
+    """Take the readings: the recording's tables, and the truth about it."""
     rng = np.random.default_rng([case.seed, 7])
     read = {
         "tip_position": _tip,
@@ -217,10 +213,7 @@ def _list(values: Array) -> str:
 def truth(case: Case, noise: Array, gross: list[int]) -> dict[str, object]:
     """What is really wrong, as plain data.
 
-    Args:
-        case: The case.
-        noise: What noise added to each reading (N, m) [m or rad].
-        gross: Spoilt rows, from 0.
+    With what noise added to each reading (N, m) [m or rad], and the spoilt rows from 0.
     """
     trusted = np.delete(noise, np.asarray(gross, dtype=np.intp), axis=0)
     effects = [

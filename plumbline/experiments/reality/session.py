@@ -25,19 +25,10 @@ def draw_session(
     moving: bool = False,
     step: tuple[float, float] = (8.0, 15.0),
 ) -> Session:
-    """Draw the course of a recording.
+    """Draw the course of a recording of N rows, read every ``step`` [s], least and most.
 
-    Args:
-        arm: The arm.
-        rows: Number of readings N.
-        rng: Source of chance.
-        tool: (3,) tip in the flange frame [m], for the surgical box.
-        surgical: Stay within a box of 0.2 to 0.4 m.
-        moving: Read while the arm moves.
-        step: Range of times between readings [s].
-
-    Returns:
-        The session, N rows.
+    ``surgical`` keeps the tip, (3,) in the flange frame [m], within a box of 0.2 to 0.4 m;
+    ``moving`` reads while the arm moves.
     """
     q = boxed(arm, rows, tool, rng) if surgical else spread(arm, rows, rng)
     q = _revisit(q, rng)
@@ -105,8 +96,7 @@ def reach(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Bring the drawing's tip to goals (N, 3) [m] by damped least squares from q (N, n).
 
-    Returns:
-        Joint positions (N, n), and which rows arrived within 1e-6 m near the joint range.
+    Joint positions (N, n), and which rows arrived within 1e-6 m near the joint range.
     """
     for _ in range(steps):
         points, jacobian = tips(arm, q, tool)

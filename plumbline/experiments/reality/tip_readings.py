@@ -177,18 +177,12 @@ def draw_session(
     angle: float = np.deg2rad(0.5),
     tilt: float = 1.0,
 ) -> Session:
-    """An arm whose errors give a stated mean misfit before any fit.
+    """An arm whose errors give a stated mean misfit before any fit [m], and so many readings.
 
-    Args:
-        seed: Seed of everything.
-        readings: Number of readings.
-        before: Mean misfit of the registered drawing [m].
-        noise: 1 sigma of one axis of the camera [m].
-        wander: 1 sigma of a joint's return, slide [m] and turn [rad].
-        box: Where the readings are taken; None: over the whole workspace.
-        length: 1 sigma of errors of lengths [m], before they are scaled.
-        angle: 1 sigma of errors of angles [rad], before they are scaled.
-        tilt: Part of the errors of beta that the arm has.
+    ``noise`` is 1 sigma of one axis of the camera [m], ``wander`` of a joint's return, slide [m]
+    and turn [rad], ``length`` [m] and ``angle`` [rad] of the errors before they are scaled, of
+    whose betas the arm has the part ``tilt``. Readings are taken in the box; with None over the
+    whole workspace.
     """
     rng = np.random.default_rng(seed)
     errors, camera = draw_errors(rng, length, angle), draw_camera(rng, noise)

@@ -128,9 +128,7 @@ def svg(figure: Figure, key: str, label: str) -> str:
 def numbered(points: PathCollection, rows: NDArray[np.int64]) -> None:
     """Have a cloud of points say the number of a row when the pointer rests on one.
 
-    Args:
-        points: The cloud, none of whose coordinates may be nan.
-        rows: Numbers (N,) of the rows, in the order of the points.
+    No coordinate of the cloud may be nan; the numbers (N,) are in the order of its points.
     """
     points.set_gid(ROWS + "-".join(map(str, rows)))
 

@@ -50,15 +50,10 @@ def draw(
     *,
     tilt: float = 1.0,
 ) -> Session:
-    """Group k of a seed, its errors of the size that the paper's misfit before the fit has.
+    """Group k (from 0) of a seed, with errors of the size that the paper's misfits have.
 
-    Args:
-        seed: Of every draw.
-        k: Group, counted from 0.
-        noise: 1 sigma of one axis of the camera [m].
-        wander: 1 sigma of a joint's return, slide [m] and turn [rad].
-        box: Where the readings are taken; None: over the whole workspace.
-        tilt: Part of the tilts between parallel axes that the arm has.
+    Camera's noise [m], joints' wander [m, rad], box and part of the tilts are those of
+    :func:`~plumbline.experiments.reality.tip_readings.draw_session`.
     """
     before = 1e-3 * PAPER[k][0][0]
     return draw_session(

@@ -42,10 +42,7 @@ def tip_draft(robot: str, tool: float, columns: Mapping[str, NDArray[Any]]) -> D
 
 
 def write(source: Source, draft: Draft, target: Path) -> Path:
-    """Write a recording folder, whole or not at all.
-
-    Returns:
-        The target.
+    """Write a recording folder, whole or not at all; returns the target.
 
     Raises:
         PlumblineError: the target holds something already, or cannot be written.

@@ -52,14 +52,9 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
 
 
 def approach_sides(joints: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.int_]:
-    """Side from which each joint reached its place, from point to point motion.
+    """Side from which each joint reached its place, point to point: -1, 0 (unknown) or 1, (N, n).
 
-    Args:
-        joints: joint readings in order of time (N, n) [rad].
-        time: time of each row (N,) [s].
-
-    Returns:
-        -1, 0 (unknown) or 1 for each row and joint (N, n).
+    By joint readings (N, n) [rad] in order of time (N,) [s].
     """
     step = np.diff(joints, axis=0, prepend=joints[:1])
     known = np.diff(time, prepend=-np.inf) <= LONGEST_STEP

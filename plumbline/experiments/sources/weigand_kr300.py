@@ -31,11 +31,7 @@ BLOCK = 1.0  # [s] neighbours are 4 ms apart: leave whole blocks out, never sing
 
 
 def convert(source: Source, local: Mapping[str, Path]) -> Draft:
-    """Recording of the run.
-
-    Returns:
-        The recording: motor and link encoders, velocity, effort, direction, time and group.
-    """
+    """Recording of the run: motor and link encoders, velocity, effort, direction, time, group."""
     content = loadmat(
         local[source.files[0].path],
         variable_names=["rec", "para"],
@@ -70,13 +66,9 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
 
 
 def held_direction(velocity: NDArray[np.float64]) -> NDArray[np.int_]:
-    """Direction of the last motion along a trajectory.
+    """Direction of the last motion along a trajectory: -1, 0 (no motion yet) or 1, (N, n).
 
-    Args:
-        velocity: joint velocities in order of time (N, n) [rad/s].
-
-    Returns:
-        -1, 0 (no motion yet) or 1 for each row and joint (N, n).
+    By joint velocities (N, n) [rad/s] in order of time.
     """
     moving = np.abs(velocity) > AT_REST
     rows = np.arange(len(velocity))[:, None]

@@ -66,13 +66,7 @@ def _worked(work: Callable[[Path, Task], Found], shipped: Shipped, task: Task) -
 def done_as_configured(
     work: Callable[[Path, Task], Found], folder: Path | None, tasks: Sequence[Task]
 ) -> Iterator[Found]:
-    """What comes of each task, by the backend that `joblib.parallel_config` names.
-
-    Args:
-        work: What is done with a recording's folder; a function of a module.
-        folder: The recording's folder, here; None where a case makes its own.
-        tasks: What it is done to.
-    """
+    """What comes of each task, as by `done_on`, by the backend of `joblib.parallel_config`."""
     shipped, each = Shipped.of(folder), delayed(_worked)
     asked = (each(work, shipped, task) for task in tasks)
     yield from Parallel(return_as="generator_unordered")(asked)

@@ -46,8 +46,7 @@ def library_folders() -> tuple[Path, ...]:
 def confine(own: Path) -> bool:
     """Shut this process in: `own` may be read and written, the library read, no more.
 
-    Returns:
-        Whether the kernel holds the wall as well as Python.
+    Whether the kernel holds the wall as well as Python.
     """
     folders = (own.resolve(), *library_folders())
     held = _landlock(folders[:1], folders[1:])

@@ -66,12 +66,7 @@ def meet(
 ) -> tuple[Array, Array, Array]:
     """Ranges (N,) [m] to boards (N,) from 0, slopes (N, 2) of the face, and places (N, 2) [m].
 
-    Args:
-        room: The room.
-        start: Where the beams start (N, 3) [m].
-        way: Where they point (N, 3).
-        board: Which board each is sent to (N,).
-        cap: A bulge of the face, if it has one.
+    Of beams that start at (N, 3) [m] and point along (N, 3), on faces with a bulge if one is given.
     """
     A = room.axes[board]
     o = np.einsum("nji,nj->ni", A, start - room.middles[board])

@@ -62,14 +62,9 @@ def _unit(v: Array) -> Array:
 def ranges(
     room: Room, q: Array, board: NDArray[np.int64], flaw: Flaw | None = None, size: float = 0.0
 ) -> Array:
-    """Ranges (N,) [m] at joint readings q (N, n), with a flaw of that size.
+    """Ranges (N,) [m] to boards (N,) from 0 at joint readings q (N, n) [rad or m].
 
-    Args:
-        room: The room.
-        q: Joint readings (N, n) [rad or m].
-        board: Boards (N,), from 0.
-        flaw: What is wrong, if anything is.
-        size: How large, in the flaw's own unit (m, rad, or a share).
+    With a flaw, if any, of that size in its own unit: m, rad, or a share.
     """
     time: Array = PACE * np.arange(len(q), dtype=float)
     if flaw is None:

@@ -58,16 +58,10 @@ def tilted(v: Array, tilt: Array, azimuth: Array) -> Array:
 def flanges(
     r: Array, v: Array, points: Array, inward: Array, seen: Array, turn: Array, stand: Array
 ) -> Array:
-    """Flange poses (N, 4, 4) that send the beam (r, v) to points.
+    """Flange poses (N, 4, 4) that send the beam from r [m] along v to points (N, 3) [m].
 
-    Args:
-        r: (3,) start of the beam in the flange frame [m].
-        v: (3,) its direction.
-        points: (N, 3) where it shall arrive [m].
-        inward: (N, 3) unit normals into the faces.
-        seen: (N, 3) the same normals as the flange shall see them.
-        turn: (N,) angles about the normals [rad].
-        stand: (N,) lengths of the beams [m].
+    Into faces with unit normals ``inward`` (N, 3), which the flange sees as ``seen`` (N, 3), turned
+    about them by (N,) [rad], with beams (N,) [m] long.
     """
     R = about(inward, turn) @ taking(seen, inward)
     return placed(R, points - np.einsum("nij,nj->ni", R, r + stand[:, None] * v))
@@ -82,19 +76,11 @@ def each_reached(
     rng: np.random.Generator,
     rounds: int = 25,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """A random posture for each point: beams of any tilt, turn and stand-off within the cone.
+    """A random posture (N, n) [rad] for each point (N, 3) [m], and which points were reached (N,).
 
-    Args:
-        arm: The arm.
-        beam: Start (3,) [m] and direction (3,) of the beam in the flange frame.
-        points: (N, 3) points to hit [m].
-        inward: (N, 3) unit normals into the faces.
-        cone: What is allowed.
-        rng: Source of chance.
-        rounds: Rounds of `TRIES` poses for every point not reached so far.
-
-    Returns:
-        Postures (N, n) [rad], and which points were reached (N,).
+    Beams, from (3,) [m] along (3,) in the flange frame, have any tilt, turn and stand-off within
+    the cone about unit normals (N, 3) into the faces; `TRIES` poses a round for each point not
+    reached so far.
     """
     q, reached = np.zeros((len(points), arm.joints)), np.zeros(len(points), dtype=bool)
     for _ in range(rounds):
@@ -142,18 +128,9 @@ def together(
 ) -> Array | None:
     """Postures (N, n) for all points at ONE orientation of the flange: a pure translation.
 
-    Args:
-        arm: The arm.
-        beam: Start (3,) [m] and direction (3,) of the beam in the flange frame.
-        points: (N, 3) points to hit [m].
-        inward: (3,) unit normal into their face.
-        seen: (3,) the same normal as the flange sees it.
-        stand: (N,) lengths of the beams [m].
-        rng: Source of chance.
-        turns: Turns about the normal that are tried.
-
-    Returns:
-        The postures, all on one branch; None if no orientation reaches all points.
+    As `each_reached`, but for one face with the unit normal ``inward`` (3,), seen by the flange as
+    ``seen`` (3,), and beams (N,) [m] long. All on one branch; None if no turn about the normal will
+    do.
     """
     count = len(points)
     angles = rng.uniform(0.0, 2 * np.pi) + 2 * np.pi * rng.permutation(turns) / turns

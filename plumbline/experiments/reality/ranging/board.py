@@ -41,14 +41,9 @@ class Board:
         return np.asarray(_waves(places / self.half) @ self.bumps)
 
     def hit(self, origins: Array, beams: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Where beams meet the face.
+        """Distances (N,) [m] at which beams meet the face, normals there (N, 3), and which met it.
 
-        Args:
-            origins: (N, 3) where the beams start [m].
-            beams: (N, 3) their unit directions.
-
-        Returns:
-            Distances (N,) [m], outward normals there (N, 3), and which beams met it at all.
+        Beams start at (N, 3) [m] and have unit directions (N, 3).
         """
         slope = beams @ self.normal
         gap = (self.centre - origins) @ self.normal

@@ -25,16 +25,9 @@ def camera_place(scene: Scene) -> Array:
 def target_poses(
     scene: Scene, q: Array, board: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """What the encoders and the camera say.
+    """What encoders and camera say at postures (N, n) [rad] of a target on a board, from 1.
 
-    Args:
-        scene: The scene.
-        q: Postures (N, n) [rad].
-        board: The board that carries the target, from 1.
-        rng: Source of chance.
-
-    Returns:
-        ``T_base_flange`` (N, 4, 4) by the encoders, ``T_camera_target`` (N, 4, 4) as measured.
+    ``T_base_flange`` (N, 4, 4) by the encoders, ``T_camera_target`` (N, 4, 4) as measured [m].
     """
     face = scene.boards[board - 1]
     camera = true_flange(scene, q, rng) @ camera_place(scene)

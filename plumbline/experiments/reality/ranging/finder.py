@@ -50,8 +50,7 @@ def spoil(
 ) -> tuple[Array, NDArray[np.intp]]:
     """Make a share of readings (N,) [m] grossly wrong, by `least` to `most` either way [m].
 
-    Returns:
-        The readings, and the rows spoilt (from 0).
+    The readings, and the rows spoilt (from 0).
     """
     count = round(share * len(readings))
     rows = np.sort(rng.choice(len(readings), size=count, replace=False))

@@ -55,9 +55,8 @@ def tracked(
 ) -> tuple[Scan, Array]:
     """Marks on the head's face that an optical tracker sees too.
 
-    Returns:
-        The readings, `views` for each mark, whose number from 0 is their part; and the tracker's
-        points (count, 3) [m] in its own frame.
+    The readings, `views` for each mark, whose number from 0 is their part; and the tracker's points
+    (count, 3) [m] in its own frame.
     """
     ways = _faced(rng, 6 * count, 0.3)
     points = _carried(head.T, ways * radius(ways)[:, None])
@@ -144,17 +143,10 @@ def draw_head(rng: np.random.Generator, points: int = 20_000) -> Head:
 def scan_head(
     scene: Scene, head: Head, rng: np.random.Generator, count: int = 1000, slip: float = 3e-3
 ) -> tuple[Scan, Array, Array]:
-    """A scan of the face, and landmarks pointed at roughly for a start.
+    """A scan of the face, so many points, and landmarks pointed at roughly for a start.
 
-    Args:
-        scene: The scene.
-        head: The head.
-        rng: Source of chance.
-        count: Points of the scan.
-        slip: Error of the landmarks per axis, 1 sigma [m].
-
-    Returns:
-        The readings; the landmarks in the base and in the CT frame, (6, 3) each [m].
+    The landmarks are in the base and in the CT frame, (6, 3) each [m]; each errs by ``slip`` [m]
+    per axis, 1 sigma.
     """
     ways = _faced(rng, count, 0.15)
     local = ways * radius(ways)[:, None]
@@ -175,8 +167,7 @@ def scan_head(
 def hit(head: Head, origins: Array, beams: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Where beams (N, 3) from origins (N, 3) [m] meet the head.
 
-    Returns:
-        Distances (N,) [m], cosines of the incidence (N,), and which met it.
+    Distances (N,) [m], cosines of the incidence (N,), and which met it.
     """
     R, t = head.T[:3, :3], head.T[:3, 3]
     start, way = (origins - t) @ R, beams @ R

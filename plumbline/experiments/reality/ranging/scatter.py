@@ -21,9 +21,7 @@ POSTURES = 200
 def joint_scatter(frames: Array, per_axis: float) -> Array:
     """Scatter of each joint (N,) [rad] that moves the flange by `per_axis` [m] along each axis.
 
-    Args:
-        frames: (N, n + 1, 4, 4) frames of the links in the base frame.
-        per_axis: Scatter of the flange per axis, 1 sigma [m].
+    By the frames (N, n + 1, 4, 4) of the links in the base frame; both are of 1 sigma.
     """
     axes, origins = frames[:, :-1, :3, 2], frames[:, :-1, :3, 3]
     levers = np.linalg.norm(np.cross(axes, frames[:, -1:, :3, 3] - origins), axis=2)

@@ -89,13 +89,7 @@ class Survey:
 def draw_scene(
     rng: np.random.Generator, instrument: Instrument | None = None, angles: float = 90.0
 ) -> Scene:
-    """A scene of its own.
-
-    Args:
-        rng: Source of chance.
-        instrument: What everything is good for.
-        angles: Angle between the boards [deg].
-    """
+    """A scene of its own, by an instrument, its boards at angles [deg] to each other."""
     given = instrument or Instrument()
     arm = vs060()
     limits = np.array(RANGES)
@@ -245,9 +239,8 @@ def marks(
 ) -> tuple[Survey, Array]:
     """Marks on the boards, each aimed at from several sides.
 
-    Returns:
-        The readings (count x views rows, a mark's own ones together), and the marks (count, 3) in
-        the base frame [m].
+    The readings (count x views rows, a mark's own ones together), and the marks (count, 3) in the
+    base frame [m].
     """
     which = rng.integers(0, len(scene.boards), count)
     found_q, found_at = [], []

@@ -21,14 +21,9 @@ BRANCHES = 8
 
 
 def inverse(arm: Arm, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """All postures of flange poses.
+    """All postures (N, 8, 6) [rad] of flange poses (N, 4, 4) in the base frame [m].
 
-    Args:
-        arm: An arm of the VS060's build.
-        poses: (N, 4, 4) flange in the base frame [m].
-
-    Returns:
-        Postures (N, 8, 6) [rad], and which of them exist within the joint ranges (N, 8).
+    And which of them exist within the joint ranges (N, 8), of an arm of the VS060's build.
     """
     centre = poses[:, :3, 3] - arm.d[5] * poses[:, :3, 2]
     q = np.zeros((len(poses), BRANCHES, 6))

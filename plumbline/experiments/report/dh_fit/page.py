@@ -17,13 +17,7 @@ STRONG, PAIRS = 0.9, 6  # correlations that are said, and how many of them
 
 
 def page(fit: DHFit, unseen: HeldOut | None = None, files: Sequence[str] = ()) -> Page:
-    """The page of a fit.
-
-    Args:
-        fit: The fit.
-        unseen: Misfits of rows that no fit has seen, if they were asked for.
-        files: Lines on files that were written of it.
-    """
+    """The page of a fit, of rows that no fit has seen if asked for, and of files written of it."""
     good = not fit.remarks
     before, after = (fit.before, fit.after) if unseen is None else (unseen.before, unseen.after)
     on = "" if unseen is None else " on rows that the fit has not seen"

@@ -47,14 +47,10 @@ def page(
     ranks: Sequence[int] = (),
     proof: bool = True,
 ) -> Page:
-    """The page of a report.
+    """The page of a report, with the seed as the page shall tell it, else that of the diagnosis.
 
-    Args:
-        answer: What to report.
-        seed: As the page shall tell it; that of the diagnosis if not given.
-        elsewhere: How the model does on another recording.
-        ranks: True values of simulated cases by tenths of what was stated of them.
-        proof: Whether the causes are made into files that are read again: a fit and some seconds.
+    ``ranks`` are true values of simulated cases by tenths of what was stated of them; ``proof`` is
+    whether the causes are made into files that are read again, which takes a fit and some seconds.
     """
     seed = answer.options.seed if seed is None else seed
     if isinstance(answer, Sections):
@@ -75,14 +71,7 @@ def in_words(answer: Any, elsewhere: Elsewhere | None = None) -> Page:
 def of_verdict(
     verdict: Verdict, elsewhere: Elsewhere | None = None, drawn: Parts = (), about: str = ""
 ) -> Page:
-    """The page of a verdict.
-
-    Args:
-        verdict: What was found.
-        elsewhere: How the model does on another recording.
-        drawn: Pictures, and tables of single rows.
-        about: What was recorded, on which robot.
-    """
+    """The page of a verdict on what ``about`` says, with pictures and tables of single rows."""
     said = (words.shrink_words(verdict), *([elsewhere.words] if elsewhere else []))
     tables = (
         ("Joint by joint", several.JOINTS, several.joints(verdict)),

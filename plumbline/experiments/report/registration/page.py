@@ -19,13 +19,7 @@ Lines = Sequence[Mapping[str, Any]]
 
 
 def page(answer: Registration, methods: Lines = (), transforms: Lines = ()) -> Page:
-    """The page of an answer.
-
-    Args:
-        answer: The answer.
-        methods: What others find, as :func:`compared` tells it.
-        transforms: Those found elsewhere, as :func:`elsewhere` judges them.
-    """
+    """The page of an answer, with what :func:`compared` and :func:`elsewhere` tell of it."""
     told = answer.to_dict()
     doubtful = bool(answer.unknown) or answer.surprise < DOUBTFUL
     return Page(
