@@ -23,7 +23,7 @@ from plumbline.errors import best_matches, fault
 from plumbline.experiments.benches.asking import SURE, Asked, asking, counted, key_of, label, surest
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.arms import arm
-from plumbline.experiments.reality.parts import drawing, head, room_flaws
+from plumbline.experiments.reality.parts import drawing, head, room
 from plumbline.optim.loading import load_to_diagnose
 
 SORTS = ("single", "clean", "outside")
@@ -38,7 +38,7 @@ Draw = Callable[[Path, str | None, float, int, int], drawing.Truth]
 
 def _ranges(folder: Path, name: str | None, gap: float, seed: int, number: int) -> drawing.Truth:
     """A case of ranges; poses in place of joints in every other one."""
-    plan = drawing.RangePlan(poses=name not in room_flaws.OF_ARM and number // 2 % 2 == 1)
+    plan = drawing.RangePlan(poses=name not in room.OF_ARM and number // 2 % 2 == 1)
     for more in range(ANEW):
         try:
             return drawing.draw_ranges(folder, arm("lbr"), name, gap, seed + 1000 * more, plan)
@@ -54,7 +54,7 @@ def _fiducials(folder: Path, name: str | None, gap: float, seed: int, number: in
 
 
 KINDS: dict[str, tuple[Draw, Sequence[str], Sequence[str]]] = {
-    "ranges": (_ranges, (*room_flaws.OF_ROOM, *room_flaws.OF_ARM), room_flaws.BEYOND),
+    "ranges": (_ranges, (*room.OF_ROOM, *room.OF_ARM), room.BEYOND),
     "fiducials": (_fiducials, head.OF_HEAD, head.BEYOND),
 }
 

@@ -11,8 +11,7 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.motion import diagnose_motion
-from plumbline.experiments.commands.several import diagnose_several
-from plumbline.experiments.commands.verdicts import Outputs
+from plumbline.experiments.commands.verdicts import Outputs, diagnose_several
 from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, Report, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 

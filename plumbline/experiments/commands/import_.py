@@ -1,5 +1,9 @@
-"""``plumbline import FILE... --to FOLDER``: what a laboratory has on disk becomes a recording."""
+"""``plumbline import FILE... --to FOLDER`` and ``plumbline new FOLDER``: how a recording begins.
 
+What a laboratory has on disk becomes a recording, or a folder to fill in.
+"""
+
+import shutil
 import sys
 from pathlib import Path
 from shlex import quote
@@ -13,6 +17,7 @@ from plumbline.experiments.console.outputs import (
     Overwrite,
     Quiet,
     check_output,
+    say,
     talks,
     write_json,
 )
@@ -21,6 +26,7 @@ Files = Annotated[
     list[Path], typer.Argument(metavar="FILE...", help="CSV, Parquet, .mat, ROS bag or MCAP.")
 ]
 To = Annotated[Path, typer.Option(metavar="FOLDER", help="The recording; must not exist.")]
+JOINTS = 6  # of a robot that is not named yet
 
 
 def import_(
@@ -94,19 +100,20 @@ def _import(
     files: list[Path], options: dict[str, Any], maps: tuple[list[str], Path | None], to: Path,
     yes: bool, json: str | None, quiet: bool,
 ) -> None:  # fmt: skip
-    from plumbline.experiments.importing import reading, shown, tables, writing
+    from plumbline.experiments.importing import files as importing
+    from plumbline.experiments.importing import tables
     from plumbline.experiments.importing.asked import asked
     from plumbline.experiments.importing.understood import understand
 
-    raws = tables.told_apart([raw for path in files for raw in reading.read(path)])
+    raws = tables.told_apart([raw for path in files for raw in importing.read(path)])
     request = asked(options, *maps, raws)
     found = understand(raws, request.request)
     if talks(json, quiet):
-        print(shown.words(raws, found))
+        print(importing.words(raws, found))
     if not yes:
         _ask(to, json)
-    settings = writing.described(to, found, request.settings)
-    checked = writing.write(found, settings, request.files, to, _checked)
+    settings = importing.described(to, found, request.settings)
+    checked = importing.write(found, settings, request.files, to, _checked)
     facts = {
         "folder": str(to), "observation": found.observation, "rows": len(found.samples),
         "columns": {k: {"from": s.place, "unit": s.unit} for k, s in found.sources.items()},
@@ -137,3 +144,39 @@ def _checked(folder: Path) -> dict[str, Any]:
         said = "; or say its unit: --unit mm,deg, or --map x=COLUMN:mm" if unit else ""
         said += "; or say --robot ur5, or --robot arm.urdf" if "[robot]" in remedy else ""
         raise PlumblineError(f"as understood, it is no recording: {error}{said}") from None
+
+
+def new(
+    folder: Annotated[Path, typer.Argument(help="The folder to make; must not exist.")],
+    kind: Annotated[
+        str, typer.Option(metavar="KIND", help="What a row measures, such as pose or motion.")
+    ] = "tip_position",
+    robot: Annotated[
+        str | None, typer.Option(metavar="NAME|FILE", help="A known robot, a URDF or an MJCF.")
+    ] = None,
+    json: Json = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a commented template: dataset.toml, and the header of samples.csv."""
+    check_output(json, "--json", [folder], overwrite=overwrite)
+    from plumbline.experiments.console.places import place
+    from plumbline.experiments.importing import templates
+    from plumbline.experiments.importing.asked import named_robot
+
+    templates.template(kind)
+    source, files, made = named_robot(robot)
+    joints = made.chain().n if made else JOINTS
+    text = templates.settings(kind, folder.resolve().name, templates.robot_lines(source))
+    header = templates.header(kind, joints)
+
+    def fill(target: Path) -> None:
+        (target / "dataset.toml").write_text(text, encoding="utf-8")
+        (target / "samples.csv").write_text(header + "\n", encoding="utf-8")
+        for name, path in files.items():
+            shutil.copyfile(path, target / name)
+
+    place(folder, fill)
+    content = {"folder": str(folder), "observation": kind, "columns": header.split(",")}
+    words = f"{folder}/dataset.toml and samples.csv: fill in rows of {header}"
+    say(json, quiet, content, f"{words}\nnext: plumbline check {quote(str(folder))}")

@@ -95,7 +95,7 @@ def sweep(
 
 def _kept_beside(*outputs: str | Path | None) -> Path | None:
     """Where finished cases are kept; nowhere if no file is asked for."""
-    from plumbline.experiments.sweep.cases import SUFFIX
+    from plumbline.experiments.sweep.sweep import SUFFIX
 
     first = next((Path(path).resolve() for path in outputs if path is not None), None)
     return None if first is None else first.with_name(first.name + SUFFIX)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from plumbline.errors import PlumblineError, one_line, shown
-from plumbline.experiments.importing import deriving, mapping, units
+from plumbline.experiments.importing import joining, mapping, units
 from plumbline.experiments.importing.tables import Raw
 from plumbline.experiments.importing.understood import Request
 from plumbline.kinematics.chain import Chain
@@ -76,7 +76,7 @@ def asked(
         gap=None if given.get("gap") is None else _number(given["gap"], "gap"),
         shifts={str(k): _number(v, "shift") for k, v in dict(given.get("shift", {})).items()},
         derive=_words(given.get("derive"), "derive"),
-        still=_number(given.get("still", deriving.STILL), "still"),
+        still=_number(given.get("still", joining.STILL), "still"),
         rotation=str(given.get("rotation", "rotvec")),
     )
     return Asked(request, settings, files)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError, listed
-from plumbline.experiments.importing import deriving, mapping, targets
+from plumbline.experiments.importing import joining, mapping, targets
 from plumbline.experiments.importing.joining import NOBODY, partners
 from plumbline.experiments.importing.mapping import Match, Wanted
 from plumbline.experiments.importing.tables import Array, Raw
@@ -39,7 +39,7 @@ class Request:
     # what is added to a table's clock [s], by its name
     shifts: Mapping[str, float] = field(default_factory=dict)
     derive: tuple[str, ...] = ()  # of :data:`DERIVED`
-    still: float = deriving.STILL  # motion that counts as none [rad or m]
+    still: float = joining.STILL  # motion that counts as none [rad or m]
     # how ``rx,ry,rz`` turn: ``rotvec``, or Euler axes such as ``xyz`` or ``ZYX``
     rotation: str = "rotvec"
 
@@ -319,8 +319,8 @@ def _derived(table: pd.DataFrame, request: Request) -> pd.DataFrame:
             raise PlumblineError("--derive velocity: no clock; say --map time=COLUMN:s")
         q = table[joints].to_numpy(dtype=float)
         group = np.asarray(table["group"] if "group" in table else 0 * table.index, np.int64)
-        made = (deriving.velocities(q, table["time"].to_numpy(), group) if what == "velocity"
-                else deriving.directions(q, group, request.still))  # fmt: skip
+        made = (joining.velocities(q, table["time"].to_numpy(), group) if what == "velocity"
+                else joining.directions(q, group, request.still))  # fmt: skip
         names = [f"{what}{str(c)[1:]}" for c in joints]
         table = table.assign(**dict(zip(names, made.T, strict=True)))
     return table

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from plumbline.errors import PlumblineError
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.mpc.closed_loop import M, judged, obstacles_at, statement_of
-from plumbline.experiments.reality.instruments import Instruments, Mismatch
+from plumbline.experiments.reality.instruments import Instruments, Mismatch, Slides, SlidingTips
 from plumbline.experiments.reality.task import Scenario, Swing
-from plumbline.experiments.reality.tip_drives import Slides, SlidingTips
 from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion

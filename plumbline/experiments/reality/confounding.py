@@ -15,10 +15,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from plumbline.experiments.reality import body_effects as body
+from plumbline.experiments.reality import end_effects as end
 from plumbline.experiments.reality import gap
 from plumbline.experiments.reality import joint_effects as joint
-from plumbline.experiments.reality import sensor_effects as sensor
-from plumbline.experiments.reality import tool_effects as tool
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.draws import offered
 from plumbline.experiments.reality.recorder import Case
@@ -63,23 +62,23 @@ def body_rivals(scene: Scene) -> Iterator[Basis]:
     yield tuple(body.BaseDrift(1e-5, w) for w in _units(6))
     for moment in np.linspace(0.1, 0.9, 9):
         yield tuple(body.BaseBump(1e-5, w, float(moment)) for w in _units(6))
-        yield tuple(tool.ToolSlip(1e-5, (w,), (float(moment),)) for w in _units(3))
-    yield tuple(tool.ToolSlip(1e-5, w) for w in _shifts(scene))
+        yield tuple(end.ToolSlip(1e-5, (w,), (float(moment),)) for w in _units(3))
+    yield tuple(end.ToolSlip(1e-5, w) for w in _shifts(scene))
     yield (body.BaseCompliance(1e-6, 1.0), body.BaseCompliance(1e-6, -1.0))
     axis = scene.tool[0] / np.linalg.norm(scene.tool[0])
     along = tuple(float(v) for v in axis)
-    yield (tool.NeedleSag(1e-5, along),)
+    yield (end.NeedleSag(1e-5, along),)
     if scene.session.force is not None:
-        yield (tool.NeedleBending(1e-6, along),)
+        yield (end.NeedleBending(1e-6, along),)
     stiffness = tuple(float(v) for v in np.where(scene.arm.prismatic, 1e9, 2e4))
     yield (joint.Payload(0.1, stiffness),)
 
 
 def device_rivals() -> Iterator[Basis]:
     """Mechanisms of the device."""
-    yield (sensor.SensorScale(1e-5),)
-    yield (sensor.SensorDistortion(1e-5, "radial"),)
-    yield (sensor.SensorDistortion(1e-5, "depth"),)
+    yield (end.SensorScale(1e-5),)
+    yield (end.SensorDistortion(1e-5, "radial"),)
+    yield (end.SensorDistortion(1e-5, "depth"),)
     yield (joint.Latency(1e-4),)
 
 

@@ -10,10 +10,9 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality import body_effects as body
+from plumbline.experiments.reality import end_effects as end
 from plumbline.experiments.reality import joint_effects as joint
 from plumbline.experiments.reality import outside_effects as outside
-from plumbline.experiments.reality import sensor_effects as sensor
-from plumbline.experiments.reality import tool_effects as tool
 from plumbline.experiments.reality.arm import Array, load_torque
 from plumbline.experiments.reality.scene import Mechanism, Scene
 from plumbline.experiments.reality.unseen import UNSEEN
@@ -128,7 +127,7 @@ def _cross(scene: Scene, rng: np.random.Generator) -> Mechanism:
 
 
 def _sag(scene: Scene, rng: np.random.Generator) -> Mechanism:
-    return tool.NeedleSag(0.0, _needle(scene, rng))
+    return end.NeedleSag(0.0, _needle(scene, rng))
 
 
 def _needle(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
@@ -164,13 +163,13 @@ def _coupled_play(scene: Scene, rng: np.random.Generator) -> Mechanism:
 def _slip(scene: Scene, rng: np.random.Generator) -> Mechanism:
     """Re-seated once, or anew in each group of the session."""
     if rng.random() < 0.6:
-        return tool.ToolSlip(0.0, (_unit(rng),), (float(rng.uniform(0.2, 0.8)),))
+        return end.ToolSlip(0.0, (_unit(rng),), (float(rng.uniform(0.2, 0.8)),))
     groups = int(np.ptp(scene.session.group))
-    return tool.ToolSlip(0.0, tuple(_unit(rng) for _ in range(groups)))
+    return end.ToolSlip(0.0, tuple(_unit(rng) for _ in range(groups)))
 
 
 def _breath(scene: Scene, rng: np.random.Generator) -> Mechanism:
-    return sensor.Respiration(
+    return end.Respiration(
         0.0, _unit(rng), float(rng.uniform(3.0, 6.0)), float(rng.uniform(0.0, np.pi)),
         int(rng.integers(2, 4)),
     )  # fmt: skip
@@ -193,16 +192,14 @@ LIBRARY: dict[str, Draw] = {
     "link_thermal": lambda s, r: body.LinkThermal(0.0),
     "link_flex": _flex,
     "tool_slip": _slip,
-    "needle_bending": lambda s, r: tool.NeedleBending(0.0, _needle(s, r)),
+    "needle_bending": lambda s, r: end.NeedleBending(0.0, _needle(s, r)),
     "base_drift": lambda s, r: body.BaseDrift(0.0, _twist(r), float(r.uniform(0.5, 3.0))),
     "base_bump": lambda s, r: body.BaseBump(0.0, _twist(r), float(r.uniform(0.2, 0.8))),
     "base_compliance": lambda s, r: body.BaseCompliance(0.0, float(r.uniform(-0.15, 0.15))),
     "needle_sag": _sag,
     "payload": _payload,
-    "sensor_scale": lambda s, r: sensor.SensorScale(0.0),
-    "sensor_distortion": lambda s, r: sensor.SensorDistortion(
-        0.0, str(r.choice(["radial", "depth"]))
-    ),
+    "sensor_scale": lambda s, r: end.SensorScale(0.0),
+    "sensor_distortion": lambda s, r: end.SensorDistortion(0.0, str(r.choice(["radial", "depth"]))),
     "latency": lambda s, r: joint.Latency(0.0),
     "respiration": _breath,
 }

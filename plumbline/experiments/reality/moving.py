@@ -24,8 +24,7 @@ from plumbline.experiments.reality.joint_effects import (
     Latency,
     Payload,
 )
-from plumbline.experiments.reality.motion import Course, Motion, Trouble, move
-from plumbline.experiments.reality.mujoco_arm import STIFFEST, Drive
+from plumbline.experiments.reality.motion import STIFFEST, Course, Drive, Motion, Trouble, move
 from plumbline.experiments.reality.recorder import Case, Recording, numbered, settings, truth, write
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session
 

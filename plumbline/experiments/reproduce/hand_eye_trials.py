@@ -15,8 +15,8 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import placed, rotations
 from plumbline.experiments.reality.ranging import phantoms
 from plumbline.experiments.reality.ranging import scene as ranging
-from plumbline.experiments.reality.ranging.camera import camera_place, target_poses
 from plumbline.experiments.reality.ranging.finder import spoil
+from plumbline.experiments.reality.ranging.phantoms import camera_place, target_poses
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array

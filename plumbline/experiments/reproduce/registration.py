@@ -16,17 +16,18 @@ import numpy as np
 
 from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
 from plumbline.experiments.reproduce.registration_pointing import Pointed, pointed
-from plumbline.experiments.reproduce.registration_timing import Ratio, ratios
 from plumbline.experiments.reproduce.registration_trial import (
     CONTROL,
     LESIONS,
     NEEDLE,
     THETA,
     Array,
+    Ratio,
     Trial,
     axis_tilt,
     published_errors,
     published_frame,
+    ratios,
 )
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.pointing import Status

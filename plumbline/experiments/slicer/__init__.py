@@ -6,11 +6,11 @@ two differ by the sign of x and y, which is half a turn about z and no mirror im
 """
 
 from plumbline.errors import PlumblineError as PlumblineError
-from plumbline.experiments.slicer.fcsv import read_fcsv as read_fcsv
-from plumbline.experiments.slicer.fiducials import read_points as read_points
-from plumbline.experiments.slicer.fiducials import to_fiducials as to_fiducials
-from plumbline.experiments.slicer.markups import read_markups as read_markups
 from plumbline.experiments.slicer.points import axes_changed as axes_changed
 from plumbline.experiments.slicer.points import points_table as points_table
+from plumbline.experiments.slicer.points import read_fcsv as read_fcsv
+from plumbline.experiments.slicer.points import read_markups as read_markups
+from plumbline.experiments.slicer.points import read_points as read_points
+from plumbline.experiments.slicer.points import to_fiducials as to_fiducials
 from plumbline.experiments.slicer.tfm import read_tfm as read_tfm
 from plumbline.experiments.slicer.tfm import tfm_text as tfm_text

@@ -12,10 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from plumbline.experiments.slicer.fiducials import READERS, read_points, to_fiducials
-from plumbline.experiments.slicer.hdf5 import read_h5
-from plumbline.experiments.slicer.points import FLIP, refusal
-from plumbline.experiments.slicer.tfm import read_tfm
+from plumbline.experiments.slicer.points import FLIP, READERS, read_points, refusal, to_fiducials
+from plumbline.experiments.slicer.tfm import read_h5, read_tfm
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials
 

@@ -10,9 +10,16 @@ one that moves points: Slicer shows the file as "transform from parent" and its 
 "transform to parent". So the file of ``T_RC`` holds ``T_CR``, and a transform node loaded from it
 moves what it holds, the CT, into the robot's frame. The robot's own axes are taken along in the
 same way as CT's.
+
+HDF5 files (``.h5``), Slicer's usual form, are read through h5py if it is there:
+``/TransformGroup/0`` holds ``TransformType``, ``TransformParameters`` and
+``TransformFixedParameters``, which mean the same.
 """
 
+from importlib import import_module
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +37,7 @@ KINDS = (
     "MatrixOffsetTransformBase_double_3_3",
     "MatrixOffsetTransformBase_float_3_3",
 )
+GROUP = "TransformGroup"
 
 
 def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
@@ -116,3 +124,45 @@ def _numbers(file: str, fields: dict[str, str], key: str, count: int) -> Array:
     if len(values) != count or not np.isfinite(values).all():
         raise refusal(where, shown(fields[key].strip()), f"{count} numbers", "mend the line")
     return values
+
+
+def read_h5(path: str | Path, axes: str = "LPS") -> Array:
+    """The transform (4, 4) [m] that moves points, "to parent", along the axes asked for.
+
+    Raises:
+        PlumblineError: There is no h5py, or the file holds no single affine transform.
+    """
+    file = Path(path).name
+    try:
+        h5py = import_module("h5py")
+    except ImportError:
+        mend = "save it in Slicer as .tfm (text), or install h5py"
+        raise refusal(file, "HDF5, and no h5py to read it", "a .tfm", mend) from None
+    try:
+        data = BytesIO(read_file(path))
+    except (OSError, ValueError) as error:
+        found = f"no readable file ({reason(error)})"
+        raise refusal(file, found, "ITK's HDF5", "mend the path") from None
+    try:
+        with h5py.File(data, "r") as content:
+            group = content[GROUP]
+            kinds = [_word(group[key]["TransformType"]) for key in sorted(group)]
+            check_kinds(file, kinds)
+            (key,) = group
+            numbers = np.array(group[key]["TransformParameters"], dtype=float).ravel()
+            centre = np.array(group[key]["TransformFixedParameters"], dtype=float).ravel()
+    except (OSError, KeyError, TypeError, AttributeError, RuntimeError) as error:
+        found = f"no transform ({type(error).__name__})"
+        raise refusal(file, found, "ITK's HDF5", "save it in Slicer as .tfm (text)") from None
+    except UnicodeDecodeError:
+        raise refusal(file, "no text", "ITK's HDF5", "save it in Slicer as .tfm (text)") from None
+    if numbers.shape != (12,) or centre.shape != (3,) or not np.isfinite(numbers).all():
+        found = f"{numbers.size} and {centre.size} numbers"
+        raise refusal(file, found, "12 and 3 finite ones", "save it in Slicer as .tfm (text)")
+    return moving(file, numbers, centre, axes)
+
+
+def _word(value: Any) -> str:
+    """A text of HDF5, which may be an array of one text."""
+    text = np.asarray(value[()]).ravel()[0]
+    return text.decode() if isinstance(text, bytes) else str(text)

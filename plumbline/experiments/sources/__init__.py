@@ -13,8 +13,7 @@ from pathlib import Path
 
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.experiments.console.places import check_free
-from plumbline.experiments.sources.cache import local_files
-from plumbline.experiments.sources.catalogue import Source, SourceFile, catalogue
+from plumbline.experiments.sources.cache import Source, SourceFile, catalogue, local_files
 from plumbline.experiments.sources.folder import write
 
 __all__ = ["PlumblineError", "Source", "SourceFile", "example", "fetch", "list_sources"]

@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft, Value
 
 NAMES = {"time": "time", "command": "des_dof_pos", "q": "dof_pos"}

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from plumbline.experiments.console.places import place, toml_text
-from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.cache import Source
 
 Scalar: TypeAlias = str | bool | int | float
 Value: TypeAlias = Scalar | list[int] | list[float] | list[str] | list[list[int]]

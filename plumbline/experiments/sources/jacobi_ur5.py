@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft, tip_draft
 
 TOOL = 0.031  # [m] along the flange's z: joints and targets agree to 0.012 mm RMS with it

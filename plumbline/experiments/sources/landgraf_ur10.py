@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft, tip_draft
 
 LONGEST_STEP = 30.0  # [s] a longer step has motion in between that was not recorded

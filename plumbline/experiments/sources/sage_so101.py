@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft
 
 JOINTS = 6

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from plumbline.experiments.importing.bags import read
-from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft
 
 JOINTS = (

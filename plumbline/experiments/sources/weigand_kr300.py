@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.io import loadmat
 
-from plumbline.experiments.sources.catalogue import Source
+from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft, Value
 
 #: [deg] the arm's place when its counters read zero, added to give the Denavit-Hartenberg joints.

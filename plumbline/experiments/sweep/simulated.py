@@ -23,9 +23,9 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import KINDS, OBSERVATIONS
 from plumbline.experiments.reality.draws import LIBRARY
-from plumbline.experiments.reality.driven import INSIDE as OF_DRIVES
+from plumbline.experiments.reality.drives import INSIDE as OF_DRIVES
 from plumbline.experiments.reality.mpc_scenarios import FAMILIES
-from plumbline.experiments.reality.parts import head, room_flaws
+from plumbline.experiments.reality.parts import head, room
 from plumbline.experiments.reality.parts.drawing import RangePlan, draw_fiducials, draw_ranges
 from plumbline.experiments.reality.torques import INSIDE as OF_EFFORTS
 from plumbline.experiments.sweep.outcome import Outcome
@@ -209,7 +209,7 @@ def _ranges(folder: Path, o: Options) -> Truth:
         except ValueError:  # boards out of the arm's reach
             continue
         causes = frozenset([(name, drawn.element)] if name else [])
-        return Truth(causes, name not in room_flaws.BEYOND, beam=drawn.beam)
+        return Truth(causes, name not in room.BEYOND, beam=drawn.beam)
     raise PlumblineError(
         f"seed {o['seed']}: no room in which the arm reaches all boards; take another"
     )
@@ -334,7 +334,7 @@ REALITIES: Mapping[str, Reality] = {
     "ranges": Reality(
         _ranges,
         {
-            "effect": _effects(room_flaws.OF_ARM, room_flaws.OF_ROOM, room_flaws.BEYOND,
+            "effect": _effects(room.OF_ARM, room.OF_ROOM, room.BEYOND,
                                usual=NONE),
             "gap": GAP, "rows": Factor(300, 60, 5000), "motions": Factor(10, 4, 100), "arm": ARM,
         },

@@ -13,8 +13,7 @@ from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.measures import MEASURES
 from plumbline.experiments.withheld.running import run_set
-from plumbline.experiments.withheld.scoring import Score, score_run
-from plumbline.experiments.withheld.tables import error_words, median, percent
+from plumbline.experiments.withheld.scoring import Score, error_words, median, percent, score_run
 from plumbline.optim.core.progress import Progress
 
 RICH = Design(seed=0, observation="mixed", gross=0.02)

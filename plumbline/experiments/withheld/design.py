@@ -126,7 +126,7 @@ def _effects_of(simulator: str, kind: str) -> tuple[str, ...]:
     if kind == UNLISTED:
         return tuple(UNSEEN)
     if simulator == "motion":
-        from plumbline.experiments.reality.driven import INSIDE as DRIVES
+        from plumbline.experiments.reality.drives import INSIDE as DRIVES
 
         return tuple(DRIVES)
     if simulator != "mujoco":

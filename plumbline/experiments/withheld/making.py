@@ -152,7 +152,7 @@ def _simulated(
 ) -> dict[str, object]:
     seed = (design.seed * 1_000_003 + number) * 101 + attempt
     if design.simulator == "motion":
-        from plumbline.experiments.reality.driven import simulate_drives
+        from plumbline.experiments.reality.drives import simulate_drives
 
         return simulate_drives(folder, draw.plan, name, seed)
     if design.simulator == "mujoco":

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from operator import lt
 
-from plumbline.experiments.withheld.answer import StatedVerdict
-from plumbline.experiments.withheld.matching import ScoredCase
+from plumbline.experiments.withheld.answer import ScoredCase, StatedVerdict
 from plumbline.experiments.withheld.truth import Sort
 from plumbline.kinematics.effects import REGISTRY
 

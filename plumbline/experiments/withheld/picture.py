@@ -9,7 +9,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from plumbline.experiments.report import style
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, page_html
-from plumbline.experiments.withheld import tables
+from plumbline.experiments.withheld import scoring
 from plumbline.experiments.withheld.calibration import Calibration
 from plumbline.experiments.withheld.scoring import Score
 from plumbline.kinematics.files import write_whole
@@ -122,7 +122,7 @@ def _png(score: Score) -> bytes:
 def page(score: Score) -> Page:
     """The score as a page: for a browser, or for a terminal."""
     late = (f"{score.missing} cases have no verdict.",) if score.missing else ()
-    groups = tables.by_level(score)
+    groups = scoring.by_level(score)
     columns = ("", *(f"{group.name} ({group.cases})" for group in groups))
     curve = Picture(
         "curve",
@@ -138,11 +138,12 @@ def page(score: Score) -> Page:
         wide=True,
     )
     wrong = [
-        f"{m.truth} taken for {m.answer}: {m.count}" for m in tables.mistakes(score)[:MOST_MISTAKES]
+        f"{m.truth} taken for {m.answer}: {m.count}"
+        for m in scoring.mistakes(score)[:MOST_MISTAKES]
     ]
     return Page(
         name=f"{score.cases} withheld cases",
-        verdict=tables.seal_words(score),
+        verdict=scoring.seal_words(score),
         tone="explained" if score.sealed else "partly-explained",
         lead=late,
         tiles=(),
@@ -150,10 +151,10 @@ def page(score: Score) -> Page:
             Part(
                 "Percent, with 95 % intervals",
                 (),
-                Grid(columns, tables.rows_of(groups), range(1, 99)),
+                Grid(columns, scoring.rows_of(groups), range(1, 99)),
             ),
             *_by_effect(score),
-            Part("Probabilities", (), None, tables.calibration_lines(score)),
+            Part("Probabilities", (), None, scoring.calibration_lines(score)),
             curve,
             confusion,
             *([Part("Most often taken for another", (), None, wrong)] if wrong else []),
@@ -170,7 +171,7 @@ def _by_effect(score: Score) -> list[Part]:
         "outside_hits",
     )
     rows = [
-        (group.name, str(group.cases), *(tables.percent(group.share(key)) for key in keys))
+        (group.name, str(group.cases), *(scoring.percent(group.share(key)) for key in keys))
         for group in groups
     ]
     columns = ("effect", "cases", "right", "or confounded", "best-ranked or confounded",

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from plumbline import load
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
-from plumbline.experiments.importing import deriving, joining, mapping, reading, text, units
+from plumbline.experiments.importing import files, joining, mapping, text, units
 from plumbline.experiments.importing.understood import Request, understand
 from plumbline.kinematics.robot import Robot, makers_joints
 from tests.experiments.commands.test_command_line import contents, refused
@@ -177,7 +177,7 @@ def test_a_lerobot_data_set_has_its_names_episodes_and_clock(tmp_path):
         path = folder / f"data/chunk-000/file-00{number}.parquet"
         pd.DataFrame(rows | {"episode_index": [number, number]}).to_parquet(path)
     asked = Request(units=(units.unit("deg"),))
-    found = understand(reading.read(folder), asked)
+    found = understand(files.read(folder), asked)
     assert found.observation == "motion"
     assert found.sources["q2"].place.endswith("@observation.state.lift.pos")
     np.testing.assert_allclose(found.samples["u2"] * DEGREES, [6, 8, 6, 8])
@@ -199,7 +199,7 @@ def test_a_matlab_file_of_version_7_3_is_read_where_h5py_is(tmp_path, bench, mon
         raw.write(head)
     words = ["--map", "q#=rec.pos.#", *(f"--map={a}=rec.tip.{k}" for k, a in enumerate("xyz", 1))]
     same(imported(tmp_path, source, *words, "--robot", "ur5", "--yes"), bench)
-    (table,) = reading.read(source)
+    (table,) = files.read(source)
     assert {name.partition(".")[0] for name in table.columns} == {"rec"}
     cut = tmp_path / "cut.mat"
     cut.write_bytes(source.read_bytes()[:3000])
@@ -240,14 +240,14 @@ def test_a_lerobot_data_set_says_its_robot_and_its_joints_are_what_both_have(tmp
     assert (made.robot.name, made.q.shape) == ("ur5", (60, 6))
     by_alphabet = [sorted(makers_joints("ur5")).index(name) for name in makers_joints("ur5")]
     np.testing.assert_allclose(made.q[0], by_alphabet, atol=1e-6)
-    (raw,) = reading.read(source)
+    (raw,) = files.read(source)
     assert not any("images" in column for column in raw.columns)
     assert "--unit deg" in raw.notes[0]
     shutil.rmtree(tmp_path / "made")
     named = {"action": ["joint_0", "gripper"], "observation.state": ["joint_0", "gripper"]}
     ee = {"action": ["x", "y"], "observation.state": ["x", "y"]}
     both = {f"{name}.joint_position": ["joint_0"] for name in named} | named | ee
-    (raw,) = reading.read(lerobot(tmp_path / "droid", "Franka", both))
+    (raw,) = files.read(lerobot(tmp_path / "droid", "Franka", both))
     assert {c for c, role in raw.roles.items() if role in ("q1", "u1")} == {
         "action.joint_position.joint_0", "observation.state.joint_position.joint_0"}  # fmt: skip
     assert not {"u2", "q2"} & set(raw.roles.values())
@@ -309,12 +309,12 @@ def test_a_bag_is_joined_by_the_clock_and_by_names_of_joints(tmp_path, bench, ca
     assert makers[0] == "shoulder_pan_joint"
     write_bag(tmp_path / "run", bench, makers)
     asked = Request(joints=makers, gap=0.005)
-    found = understand(reading.read(tmp_path / "run"), asked)
+    found = understand(files.read(tmp_path / "run"), asked)
     assert found.observation == "tip_position"
     np.testing.assert_allclose(found.samples[JOINTS], bench[JOINTS])
     np.testing.assert_allclose(found.samples["time"], np.arange(len(bench)), atol=1e-6)
     with pytest.raises(PlumblineError, match=r"say --gap 0\.01"):
-        understand(reading.read(tmp_path / "run"), Request(joints=asked.joints))
+        understand(files.read(tmp_path / "run"), Request(joints=asked.joints))
     words = ["import", str(tmp_path / "run"), "--to", str(tmp_path / "made"), "--gap", "0.005",
              "--robot", "ur5", "--yes"]  # fmt: skip
     assert run(words) == 0
@@ -357,7 +357,7 @@ def test_directions_and_velocities_come_from_the_path(tmp_path, bench):
     rows.to_csv(tmp_path / "log.csv", index=False)
     made = imported(tmp_path, tmp_path / "log.csv", *MAP, "--derive", "velocity,direction")
     steps = np.sign(np.diff(made.q[:, 0]))
-    moved = np.abs(np.diff(made.q[:, 0])) > deriving.STILL
+    moved = np.abs(np.diff(made.q[:, 0])) > joining.STILL
     assert (made.direction[1:, 0][moved] == steps[moved]).all()
     np.testing.assert_allclose(made.velocity[5], (made.q[6] - made.q[4]) / 4.0)
 
@@ -371,7 +371,7 @@ def test_rotation_vectors_and_euler_angles_become_quaternions(tmp_path):
         rows = pd.DataFrame(angles * DEGREES, columns=["rx", "ry", "rz"])
         rows.assign(q1=0.0, x=0.0, y=0.0, z=0.0).to_csv(tmp_path / "a.csv", index=False)
         asked = Request(rotation=rotation, units=(units.unit("deg"),))
-        found = understand(reading.read(tmp_path / "a.csv"), asked)
+        found = understand(files.read(tmp_path / "a.csv"), asked)
         assert found.observation == "pose"
         made = Rotation.from_quat(found.samples[["qx", "qy", "qz", "qw"]].to_numpy())
         assert (made.inv() * turned).magnitude().max() < 1e-9
@@ -506,11 +506,9 @@ def test_a_partner_is_the_nearest_there_is_and_within_the_gap(moments, others, g
 def test_noise_below_the_stated_motion_turns_no_side(noise, rising):
     still = 1e-3
     path = np.arange(len(noise)) * (1.0 if rising else -1.0) * 0.1
-    side = deriving.directions(
-        (path + noise * still)[:, None], np.zeros(len(path), np.int64), still
-    )
+    side = joining.directions((path + noise * still)[:, None], np.zeros(len(path), np.int64), still)
     assert (side[1:] == (1 if rising else -1)).all()
-    rest = deriving.directions((0.5 * noise * still)[:, None], np.zeros(len(path), np.int64), still)
+    rest = joining.directions((0.5 * noise * still)[:, None], np.zeros(len(path), np.int64), still)
     assert (rest == 0).all()
 
 
@@ -518,9 +516,9 @@ def test_derivatives_are_exact_on_parabolas_and_never_cross_a_group():
     time = np.array([0.0, 0.1, 0.3, 0.35, 5.0, 5.2, 5.3])
     group = np.array([0, 0, 0, 0, 1, 1, 1])
     q = (time**2)[:, None] + 100.0 * group[:, None]
-    np.testing.assert_allclose(deriving.velocities(q, time, group)[:, 0], 2.0 * time, atol=1e-9)
+    np.testing.assert_allclose(joining.velocities(q, time, group)[:, 0], 2.0 * time, atol=1e-9)
     with pytest.raises(PlumblineError, match=r"time 0\.3 s in row 4 is not after"):
-        deriving.velocities(q, np.array([0.0, 0.1, 0.3, 0.3, 5.0, 5.2, 5.3]), group)
+        joining.velocities(q, np.array([0.0, 0.1, 0.3, 0.3, 5.0, 5.2, 5.3]), group)
 
 
 def test_each_unit_is_what_its_definition_says():

@@ -5,18 +5,18 @@ import pinocchio as pin
 import pytest
 
 from plumbline.experiments.reality.arm import forward
+from plumbline.experiments.reality.ranging.aim import inverse
 from plumbline.experiments.reality.ranging.board import draw_bumps
 from plumbline.experiments.reality.ranging.finder import Finder, spoil
 from plumbline.experiments.reality.ranging.phantoms import BLOCK, block, draw_head, hit, scan_head
-from plumbline.experiments.reality.ranging.scatter import joint_scatter
 from plumbline.experiments.reality.ranging.scene import (
     Instrument,
     draw_scene,
+    joint_scatter,
     measure,
     patches,
     true_flange,
 )
-from plumbline.experiments.reality.ranging.wrist import inverse
 from plumbline.kinematics.robot import Robot
 from tests.ranging_scenes import CLEAN, planned, room_of, surveyed
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from plumbline.experiments.reality.driven import INSIDE, OUTSIDE, commands
-from plumbline.experiments.reality.drives import Plane, Wrong, follow
+from plumbline.experiments.reality.drives import INSIDE, OUTSIDE, Plane, Wrong, commands, follow
 from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.running import run_set

@@ -25,6 +25,14 @@ from plumbline.experiments.reality.body_effects import (
 )
 from plumbline.experiments.reality.cases import Plan, draw_case
 from plumbline.experiments.reality.draws import LIBRARY, ORDER, OUTSIDE, draw
+from plumbline.experiments.reality.end_effects import (
+    NeedleBending,
+    NeedleSag,
+    Respiration,
+    SensorDistortion,
+    SensorScale,
+    ToolSlip,
+)
 from plumbline.experiments.reality.joint_effects import (
     Backlash,
     CoupledPlay,
@@ -47,9 +55,7 @@ from plumbline.experiments.reality.outside_effects import (
 )
 from plumbline.experiments.reality.recorder import moved_to, quaternions
 from plumbline.experiments.reality.scene import Mechanism, Scene, measured
-from plumbline.experiments.reality.sensor_effects import Respiration, SensorDistortion, SensorScale
 from plumbline.experiments.reality.session import lagged
-from plumbline.experiments.reality.tool_effects import NeedleBending, NeedleSag, ToolSlip
 from plumbline.kinematics.robot import Robot
 
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)

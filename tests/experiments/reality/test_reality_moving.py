@@ -15,7 +15,7 @@ from plumbline.experiments.reality.cases import Plan, draw_case
 from plumbline.experiments.reality.confounding import confounded
 from plumbline.experiments.reality.gap import displacement
 from plumbline.experiments.reality.joint_effects import Backlash
-from plumbline.experiments.reality.motion import Course, Trouble, engine, move
+from plumbline.experiments.reality.motion import Course, Drive, Trouble, engine, move
 from plumbline.experiments.reality.moving import (
     BEYOND,
     INSIDE,
@@ -24,7 +24,6 @@ from plumbline.experiments.reality.moving import (
     moving_rivals,
     simulate_moving,
 )
-from plumbline.experiments.reality.mujoco_arm import Drive
 from plumbline.experiments.reality.scene import Mechanism
 from plumbline.optim.recording.loading import load_recording
 

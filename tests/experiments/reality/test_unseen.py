@@ -46,10 +46,9 @@ from plumbline.experiments.reality.unseen.places import (
     StitchedVolume,
     TrackerRefraction,
 )
-from plumbline.experiments.withheld.answer import StatedVerdict, read_answer
+from plumbline.experiments.withheld.answer import ScoredCase, StatedVerdict, read_answer
 from plumbline.experiments.withheld.design import MIXTURE, Design, draw_plan
 from plumbline.experiments.withheld.making import make_set
-from plumbline.experiments.withheld.matching import ScoredCase
 from plumbline.experiments.withheld.scoring import score
 from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
 from plumbline.kinematics.effects import REGISTRY

@@ -13,10 +13,9 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from plumbline import PlumblineError, fit_dh, load, register, write_report
 from plumbline.experiments.commands.app import run
-from plumbline.experiments.report.diagnosis.ranks import band, picture
-from plumbline.experiments.report.diagnosis.scene import scene
+from plumbline.experiments.report.diagnosis.rows import band, picture
 from plumbline.experiments.report.diagnosis.subject import Subject
-from plumbline.experiments.report.diagnosis.turned import turned
+from plumbline.experiments.report.diagnosis.turned import scene, turned
 from plumbline.experiments.report.drawn import of_diagnosis
 from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
 from plumbline.experiments.report.registration.figures import misfits_and_targets

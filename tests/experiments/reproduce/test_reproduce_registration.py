@@ -8,7 +8,6 @@ import pytest
 from plumbline.experiments.commands.app import run as command
 from plumbline.experiments.reproduce import registration
 from plumbline.experiments.reproduce.registration_pointing import ANGLES, pointed, widest_arc
-from plumbline.experiments.reproduce.registration_timing import least_squares_once, three_point_once
 from plumbline.experiments.reproduce.registration_trial import (
     LESIONS,
     MARKERS,
@@ -16,8 +15,10 @@ from plumbline.experiments.reproduce.registration_trial import (
     PUBLISHED,
     Trial,
     axis_tilt,
+    least_squares_once,
     published_errors,
     published_frame,
+    three_point_once,
 )
 from plumbline.optim.pointing import Status
 from plumbline.optim.registration import Kabsch, ThreePoint, condition_of

@@ -18,7 +18,7 @@ from plumbline.experiments.slicer import (
     tfm_text,
     to_fiducials,
 )
-from plumbline.experiments.slicer.hdf5 import read_h5
+from plumbline.experiments.slicer.tfm import read_h5
 from plumbline.optim.registration import Kabsch
 from tests.phantoms import CT, LABELS, LESION, T_RC, mapped, registered, rigid
 from tests.slicer_files import write_points

@@ -24,10 +24,9 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands import sweep as command
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.console.workers import done_by
-from plumbline.experiments.sweep.cases import keeping
 from plumbline.experiments.sweep.recorded import Case, part_of
 from plumbline.experiments.sweep.spec import read_spec
-from plumbline.experiments.sweep.sweep import key_of, sweep
+from plumbline.experiments.sweep.sweep import keeping, key_of, sweep
 from plumbline.optim.diagnosis import diagnose as diagnose_module
 from plumbline.optim.recording.loading import load_recording
 from tests.experiments.commands.test_command_line import ROOT, refused

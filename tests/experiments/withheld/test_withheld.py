@@ -14,16 +14,19 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.draws import LIBRARY
 from plumbline.experiments.report.page.page import page_html
-from plumbline.experiments.withheld.answer import StatedCause, StatedVerdict, read_answer
+from plumbline.experiments.withheld.answer import (
+    ScoredCase,
+    StatedCause,
+    StatedVerdict,
+    read_answer,
+)
 from plumbline.experiments.withheld.calibration import calibration
 from plumbline.experiments.withheld.design import Design, draw_plan
 from plumbline.experiments.withheld.making import _one_of, make_set
-from plumbline.experiments.withheld.matching import ScoredCase
 from plumbline.experiments.withheld.measures import names_dependence
 from plumbline.experiments.withheld.picture import page, write_picture
-from plumbline.experiments.withheld.scoring import score, score_run
+from plumbline.experiments.withheld.scoring import error_words, median, score, score_run
 from plumbline.experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
-from plumbline.experiments.withheld.tables import error_words, median
 from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
 from plumbline.optim.core.shares import Median, Share
 from tests.simulated_cases import contents

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plumbline.experiments.reality.end_effects import NeedleSag, Respiration
 from plumbline.experiments.reality.joint_effects import (
     JointCompliance,
     JointCoupling,
@@ -12,8 +13,6 @@ from plumbline.experiments.reality.joint_effects import (
     Payload,
     TransmissionRipple,
 )
-from plumbline.experiments.reality.sensor_effects import Respiration
-from plumbline.experiments.reality.tool_effects import NeedleSag
 from plumbline.kinematics.effects import REGISTRY, JointScale
 from plumbline.kinematics.effects.hysteresis import lag_of_play
 from plumbline.kinematics.effects.respiration import FASTEST, SLOWEST, TURNS

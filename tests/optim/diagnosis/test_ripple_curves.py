@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline.experiments.report.diagnosis.ripples import curves, with_curves
+from plumbline.experiments.report.diagnosis.causes import curves, with_curves
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.constants import POINTS

@@ -9,7 +9,7 @@ from plumbline import build_tracking, diagnose, load
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run as command_line
 from plumbline.experiments.mpc.tracked import followed
-from plumbline.experiments.reality.tip_drives import Slides, SlidingTips
+from plumbline.experiments.reality.instruments import Slides, SlidingTips
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import ActuationLag
 from plumbline.optim.capsule_mpc import OneStep, Plant, Statement, TipInstrument

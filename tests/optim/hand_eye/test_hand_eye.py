@@ -319,7 +319,7 @@ def test_too_few_readings_are_refused():
 @pytest.mark.parametrize("method", METHODS)
 def test_opencv_finds_a_camera_on_the_same_motions(method):
     pytest.importorskip("cv2")
-    from plumbline.experiments.reality.ranging.camera import camera_place, target_poses
+    from plumbline.experiments.reality.ranging.phantoms import camera_place, target_poses
 
     scene, survey, _ = surveyed(0)
     poses = target_poses(scene, survey.q[survey.plane == 1], 1, np.random.default_rng(0))

@@ -8,7 +8,7 @@ import pytest
 from plumbline.experiments.benches.hand_eye_coverage import measure
 from plumbline.experiments.reality.arm import forward
 from plumbline.experiments.reality.arms import vs060
-from plumbline.experiments.reality.ranging.scatter import as_built
+from plumbline.experiments.reality.ranging.scene import as_built
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.constants import BIAS_STD

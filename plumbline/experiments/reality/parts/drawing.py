@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from plumbline.experiments.reality.arm import Arm, Array, placed
 from plumbline.experiments.reality.parts.head import Head, draw_head, draw_wrong, written
-from plumbline.experiments.reality.parts.room import PACE, Room, draw_room, plan
-from plumbline.experiments.reality.parts.room_flaws import draw_flaw, ranges
+from plumbline.experiments.reality.parts.room import PACE, Room, draw_flaw, draw_room, plan, ranges
 from plumbline.experiments.reality.ranging.writing import flange_columns
 from plumbline.experiments.reality.recorder import Recording, numbered, robot_lines, write
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.arm import Array, rotations
-from plumbline.experiments.reality.parts.room_flaws import Flaw
+from plumbline.experiments.reality.parts.room import Flaw
 
 OF_HEAD = ("marker_shift", "slice_quantisation", "ct_scale", "respiration", "base_bump")
 BEYOND = ("sheared_gantry", "sagging_table", "stretched_skin", "creeping_marker")

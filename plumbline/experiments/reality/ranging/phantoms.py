@@ -1,10 +1,18 @@
-r"""What a calibrated range finder is tried on: tracked points, a block, and a head with its CT.
+r"""What a calibrated range finder is tried on: tracked points, a block, a head, and a camera.
 
 The head is star-shaped about its middle, an ellipsoid with a brow, a nose, a chin and ears:
 
 .. math:: \rho(u) = \rho_{ellipsoid}(u) + \sum_i a_i \exp(-k_i (1 - u^T w_i))
 
 Beams meet it where :math:`|x| - \rho(x / |x|)` changes sign along them.
+
+A camera in the range finder's place, on the same motions, shows what its hand-eye problem would be.
+It sits at r and looks along v; a target stands in the middle of a board, and its pose is measured
+with noise,
+
+.. math:: T_{ct} = T_{fc}^{-1}\, T_{bf}^{-1}\, T_{bt}\, \delta
+
+with b the base, f the flange, c the camera, t the target, and delta a small random motion.
 """
 
 from dataclasses import dataclass
@@ -12,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.experiments.reality.arm import Array, placed, rotations
-from plumbline.experiments.reality.ranging.aim import Cone, each_reached
+from plumbline.experiments.reality.arm import Array, forward, placed, rotations
+from plumbline.experiments.reality.ranging.aim import Cone, each_reached, taking
 from plumbline.experiments.reality.ranging.board import ORDERS, Board
 from plumbline.experiments.reality.ranging.scene import Scene, aimed, true_flange
 
@@ -28,6 +36,7 @@ FEATURES = (
 )  # fmt: skip
 CT_NOISE = 0.3e-3  # m: of the segmented surface, along its normal
 TARGETS = 13
+SHIFT, TURN = 0.1e-3, 0.5e-3  # m, rad: noise of a target's pose per axis, 1 sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,3 +216,22 @@ def _normals(ways: Array) -> Array:
 
 def _carried(T: Array, points: Array) -> Array:
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])
+
+
+def camera_place(scene: Scene) -> Array:
+    """``T_flange_camera`` (4, 4) [m]: at r, its z along v."""
+    return placed(taking(np.array([[0.0, 0.0, 1.0]]), scene.finder.v[None])[0], scene.finder.r)
+
+
+def target_poses(
+    scene: Scene, q: Array, board: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """What encoders and camera say at postures (N, n) [rad] of a target on a board, from 1.
+
+    ``T_base_flange`` (N, 4, 4) by the encoders, ``T_camera_target`` (N, 4, 4) as measured [m].
+    """
+    face = scene.boards[board - 1]
+    camera = true_flange(scene, q, rng) @ camera_place(scene)
+    turn, shift = (rng.normal(0.0, size, (len(q), 3)) for size in (TURN, SHIFT))
+    seen = np.linalg.inv(camera) @ placed(face.axes, face.centre) @ placed(rotations(turn), shift)
+    return forward(scene.arm, q)[:, -1], seen

@@ -1,4 +1,4 @@
-"""An arm with a range finder before three boards: drawn at random, planned, and measured.
+r"""An arm with a range finder before three boards: drawn at random, planned, and measured.
 
 The plan only knows the drawing of the holder, so beams land a little beside the patches that they
 are meant for; the readings are of where they really land, by an arm that is not quite where its
@@ -8,6 +8,14 @@ given there: they are this module's assumptions, in :class:`Instrument`. Boards 
 workshop's, no surface plates) and groups of translations that lean a few degrees and vary their
 stand-off by a decimetre (`LEAN`, `STAND`) are chosen so that the closed form on one plane comes out
 near the paper's 1.37 mm; a few readings are poor, as its selection loop must have met.
+
+Joints scatter so that the flange scatters as the maker says,
+
+.. math:: \sigma_q = \sqrt 3\, \sigma_{axis} / \sqrt{\textstyle\sum_i |z_i \times (p - o_i)|^2}
+
+for revolute joints about z_i through o_i and a flange at p. A built arm besides differs from its
+drawing: every link and joint zero is a little off, all by so much that the flange errs by a given
+root mean square over the workspace.
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +29,6 @@ from plumbline.experiments.reality.arms import vs060
 from plumbline.experiments.reality.ranging.aim import Cone, each_reached, tilted, together
 from plumbline.experiments.reality.ranging.board import Board, draw_bumps
 from plumbline.experiments.reality.ranging.finder import Finder, spoil
-from plumbline.experiments.reality.ranging.scatter import as_built, joint_scatter
 
 GRID = (5, 3)  # patches along and across a board
 LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
@@ -30,6 +37,8 @@ POOR = (1e-3, 2e-3)  # m: how far poor readings are off
 GROUPS = 3  # of pure translations on each plane
 RANGES = (2.9, 2.0, 2.1, 4.6, 2.0, 6.2)  # rad: the maker's joint ranges, with a margin
 NOMINAL = (np.array([0.045, -0.010, 0.060]), np.array([0.0, 0.0, 1.0]))
+LENGTHS, ANGLES = 0.3e-3, 1e-3  # m, rad: how lengths and angles share an arm's error
+POSTURES = 200
 
 
 @dataclass(frozen=True)
@@ -274,3 +283,29 @@ def aimed(
     off -= np.sum(off * inward, axis=1, keepdims=True) * inward
     beam = (scene.finder.r, scene.finder.v)
     return each_reached(scene.arm, beam, aim + off, inward, _cone(scene), rng)
+
+
+def joint_scatter(frames: Array, per_axis: float) -> Array:
+    """Scatter of each joint (N,) [rad] that moves the flange by `per_axis` [m] along each axis.
+
+    By the frames (N, n + 1, 4, 4) of the links in the base frame; both are of 1 sigma.
+    """
+    axes, origins = frames[:, :-1, :3, 2], frames[:, :-1, :3, 3]
+    levers = np.linalg.norm(np.cross(axes, frames[:, -1:, :3, 3] - origins), axis=2)
+    return np.asarray(np.sqrt(3.0) * per_axis / np.linalg.norm(levers, axis=1))
+
+
+def as_built(arm: Arm, error: float, rng: np.random.Generator) -> Arm:
+    """An arm whose flange lies `error` [m], root mean square, from where the drawing has it."""
+    n = arm.joints
+    steps = {
+        "d": rng.normal(0.0, LENGTHS, n), "a": rng.normal(0.0, LENGTHS, n),
+        "alpha": rng.normal(0.0, ANGLES, n), "theta": rng.normal(0.0, ANGLES, n),
+    }  # fmt: skip
+    q = rng.uniform(0.5 * arm.lower, 0.5 * arm.upper, (POSTURES, n))
+
+    def off(share: float) -> Arm:
+        return replace(arm, **{name: getattr(arm, name) + share * s for name, s in steps.items()})
+
+    gaps = (forward(off(1.0), q) - forward(arm, q))[:, -1, :3, 3]
+    return off(error / float(np.sqrt(np.mean(np.sum(gaps**2, axis=1)))))

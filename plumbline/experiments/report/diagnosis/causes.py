@@ -1,4 +1,4 @@
-"""What is to blame: the ranking of causes, the staircase that they make, and where they sit."""
+"""What is to blame: the ranking of causes, their staircase, where they sit, their curves."""
 
 from collections.abc import Sequence
 
@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from plumbline.experiments.report import style
+from plumbline.experiments.report.style import AFTER, INK, calm, house_style, new_figure
 from plumbline.optim.core.quantities import chance, percent, scaled, significant
 from plumbline.optim.diagnosis.findings import Cause, Step, Verdict
 from plumbline.optim.diagnosis.verdict.words import floor_words, place_words
@@ -16,6 +17,9 @@ MOST_BARS = 14
 FEWEST_RIVALS, MOST_RIVALS = 3, 10
 LIKELY = 0.01  # probability from which a rival is worth a bar
 ROW = 0.27  # height of a bar with its gap [in]
+MOST_CURVES = 6
+HEIGHT = 1.5  # [in] of one curve
+MRAD = 1e3  # of a radian
 
 
 def ranking(verdict: Verdict) -> Figure:
@@ -140,3 +144,33 @@ def _bars(
 
 def _short(label: str, most: int = 44) -> str:
     return label if len(label) <= most else f"{label[: most - 1]}…"
+
+
+def with_curves(verdict: Verdict) -> tuple[Cause, ...]:
+    """The causes that are curves, the largest first."""
+    found = [cause for cause in verdict.causes if cause.curve is not None]
+    return tuple(sorted(found, key=lambda cause: -_size(cause))[:MOST_CURVES])
+
+
+def _size(cause: Cause) -> float:
+    return max(map(abs, cause.curve.value)) if cause.curve else 0.0
+
+
+def curves(causes: tuple[Cause, ...]) -> Figure:
+    """One row a cause: its error [mrad] over the joint's angle [rad], and the band."""
+    with house_style():
+        figure = new_figure(WIDTH, 0.5 + HEIGHT * len(causes))
+        rows = figure.subplots(len(causes), 1, squeeze=False)[:, 0]
+        for axes, cause in zip(rows, causes, strict=True):
+            assert cause.curve is not None
+            angle, value, std = map(
+                np.array, (cause.curve.angle, cause.curve.value, cause.curve.std)
+            )
+            low, high = (MRAD * (value + side * 2.0 * std) for side in (-1.0, 1.0))
+            axes.fill_between(angle, low, high, color=AFTER, alpha=0.25, linewidth=0)
+            axes.plot(angle, MRAD * value, color=INK, linewidth=1.0)
+            axes.set_title(cause.label, loc="left")
+            axes.set_ylabel("mrad")
+            calm(axes)
+        rows[-1].set_xlabel("joint's reading [rad]")
+        return figure

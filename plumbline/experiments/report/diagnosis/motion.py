@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
 from plumbline.experiments.report.diagnosis import causes
-from plumbline.experiments.report.diagnosis.traces import Traces, over_time
+from plumbline.experiments.report.diagnosis.torques import Traces, over_time
 from plumbline.experiments.report.page.page import Picture
 from plumbline.experiments.report.style import AFTER, FAINT, INK, calm, house_style, new_figure
 from plumbline.optim.core.quantities import counted, percent, quantity, scaled

@@ -6,11 +6,11 @@ A verdict alone makes a page in words and tables, :func:`of_verdict`; the page o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
-from plumbline.experiments.report.diagnosis import several
 from plumbline.experiments.report.diagnosis.motion import motion_pictures
 from plumbline.experiments.report.diagnosis.phrases import (
     Elsewhere,
@@ -18,16 +18,24 @@ from plumbline.experiments.report.diagnosis.phrases import (
     suggestion_words,
 )
 from plumbline.experiments.report.diagnosis.pictures import pictures
-from plumbline.experiments.report.diagnosis.ranks import picture as ranks_picture
 from plumbline.experiments.report.diagnosis.rows import nuisances, worst_rows
-from plumbline.experiments.report.diagnosis.scene import scene
+from plumbline.experiments.report.diagnosis.rows import picture as ranks_picture
 from plumbline.experiments.report.diagnosis.subject import Subject
+from plumbline.experiments.report.diagnosis.turned import scene
 from plumbline.experiments.report.page.page import Grid, Page, Part, Parts, Picture, Tile, View
-from plumbline.optim.core.quantities import chance, counted, measured, percent, quantity
+from plumbline.optim.core.quantities import (
+    chance,
+    counted,
+    measured,
+    percent,
+    quantity,
+    significant,
+)
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.findings import Cause, Verdict
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
+from plumbline.optim.diagnosis.of_recordings import Carries, Compared, Transfer
 from plumbline.optim.diagnosis.proof import proofs
 from plumbline.optim.diagnosis.several.sections import Sections
 from plumbline.optim.diagnosis.verdict import words
@@ -37,6 +45,16 @@ MOST_RIVALS = 5  # candidates that are told beside the causes
 MOST_LINES, MOST_ROWS = 12, 3  # that a terminal shows of what cannot be told, of rows to come
 LIKELY = 0.01  # probability below which a rival is not worth a line
 Answered: TypeAlias = Diagnosis | MotionDiagnosis | Sections
+LISTED = 40  # rows that are named one by one
+JOINTS = "Root mean squares of what was left out of the fit."
+RECORDINGS = (
+    "Root mean squares of rows that were left out of the fit; then the same with causes that the "
+    "other recordings alone have told."
+)
+TRANSFER = (
+    "Each cause as one recording alone says it, and as all others say it together; z is their "
+    "difference in standard errors of both."
+)
 
 
 def page(
@@ -74,9 +92,9 @@ def of_verdict(
     """The page of a verdict on what ``about`` says, with pictures and tables of single rows."""
     said = (words.shrink_words(verdict), *([elsewhere.words] if elsewhere else []))
     tables = (
-        ("Joint by joint", several.JOINTS, several.joints(verdict)),
-        ("Recording by recording", several.RECORDINGS, several.recordings(verdict)),
-        ("What carries over", several.TRANSFER, several.transfer(verdict)),
+        ("Joint by joint", JOINTS, joints(verdict)),
+        ("Recording by recording", RECORDINGS, recordings(verdict)),
+        ("What carries over", TRANSFER, transfer(verdict)),
     )
     return Page(
         name=verdict.recording,
@@ -282,3 +300,68 @@ def _recorded(verdict: Verdict, about: str) -> Part:
     gross = "" if verdict.recordings else distrusted_words(verdict.distrusted_rows)
     said += [f"{gross} They are left out of every figure and picture."] if gross else []
     return Part("About the recording", said, points=verdict.notes)
+
+
+def recordings(verdict: Verdict) -> Grid:
+    """What each recording leaves, on rows that were left out."""
+    columns = (
+        "recording", "kind", "rows", "before", "after", "causes of the others alone", "noise",
+        "gross rows",
+    )  # fmt: skip
+    rows = [
+        (
+            r.name,
+            r.observation.replace("_", " "),
+            f"{r.rows}",
+            quantity(r.before, r.unit),
+            quantity(r.after, r.unit),
+            quantity(r.without_it, r.unit),
+            f"{quantity(r.noise, r.unit)} ({r.noise_source})",
+            _rows(r.gross),
+        )
+        for r in verdict.recordings
+    ]
+    return Grid(columns, rows, range(2, 7), sorts=False)
+
+
+def joints(verdict: Verdict) -> Grid:
+    """What each joint is missed by, on rows that were left out."""
+    rows = [
+        (joint.label, quantity(joint.before, joint.unit), quantity(joint.after, joint.unit))
+        for joint in verdict.joints
+    ]
+    return Grid(("joint", "before", "after"), rows, (1, 2), sorts=False)
+
+
+def _rows(gross: Sequence[int]) -> str:
+    more = f" and {len(gross) - LISTED} more" if len(gross) > LISTED else ""
+    return ", ".join(map(str, gross[:LISTED])) + more or "none"
+
+
+def transfer(verdict: Verdict) -> Grid:
+    """What one recording alone says of each cause, beside what all others say."""
+    columns = ("cause", "recording", "carries over?", "z", "parameter", "here alone", "the others")
+    rows = [line for t in verdict.transfer for line in _of_transfer(t)]
+    return Grid(columns, rows, (3, 5, 6), sorts=False)
+
+
+def _of_transfer(t: Transfer) -> list[tuple[str, ...]]:
+    said = (t.label.replace("_", " "), t.recording, t.carries.value, _z(t))
+    blank = ("",) * len(said)
+    return [
+        (*(blank if n else said), name, *_both(t, one))
+        for n, (name, one) in enumerate(t.parameters.items())
+    ]
+
+
+def _z(t: Transfer) -> str:
+    return significant(t.z, 2) if math.isfinite(t.z) else ""
+
+
+def _both(t: Transfer, one: Compared) -> tuple[str, str]:
+    others = "" if t.carries == Carries.ONLY else _told(one.others, one.others_std, one.unit)
+    return _told(one.value, one.std, one.unit), others
+
+
+def _told(value: float, std: float, unit: str) -> str:
+    return measured(value, std, unit) if math.isfinite(std) else "not told"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plumbline.experiments.report.diagnosis import causes, figures, parts, ripples, torques
+from plumbline.experiments.report.diagnosis import causes, figures, parts, torques
 from plumbline.experiments.report.diagnosis.arm import arm
 from plumbline.experiments.report.diagnosis.subject import Array, Subject, running
 from plumbline.experiments.report.page.page import Picture
@@ -51,7 +51,7 @@ def _where(subject: Subject) -> Picture | None:
 
 
 def _ripples(subject: Subject) -> Picture | None:
-    found = ripples.with_curves(subject.verdict)
+    found = causes.with_curves(subject.verdict)
     if not found:
         return None
     return Picture(
@@ -59,7 +59,7 @@ def _ripples(subject: Subject) -> Picture | None:
         "Ripples of joints over their own angle",
         "All orders of a ripple together, over the range that was recorded, with a band of two "
         "standard errors on either side.",
-        (ripples.curves(found),),
+        (causes.curves(found),),
     )
 
 

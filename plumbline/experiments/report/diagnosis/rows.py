@@ -1,17 +1,25 @@
-"""Tables of a diagnosis's report: the rows that are missed most, what is always fitted."""
+"""Tables of a diagnosis's report: the rows that are missed most, what is always fitted, ranks.
 
-from collections.abc import Callable
+Ranks are those of true values of simulated cases among what was stated of them, with their band.
+"""
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import binom
 
 from plumbline.experiments.report.diagnosis.subject import Subject
-from plumbline.experiments.report.page.page import Grid
+from plumbline.experiments.report.page.page import Grid, Picture
+from plumbline.experiments.report.style import AFTER, FLOOR, calm, house_style, new_figure, says
 from plumbline.optim.core.quantities import significant
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.verdict.words import estimate_words
 from plumbline.optim.recording.session import named_row
 
 SHOWN = 12  # rows: what fits on a page beside the rest
+BAND = (0.025, 0.975)  # of the count of a tenth if ranks are even: 95 %
+WIDTH, HEIGHT = 5.2, 2.2  # [in]
 
 
 def worst_rows(subject: Subject) -> Grid:
@@ -59,3 +67,42 @@ def nuisances(verdict: Verdict) -> Grid:
     found = verdict.nuisances.items()
     rows = [(name, estimate_words(e), e.doc) for name, e in found]
     return Grid(("parameter", "value ± standard error", "meaning"), rows, (1,), sorts=False)
+
+
+def band(counts: Sequence[int]) -> tuple[int, int]:
+    """Between which the count of one tenth lies in 95 % if all are alike likely."""
+    low, high = (int(binom.ppf(p, sum(counts), 1.0 / len(counts))) for p in BAND)
+    return low, high
+
+
+def picture(counts: Sequence[int]) -> Picture:
+    """The counts as bars: even ones say that stated errors are right."""
+    low, high = band(counts)
+    outside = sum(not low <= count <= high for count in counts)
+    return Picture(
+        "ranks",
+        f"True values by tenths of what was stated: {outside} of {len(counts)} outside of the band",
+        "How often a simulated case's true value lay in each tenth of what was stated of it. Even "
+        "bars say that stated errors are right; high ends, that they are too small; a high middle, "
+        "that they are too large.",
+        (histogram(counts),),
+        wide=True,
+    )
+
+
+def histogram(counts: Sequence[int]) -> Figure:
+    """Bars of the tenths, with the 95 % band of even ones."""
+    low, high = band(counts)
+    with house_style():
+        figure = new_figure(WIDTH, HEIGHT)
+        axes = calm(figure.subplots())
+        axes.axhspan(low, high, color=FLOOR, alpha=0.2, linewidth=0.0)
+        bars = axes.bar(np.arange(len(counts)) + 0.5, counts, 0.86, color=AFTER)
+        for k, (bar, count) in enumerate(zip(bars, counts, strict=True)):
+            says(bar, f"{10 * k} to {10 * (k + 1)} %: {count}")
+        axes.annotate(
+            "95 % of even counts", (1.01, (low + high) / 2), xycoords=("axes fraction", "data"),
+            va="center", color=FLOOR, fontsize=8.5, annotation_clip=False,
+        )  # fmt: skip
+        axes.set(xlim=(0, len(counts)), xlabel="tenth of what was stated", ylabel="true values")
+    return figure

@@ -1,17 +1,26 @@
-"""Efforts of drives: friction over the speed with its band, and the torque of joints over time."""
+"""Efforts of drives: friction over the speed with its band, and the torque of joints over time.
+
+What a joint was expected to do, did, and is foretold to do over time, with what is left below, is
+drawn for motions as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.diagnosis.figures import PANEL, cloud, top_of
 from plumbline.experiments.report.diagnosis.subject import Array, Subject
-from plumbline.experiments.report.diagnosis.traces import Traces, over_time
 from plumbline.experiments.report.style import AFTER, BEFORE, INK, calm, house_style, new_figure
 from plumbline.optim.diagnosis.findings import FrictionCurve
 
 SHOWN = 3  # joints whose torque is drawn over time: those with the largest gap in their own noise
 ROWS = 800  # of a recording that are drawn over time, from its middle
+WIDTH, HEIGHT = 6.4, 3.2  # [in]
 
 
 def friction(subject: Subject) -> tuple[Figure, ...]:
@@ -62,3 +71,47 @@ def _traces(subject: Subject, time: Array, part: NDArray[np.intp], j: int) -> Tr
     names = (f"joint {j + 1} [{subject.unit}]", f"left [{subject.unit}]")
     curves = (time[part], measured + before, measured, measured + after, before, after)
     return Traces(*curves, *names)
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Curves over time (N,), and what their axes are called.
+
+    Attributes:
+        time: When [s], in ascending order.
+        nominal: What the ideal model has; NaN where that is of another scale.
+        actual: What was measured.
+        corrected: What the model with its causes has.
+        before: Nominal less actual.
+        after: Corrected less actual.
+        what: Name of the upper axis, with its unit.
+        left: Name of the lower axis, with its unit.
+    """
+
+    time: Array
+    nominal: Array
+    actual: Array
+    corrected: Array
+    before: Array
+    after: Array
+    what: str
+    left: str
+
+
+def over_time(traces: Traces) -> Figure:
+    """The curves, residuals below."""
+    t = traces.time
+    with style.house_style():
+        figure = style.new_figure(WIDTH, HEIGHT)
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        for axes in (upper, lower):
+            style.calm(axes)
+        upper.plot(t, traces.nominal, color=style.FAINT, linewidth=2.2)
+        upper.plot(t, traces.actual, color=style.INK, linewidth=1.4)
+        upper.plot(t, traces.corrected, color=style.AFTER, linewidth=1.2, linestyle="--")
+        upper.set_ylabel(traces.what)
+        lower.plot(t, traces.before, color=style.BEFORE, linewidth=1.0)
+        lower.plot(t, traces.after, color=style.AFTER, linewidth=1.0)
+        lower.set_ylabel(traces.left)
+        lower.set_xlabel("time [s]")
+        return figure
