@@ -12,16 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.pages import write_page
-from plumbline.experiments.console.outputs import (
-    Json,
-    Overwrite,
-    Quiet,
-    Report,
-    check_outputs,
-    say,
-    write_text,
-)
+from plumbline.experiments.commands.out import Out, with_out, with_report
+from plumbline.experiments.console.outputs import write_text
 
 if TYPE_CHECKING:
     from plumbline.optim.model import Applied
@@ -35,22 +27,15 @@ Csv = Annotated[Path | None, typer.Option(metavar="FILE", help="Corrections for 
 C = Annotated[Path | None, typer.Option(metavar="FILE", help="The whole model as C.")]
 
 
-def apply(
-    model: ModelFile,
-    folder: Folder,
-    json: Json = None,
-    report: Report = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
+@with_report
+def apply(out: Out, model: ModelFile, folder: Folder) -> None:
     """Try a model on another recording: before, after, and whether it still holds."""
-    check_outputs({"--json": json, "--report": report}, [folder], overwrite=overwrite)
+    out.check([folder])
     found = _tried(model, folder)
     said = [f"Not carried over: {', '.join(found.left_out)}."] if found.left_out else []
     said += [f"Note: {note}." for note in found.judged.failures]
-    write_page(report, found)
-    content = {"model": str(model)} | found.to_dict()
-    say(json, quiet, content, "\n".join([found.words, *said]))
+    out.write_page(found)
+    out.say({"model": str(model)} | found.to_dict(), "\n".join([found.words, *said]))
 
 
 def _tried(path: Path, folder: Path) -> Applied:
@@ -69,33 +54,27 @@ def _tried(path: Path, folder: Path) -> Applied:
     return model.tried(other)
 
 
+@with_out
 def export(
-    model: ModelFile,
-    urdf: Urdf = None,
-    mjcf: Mjcf = None,
-    dh: Dh = None,
-    csv: Csv = None,
-    c: C = None,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
+    out: Out, model: ModelFile, urdf: Urdf = None, mjcf: Mjcf = None, dh: Dh = None,
+    csv: Csv = None, c: C = None,
+) -> None:  # fmt: skip
     """Write what was found for others, and say what each format cannot hold."""
-    asked = {"--urdf": urdf, "--mjcf": mjcf, "--dh": dh, "--csv": csv, "--c": c}
+    asked = {"urdf": urdf, "mjcf": mjcf, "dh": dh, "csv": csv, "c": c}
     files = {option: path for option, path in asked.items() if path is not None}
     if not files:
         raise PlumblineError("export: no format is named; add --urdf, --mjcf, --dh, --csv or --c")
-    check_outputs({**files, "--json": json}, inputs={"MODEL": model}, overwrite=overwrite)
+    out.check((), {"MODEL": model}, **files)
     makers = _makers(model)
     for option in files:
         if option not in makers:
-            raise PlumblineError(f"{option}: holds no drives; {', '.join(makers)} expected")
+            known = ", ".join(f"--{name}" for name in makers)
+            raise PlumblineError(f"--{option}: holds no drives; {known} expected")
     made = {option: makers[option]() for option in files}
     for option, path in files.items():
-        write_text(path, made[option].text, option)
+        write_text(path, made[option].text, f"--{option}")
     lines = [f"{path}: {made[option].words}." for option, path in files.items()]
-    content = {option[2:]: made[option].to_dict() for option in files}
-    say(json, quiet, content, "\n".join(lines))
+    out.say({option: made[option].to_dict() for option in files}, "\n".join(lines))
 
 
 def _makers(path: Path) -> dict[str, Callable[[], Any]]:
@@ -105,11 +84,11 @@ def _makers(path: Path) -> dict[str, Callable[[], Any]]:
 
     found = load_model(path)
     if isinstance(found, Drives):
-        return {"--mjcf": found.as_mjcf}
+        return {"mjcf": found.as_mjcf}
     return {
-        "--urdf": found.as_urdf,
-        "--mjcf": found.as_mjcf,
-        "--dh": found.as_dh,
-        "--csv": found.as_table,
-        "--c": found.as_c,
+        "urdf": found.as_urdf,
+        "mjcf": found.as_mjcf,
+        "dh": found.as_dh,
+        "csv": found.as_table,
+        "c": found.as_c,
     }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_output, say
+from plumbline.experiments.commands.out import Out, with_out
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -20,15 +20,13 @@ if TYPE_CHECKING:
     from plumbline.optim.registration.fiducials import Fiducials
 
 
+@with_out
 def check(
-    folder: Annotated[Path, typer.Argument(help="A recording, or a session of several.")],
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
+    out: Out, folder: Annotated[Path, typer.Argument(help="A recording, or a session of several.")]
 ) -> None:
     """Read and check a recording of any kind; say what is in it, what is odd and what reads it."""
-    check_output(json, "--json", [folder], overwrite=overwrite)
-    say(json, quiet, *examined(folder))
+    out.check([folder])
+    out.say(*examined(folder))
 
 
 def examined(folder: Path) -> tuple[dict[str, Any], str]:

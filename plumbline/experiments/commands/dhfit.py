@@ -12,8 +12,8 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import Folder, HeldOutBy, Seed
-from plumbline.experiments.commands.pages import hand_out
-from plumbline.experiments.console.outputs import Json, Quiet, Report, check_outputs, write_text
+from plumbline.experiments.commands.out import Out
+from plumbline.experiments.console.outputs import Json, Quiet, Report, write_text
 
 if TYPE_CHECKING:
     from plumbline.optim.dh_fit import DHOptions, HeldOut
@@ -64,8 +64,8 @@ def dhfit(
     quiet: Quiet = False,
 ) -> None:
     """Fit the links of a robot to tip readings; say what the readings can tell."""
-    outputs = {"--json": json, "--urdf": urdf, "--toml": toml, "--report": report}
-    check_outputs(outputs, [folder], overwrite=overwrite)
+    out = Out(json, report, overwrite, quiet)
+    out.check([folder], urdf=urdf, toml=toml)
     from plumbline.optim.dh_fit import BY_NAME, DHOptions, Norms, Squares, fit_dh
     from plumbline.optim.dh_fit.export import as_toml, as_urdf
     from plumbline.optim.recording.loading import load_recording
@@ -86,7 +86,7 @@ def dhfit(
     content = fit.to_dict() | _found(unseen, {o[2:]: e for o, (_, e) in files.items()})
     told = [f"{path}: read again, it agrees with the fit to {e.error:.0e}; tip frame {e.tip_frame}"
             for path, e in files.values()]  # fmt: skip
-    hand_out(fit, content, json, report, quiet, unseen=unseen, files=told)
+    out.hand_out(fit, content, unseen=unseen, files=told)
 
 
 def _found(unseen: HeldOut | None, files: dict[str, Exported]) -> dict[str, Any]:

@@ -11,8 +11,8 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.motion import diagnose_motion
+from plumbline.experiments.commands.out import Out, with_report
 from plumbline.experiments.commands.verdicts import Outputs, diagnose_several
-from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, Report, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -86,31 +86,29 @@ Force = Annotated[
 ]
 
 
+@with_report
 def diagnose(
+    out: Out,
     folders: Folders,
-    json: Json = None,
-    report: Report = None,
     held_out: HeldOutBy = "auto",
     seed: Seed = 0,
     also: Also = None,
     without: Without = None,
     calibrate: Calibrate = 0,
     model: ModelOut = None,
-    overwrite: Overwrite = False,
     unlisted: Unlisted = None,
     force: Force = False,
-    quiet: Quiet = False,
 ) -> None:
     """Say where a recording's gap lies, which effects cause it and how far it shrinks."""
     read = [*folders, *([also] if also is not None else [])]
-    check_outputs({"--json": json, "--report": report, "--model": model}, read, overwrite=overwrite)
+    out.check(read, model=model)
     from plumbline.optim.loading import load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
     from plumbline.optim.recording.session_files import is_session
 
     options = _options(held_out, seed, without or [], unlisted, force=force)
     folder, *more = folders
-    outputs = Outputs(json, report, also, model, overwrite, quiet)
+    outputs = Outputs(**vars(out), also=also, model=model)
     if more or is_session(folder):
         diagnose_several(folders, options, outputs, {"--rehearse": calibrate})
         return
@@ -133,7 +131,7 @@ def diagnose(
     elsewhere = None if other is None else _elsewhere(diagnosis, other)
     content = _content(diagnosis, elsewhere, check)
     ranks = () if check is None else check.ranks
-    outputs.hand_out(diagnosis, content, seed=seed, elsewhere=elsewhere, ranks=ranks)
+    outputs.hand_out_verdict(diagnosis, content, seed=seed, elsewhere=elsewhere, ranks=ranks)
 
 
 def refuse_for_parts(recording: Recording, asked: Mapping[str, object]) -> None:

@@ -12,15 +12,8 @@ from typing import Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.console.outputs import (
-    Json,
-    Overwrite,
-    Quiet,
-    check_output,
-    say,
-    talks,
-    write_json,
-)
+from plumbline.experiments.commands.out import Out, with_out
+from plumbline.experiments.console.outputs import write_json
 
 Files = Annotated[
     list[Path], typer.Argument(metavar="FILE...", help="CSV, Parquet, .mat, ROS bag or MCAP.")
@@ -29,7 +22,9 @@ To = Annotated[Path, typer.Option(metavar="FOLDER", help="The recording; must no
 JOINTS = 6  # of a robot that is not named yet
 
 
+@with_out
 def import_(
+    out: Out,
     files: Files,
     to: To,
     map_: Annotated[
@@ -69,12 +64,9 @@ def import_(
         str | None, typer.Option(metavar="rotvec|xyz|ZYX", help="How rx, ry, rz turn.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Write without asking.")] = False,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Turn files of a laboratory into a recording, shown as understood before it is written."""
-    check_output(json, "--json", [to], overwrite=overwrite)
+    out.check([to])
     from plumbline.experiments.console.places import check_free
     from plumbline.experiments.importing.asked import shift as parse_shift
 
@@ -84,7 +76,7 @@ def import_(
         "noise": noise, "gap": gap, "shift": dict(map(parse_shift, shift or [])),
         "derive": derive, "still": still, "rotation": rotation,
     }  # fmt: skip
-    _import(files, options, _maps(map_ or []), to, yes, json, quiet)
+    _import(out, files, options, _maps(map_ or []), to, yes)
 
 
 def _maps(given: list[str]) -> tuple[list[str], Path | None]:
@@ -97,8 +89,8 @@ def _maps(given: list[str]) -> tuple[list[str], Path | None]:
 
 
 def _import(
-    files: list[Path], options: dict[str, Any], maps: tuple[list[str], Path | None], to: Path,
-    yes: bool, json: str | None, quiet: bool,
+    out: Out, files: list[Path], options: dict[str, Any], maps: tuple[list[str], Path | None],
+    to: Path, yes: bool,
 ) -> None:  # fmt: skip
     from plumbline.experiments.importing import files as importing
     from plumbline.experiments.importing import tables
@@ -108,10 +100,10 @@ def _import(
     raws = tables.told_apart([raw for path in files for raw in importing.read(path)])
     request = asked(options, *maps, raws)
     found = understand(raws, request.request)
-    if talks(json, quiet):
+    if not out.silent:
         print(importing.words(raws, found))
     if not yes:
-        _ask(to, json)
+        _ask(to, out.json)
     settings = importing.described(to, found, request.settings)
     checked = importing.write(found, settings, request.files, to, _checked)
     facts = {
@@ -119,8 +111,8 @@ def _import(
         "columns": {k: {"from": s.place, "unit": s.unit} for k, s in found.sources.items()},
         "notes": [*found.notes, *checked.get("notes", [])], "command": checked["command"],
     }  # fmt: skip
-    write_json(json, facts)
-    if talks(json, quiet):
+    write_json(out.json, facts)
+    if not out.silent:
         said = [f"note: {note}" for note in checked.get("notes", [])]
         following = checked["command"].replace("FOLDER", quote(str(to)))
         print("\n".join([*said, f"written: {to}", f"next: {following}"]))
@@ -146,7 +138,9 @@ def _checked(folder: Path) -> dict[str, Any]:
         raise PlumblineError(f"as understood, it is no recording: {error}{said}") from None
 
 
+@with_out
 def new(
+    out: Out,
     folder: Annotated[Path, typer.Argument(help="The folder to make; must not exist.")],
     kind: Annotated[
         str, typer.Option(metavar="KIND", help="What a row measures, such as pose or motion.")
@@ -154,12 +148,9 @@ def new(
     robot: Annotated[
         str | None, typer.Option(metavar="NAME|FILE", help="A known robot, a URDF or an MJCF.")
     ] = None,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Write a commented template: dataset.toml, and the header of samples.csv."""
-    check_output(json, "--json", [folder], overwrite=overwrite)
+    out.check([folder])
     from plumbline.experiments.console.places import place
     from plumbline.experiments.importing import templates
     from plumbline.experiments.importing.asked import named_robot
@@ -179,4 +170,4 @@ def new(
     place(folder, fill)
     content = {"folder": str(folder), "observation": kind, "columns": header.split(",")}
     words = f"{folder}/dataset.toml and samples.csv: fill in rows of {header}"
-    say(json, quiet, content, f"{words}\nnext: plumbline check {quote(str(folder))}")
+    out.say(content, f"{words}\nnext: plumbline check {quote(str(folder))}")

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from plumbline.experiments.commands.out import Out
 from plumbline.experiments.commands.verdicts import Outputs, refuse
-from plumbline.experiments.console.outputs import talks, write_json, write_text
+from plumbline.experiments.console.outputs import write_json, write_text
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def diagnose_motion(
         found = diagnose_drives(recording, options, progress=progress)
     content = found.to_dict()
     lines = [] if other is None else _elsewhere(found, other, content)
-    outputs.hand_out(found, content, lines)
+    outputs.hand_out_verdict(found, content, lines)
 
 
 def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> list[str]:
@@ -57,9 +58,7 @@ def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> l
     return told
 
 
-def next_motion(
-    folder: Path, json: str | None, csv: Path | None, *, seed: int, quiet: bool
-) -> None:
+def next_motion(out: Out, folder: Path, csv: Path | None, *, seed: int) -> None:
     """Propose motions that part what a motion leaves open, and write their commands.
 
     Raises:
@@ -70,34 +69,33 @@ def next_motion(
     from plumbline.optim.diagnosis.options import DiagnosisOptions
 
     recording = load_drives(folder)
-    with progress_bar(quiet=quiet or json == "-") as progress:
+    with progress_bar(quiet=out.silent) as progress:
         found = diagnosed(recording, DiagnosisOptions(seed=seed), progress=progress)
     law = recording.law
     moved = (recording.time, recording.command if law.follows else recording.q)
     kind = "places" if law.pushes else "commands" if law.follows else "rates"
-    _propose(recording.name, list(found.verdict.next), moved, json, csv, kind=kind, quiet=quiet)
+    _propose(out, recording.name, list(found.verdict.next), moved, csv, kind)
 
 
 def next_efforts(
-    recording: Recording, json: str | None, csv: Path | None, *, options: DiagnosisOptions,
-    quiet: bool,
-) -> None:  # fmt: skip
+    out: Out, recording: Recording, csv: Path | None, options: DiagnosisOptions
+) -> None:
     """The same where efforts were measured: motions within what the joints did."""
     import numpy as np
 
     from plumbline.optim.diagnosis.diagnose import diagnose
     from plumbline.optim.diagnosis.motion.proposals import proposals_of_efforts
 
-    with progress_bar(quiet=quiet or json == "-") as progress:
+    with progress_bar(quiet=out.silent) as progress:
         found = diagnose(recording, options, progress=progress)
     rows = list(proposals_of_efforts(found.verdict.causes, recording.chain.n))
     time = recording.time if recording.time is not None else np.arange(len(recording)) * 1.0
-    _propose(recording.name, rows, (time, recording.q), json, csv, quiet=quiet)
+    _propose(out, recording.name, rows, (time, recording.q), csv)
 
 
 def _propose(
-    name: str, rows: list[dict[str, Any]], moved: tuple[Any, Any], json: str | None,
-    csv: Path | None, *, kind: str = "commands", quiet: bool,
+    out: Out, name: str, rows: list[dict[str, Any]], moved: tuple[Any, Any], csv: Path | None,
+    kind: str = "commands",
 ) -> None:  # fmt: skip
     """Hand out the motions of these rows, after what was moved: times (N,), places (N, n).
 
@@ -108,7 +106,7 @@ def _propose(
 
     from plumbline.optim.diagnosis.motion.proposals import commanded
 
-    write_json(json, {"recording": name, "motions": rows})
+    write_json(out.json, {"recording": name, "motions": rows})
     if csv is not None and rows:
         wanted = dict.fromkeys((int(r["joint"]), str(r["motion"]).split(",")[0]) for r in rows)
         time, command = commanded(list(wanted), *moved)
@@ -116,7 +114,7 @@ def _propose(
         names = [f"{'q' if kind == 'places' else 'u'}{j + 1}" for j in range(command.shape[1])]
         table = pd.DataFrame(np.column_stack([time, command]), columns=["time", *names])
         write_text(csv, table.to_csv(index=False, float_format="%.9g"), "--csv")
-    if talks(json, quiet):
+    if not out.silent:
         for row in rows:
             print(f"joint {row['joint']}: {row['motion']}, tells {row['tells']}")
         if not rows:

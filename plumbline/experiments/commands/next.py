@@ -15,8 +15,8 @@ import typer
 from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.experiments.commands.diagnose import Folder, Force, Seed
 from plumbline.experiments.commands.motion import next_efforts, next_motion
+from plumbline.experiments.commands.out import Out, with_out
 from plumbline.experiments.console import outputs
-from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -67,20 +67,19 @@ def refuse_parts(folder: Path) -> None:
         )
 
 
+@with_out
 def next_(
+    out: Out,
     folder: Folder,
     count: Count = 12,
-    json: Json = None,
     csv: Csv = None,
     seed: Seed = 0,
     within: Within = "recorded",
     of: Of = "",
     force: Force = False,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Say which rows to record next, so as to tell the leading explanations apart."""
-    check_outputs({"--json": json, "--csv": csv}, [folder], overwrite=overwrite)
+    out.check([folder], csv=csv)
     from plumbline.optim.diagnosis import diagnose as diagnosis_module
     from plumbline.optim.diagnosis.design.next_experiment import next_experiment
     from plumbline.optim.diagnosis.design.rows import DesignOptions
@@ -90,29 +89,27 @@ def next_(
 
     if is_session(folder):
         asked = DiagnosisOptions(seed=seed, force=force)
-        part, found, place = _of_session(folder, of, asked, count, within, quiet or json == "-")
-        _hand_out(part, found, place, json, csv, quiet=quiet)
+        part, found, place = _of_session(folder, of, asked, count, within, out.silent)
+        _hand_out(out, part, found, place, csv)
         return
     if of:
         raise PlumblineError(f"--of {of}: {folder} is one recording; leave it out")
     if open_folder(folder).settings.word("observation") in ("motion", "tracking"):
-        next_motion(folder, json, csv, seed=seed, quiet=quiet)
+        next_motion(out, folder, csv, seed=seed)
         return
     refuse_parts(folder)
     recording = load_recording(folder)
     if recording.kind.efforts:
-        next_efforts(
-            recording, json, csv, options=DiagnosisOptions(seed=seed, force=force), quiet=quiet
-        )
+        next_efforts(out, recording, csv, DiagnosisOptions(seed=seed, force=force))
         return
-    with progress_bar(quiet=quiet or json == "-") as progress:
+    with progress_bar(quiet=out.silent) as progress:
         asked = DiagnosisOptions(seed=seed, force=force)
         diagnosis = diagnosis_module.diagnose(recording, asked, progress=progress)
     options = DesignOptions(count=count, seed=seed, within=within)
     found = in_new_groups(
         recording, next_experiment(diagnosis.selected, diagnosis.verdict, options)
     )
-    _hand_out(recording, found, folder, json, csv, quiet=quiet)
+    _hand_out(out, recording, found, folder, csv)
 
 
 def _of_session(
@@ -158,20 +155,14 @@ def _of_session(
 
 
 def _hand_out(
-    recording: Recording,
-    found: NextExperiment,
-    folder: Path,
-    json: str | None,
-    csv: Path | None,
-    *,
-    quiet: bool,
+    out: Out, recording: Recording, found: NextExperiment, folder: Path, csv: Path | None
 ) -> None:
-    outputs.write_json(json, {"recording": recording.name, **found.to_dict()})
+    outputs.write_json(out.json, {"recording": recording.name, **found.to_dict()})
     if csv is not None and found.rows:
         outputs.write_text(csv, table_to_fill(folder, recording, found), "--csv")
-    if outputs.talks(json, quiet):
+    if not out.silent:
         _print(recording, found)
-    if csv is not None and not found.rows and not quiet:
+    if csv is not None and not found.rows and not out.quiet:
         typer.echo(f"--csv {csv}: not written, there are no rows to propose", err=True)
 
 

@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.pages import hand_out
-from plumbline.experiments.console.outputs import (
-    Json,
-    Overwrite,
-    Quiet,
-    Report,
-    check_outputs,
-    write_text,
-)
+from plumbline.experiments.commands.out import Out, with_report
+from plumbline.experiments.console.outputs import write_text
 
 if TYPE_CHECKING:
     from plumbline.optim.registration import MarkerNoise, Method
@@ -58,22 +51,20 @@ RobotStd = Annotated[
 ]
 
 
+@with_report
 def register(
+    out: Out,
     files: Files,
     method: MethodName = "robust",
     triple: TripleOf = None,
-    json: Json = None,
     tfm: Tfm = None,
     ct_axes: CtAxes = "LPS",
     robot_axes: RobotAxes = None,
     ct_resolution: Resolution = None,
     robot_std: RobotStd = None,
-    report: Report = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Register markers of CT and robot; say where targets are and how far to trust it."""
-    check_outputs({"--json": json, "--tfm": tfm, "--report": report}, files, overwrite=overwrite)
+    out.check(files, tfm=tfm)
     from plumbline.experiments.report.registration.page import compared, elsewhere
     from plumbline.experiments.slicer.given import along, given
     from plumbline.optim.registration import RegistrationOptions
@@ -91,7 +82,7 @@ def register(
         from plumbline.experiments.slicer import tfm_text
 
         write_text(tfm, tfm_text(along(answer.T_RC, ct, robot)), "--tfm")
-    hand_out(answer, {**answer.to_dict(), **more}, json, report, quiet, **more)
+    out.hand_out(answer, {**answer.to_dict(), **more}, **more)
 
 
 def _noise(ct_resolution: str | None, robot_std: str | None) -> MarkerNoise | None:

@@ -10,30 +10,29 @@ from typing import Annotated
 
 import typer
 
-from plumbline.experiments.console.outputs import Json, Overwrite, Quiet, check_output, say
+from plumbline.experiments.commands.out import Out, with_out
 
 Effects = Annotated[
     bool, typer.Option("--effects", help="List the effects that a gap is searched for instead.")
 ]
 
 
-def list_(
-    effects: Effects = False, json: Json = None, overwrite: Overwrite = False, quiet: Quiet = False
-) -> None:
+@with_out
+def list_(out: Out, effects: Effects = False) -> None:
     """List the public recordings that can be fetched, or the library of effects."""
-    check_output(json, "--json", overwrite=overwrite)
+    out.check()
     if effects:
-        _list_effects(json, quiet)
+        _list_effects(out)
         return
     from plumbline.experiments.sources import list_sources
 
     keys = ("name", "robot", "instrument", "rows", "licence", "url", "citation", "description")
     found = [{key: getattr(source, key) for key in keys} for source in list_sources()]
     line = "{name:<12} {rows:>6} rows  {robot}: {description}"
-    say(json, quiet, found, "\n".join(line.format(**source) for source in found))
+    out.say(found, "\n".join(line.format(**source) for source in found))
 
 
-def _list_effects(json: str | None, quiet: bool) -> None:
+def _list_effects(out: Out) -> None:
     from plumbline.experiments.report.effect_list import listed
 
     found = listed()
@@ -42,28 +41,27 @@ def _list_effects(json: str | None, quiet: bool) -> None:
         + (f" (needs {effect.needs})" if effect.needs else "")
         for effect in found
     ]
-    say(json, quiet, [asdict(effect) for effect in found], "\n".join(lines))
+    out.say([asdict(effect) for effect in found], "\n".join(lines))
 
 
+@with_out
 def fetch(
+    out: Out,
     name: Annotated[str, typer.Argument(help="A name of 'plumbline list'.")],
     to: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Write into this folder, not the current one."),
     ] = None,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Write a public recording as a folder of that name, checked by its hash."""
-    check_output(json, "--json", [(to or Path()) / name], overwrite=overwrite)
+    out.check([(to or Path()) / name])
     from plumbline.experiments.sources import fetch as fetch_source
     from plumbline.experiments.sources import list_sources
 
     folder = fetch_source(
-        name, to, progress=not quiet and sys.stderr is not None and sys.stderr.isatty()
+        name, to, progress=not out.quiet and sys.stderr is not None and sys.stderr.isatty()
     )
     source = next(source for source in list_sources() if source.name == name)
     about = {"licence": source.licence, "citation": source.citation}
     words = f"{folder}\nlicence: {source.licence}\nto cite: {source.citation}"
-    say(json, quiet, {"name": name, "folder": str(folder), **about}, words)
+    out.say({"name": name, "folder": str(folder), **about}, words)

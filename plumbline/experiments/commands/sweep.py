@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from plumbline.errors import PlumblineError, fault, shown
+from plumbline.experiments.commands.out import Out, with_out
 from plumbline.experiments.console import outputs
-from plumbline.experiments.console.outputs import STDOUT, Json, Overwrite, Quiet, check_outputs
+from plumbline.experiments.console.outputs import STDOUT
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -45,11 +47,12 @@ Plot = Annotated[
 Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a core.")]
 
 
+@with_out
 def sweep(
+    out: Out,
     spec: Annotated[
         Path, typer.Argument(help="TOML: a recording or a reality, and what to vary or to draw.")
     ],
-    json: Json = None,
     csv: Csv = None,
     parquet: Parquet = None,
     jobs: Jobs = 0,
@@ -57,8 +60,6 @@ def sweep(
     by: By = None,
     figure: Of = None,
     plot: Plot = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Diagnose a recording under many options, or try a method on many made-up realities.
 
@@ -70,17 +71,17 @@ def sweep(
 
     asked = read_spec(spec)
     read = [] if asked.recording is None else [asked.recording]
-    files = {"--json": json, "--csv": csv, "--parquet": parquet, "--plot": plot}
-    keep = _kept_beside(csv, parquet, None if json == STDOUT else json)
+    keep = _kept_beside(csv, parquet, None if out.json == STDOUT else out.json)
     begun = keep is not None and keep.is_file()
-    check_outputs(files, read, inputs={"SPEC": spec}, overwrite=overwrite or begun)
+    asking = replace(out, overwrite=out.overwrite or begun)
+    asking.check(read, {"SPEC": spec}, csv=csv, parquet=parquet, plot=plot)
     factors = _two_of(by, asked.cases[0].to_dict(), plot)
     tables = Tables(csv, parquet)
-    with progress_bar(quiet=quiet or json == STDOUT) as progress, closing(tables):
+    with progress_bar(quiet=out.silent) as progress, closing(tables):
         found = run_sweep(
             asked, jobs=jobs or -1, dask=dask, keep=keep, stands=tables.stand, progress=progress
         )
-    outputs.write_json(json, found.to_dict())
+    outputs.write_json(out.json, found.to_dict())
     if keep is not None:
         keep.unlink(missing_ok=True)
     _refuse_if_all_are(found)
@@ -89,7 +90,7 @@ def sweep(
         drawn = io.BytesIO()
         table.plot().savefig(drawn, format=plot.suffix[1:])
         outputs.write_text(plot, drawn.getvalue(), "--plot")
-    if outputs.talks(json, quiet):
+    if not out.silent:
         _print(found, table)
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.pages import write_page
-from plumbline.experiments.console.outputs import STDOUT, check_new, talks, write_json
+from plumbline.experiments.commands.out import Out
+from plumbline.experiments.console.outputs import check_new, write_json
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -25,22 +25,13 @@ def one_model(answer: Any, path: Path) -> Models:
 
 
 @dataclass(frozen=True)
-class Outputs:
+class Outputs(Out):
     """Where a verdict goes."""
 
-    json: str | None  # file of JSON, ``-`` for standard output
-    report: Path | None  # file of HTML
-    also: Path | None  # folder of another recording of the same robot
-    model: Path | None  # file of what was found, for apply and export
-    overwrite: bool  # whether one that is there is replaced
-    quiet: bool  # whether nothing is printed
+    also: Path | None = None  # folder of another recording of the same robot
+    model: Path | None = None  # file of what was found, for apply and export
 
-    @property
-    def silent(self) -> bool:
-        """Whether no progress is shown."""
-        return self.quiet or self.json == STDOUT
-
-    def hand_out(
+    def hand_out_verdict(
         self,
         answer: Any,
         content: Mapping[str, Any],
@@ -61,13 +52,13 @@ class Outputs:
             PlumblineError: A file cannot be written, or a model is there already.
         """
         write_json(self.json, content)
-        write_page(self.report, answer, **page)
+        self.write_page(answer, **page)
         made = {} if self.model is None else models(answer, self.model)
         for path, _ in made.values():
             check_new(path, "--model", overwrite=self.overwrite)
         for path, model in made.values():
             model.save(path, overwrite=True)
-        if not talks(self.json, self.quiet):
+        if self.silent:
             return
         from rich.console import Console
 
@@ -112,7 +103,7 @@ def diagnose_several(
     if other is not None:
         tried = _tried(found, other)
         content, lines = content | {"also": tried.to_dict()}, [f"\n{tried.words}"]
-    outputs.hand_out(found, content, lines, _models)
+    outputs.hand_out_verdict(found, content, lines, _models)
 
 
 def _tried(found: Any, other: Any) -> Applied:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,16 +12,8 @@ import typer
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import effects_beginning
 from plumbline.experiments.commands.examples import BLIND, epilog
+from plumbline.experiments.commands.out import Out, with_out
 from plumbline.experiments.console import outputs
-from plumbline.experiments.console.outputs import (
-    Json,
-    Overwrite,
-    Quiet,
-    check_output,
-    say,
-    talks,
-    write_json,
-)
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
@@ -59,7 +52,9 @@ def _without_command(context: typer.Context) -> None:
 
 
 @app.command("make", epilog=epilog("withheld make"))
+@with_out
 def make(
+    put: Out,
     out: Annotated[Path, typer.Argument(help="Folder for the recordings and their ledger.")],
     truth: TruthFolder,
     count: Count = 20,
@@ -89,12 +84,9 @@ def make(
     ] = "numpy",
     unknown_noise: Annotated[bool, typer.Option("--unknown-noise", help="State no noise.")] = False,
     seed: SecretSeed = None,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Write sealed cases: recordings here, the truth there, its hashes in a ledger first."""
-    check_output(json, "--json", [out, truth], overwrite=overwrite)
+    put.check([out, truth])
     from plumbline.experiments.withheld.design import Design
 
     design = Design(
@@ -113,60 +105,54 @@ def make(
         leave_out=tuple(leave_out or ()),
         simulator=simulator,
     )
-    _make(out, truth, design, count, json, quiet)
+    _make(put, out, truth, design, count)
 
 
-def _make(
-    out: Path, truth: Path, design: Design, count: int, json: str | None, quiet: bool
-) -> None:
+def _make(put: Out, out: Path, truth: Path, design: Design, count: int) -> None:
     from plumbline.experiments.withheld.making import make_set
 
-    with progress_bar(quiet=quiet or json == "-") as progress:
+    with progress_bar(quiet=put.silent) as progress:
         ledger = make_set(out, truth, design, count, progress)
     content = {"cases": len(ledger.entries), "ledger_sha256": ledger.sha256}
     words = f"{len(ledger.entries)} cases in {out}, their truth in {truth}, ledger {ledger.sha256}"
-    say(json, quiet, content, words)
+    put.say(content, words)
 
 
 @app.command("seal", epilog=epilog("withheld seal"))
-def seal(
-    cases: Cases,
-    truth: TruthFolder,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
+@with_out
+def seal(put: Out, cases: Cases, truth: TruthFolder) -> None:
     """Write the ledger of cases that were made elsewhere."""
-    check_output(json, "--json", [cases, truth], overwrite=overwrite)
+    put.check([cases, truth])
     from plumbline.experiments.withheld.sealing import seal_folder
 
     ledger = seal_folder(cases, truth)
     content = {"cases": len(ledger.entries), "ledger_sha256": ledger.sha256}
-    say(json, quiet, content, f"{len(ledger.entries)} cases sealed, ledger {ledger.sha256}")
+    put.say(content, f"{len(ledger.entries)} cases sealed, ledger {ledger.sha256}")
 
 
 @app.command("run", epilog=epilog("withheld run"))
+@with_out
 def run(
+    put: Out,
     cases: Cases,
     out: Annotated[Path, typer.Option("--out", help="Folder for the verdicts.")],
     jobs: Jobs = 0,
     seed: Seed = 0,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Diagnose every case in a process that can open nothing but its recording."""
-    check_output(json, "--json", [cases, out], overwrite=overwrite)
+    put.check([cases, out])
     from plumbline.experiments.withheld.running import run_set
 
-    with progress_bar(quiet=quiet or json == "-") as progress:
+    with progress_bar(quiet=put.silent) as progress:
         done = run_set(cases, out, jobs=jobs, seed=seed, progress=progress)
     content = {"written": done.written, "kept": done.kept}
-    say(json, quiet, content, f"{done.written} verdicts written to {out}, {done.kept} kept")
+    put.say(content, f"{done.written} verdicts written to {out}, {done.kept} kept")
 
 
 @app.command("score", epilog=epilog("withheld score"))
+@with_out
 def score(
+    put: Out,
     verdicts: Annotated[Path, typer.Argument(help="Folder of the verdicts.")],
     truth: TruthFolder,
     report: Annotated[
@@ -174,20 +160,16 @@ def score(
     ] = None,
     partial: Annotated[bool, typer.Option("--partial", help="Verdicts may be missing.")] = False,
     seed: Seed = 0,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Compare the hashes, open the truth, and count."""
-    outputs.check_outputs(
-        {"--json": json, "--report": report}, [verdicts, truth], overwrite=overwrite
-    )
+    put = replace(put, report=report)
+    put.check([verdicts, truth])
     if report is not None and report.suffix.lower() not in PICTURES:
         raise PlumblineError(f"--report {report}: a page or a picture; name it .html or .png")
     from plumbline.experiments.withheld.scoring import score_run
 
     found = score_run(verdicts, truth, partial=partial, seed=seed)
-    write_json(json, found.to_dict())
+    outputs.write_json(put.json, found.to_dict())
     if report is not None:
         from plumbline.experiments.withheld.picture import write_picture
 
@@ -195,7 +177,7 @@ def score(
             write_picture(found, report)
         except OSError as error:
             raise PlumblineError(f"--report {report}: cannot be written ({error})") from None
-    if talks(json, quiet):
+    if not put.silent:
         from rich.console import Console
 
         from plumbline.experiments.report.page.words import print_page
@@ -206,7 +188,9 @@ def score(
 
 
 @app.command("bench", epilog=epilog("withheld bench"))
+@with_out
 def bench(
+    put: Out,
     folder: Annotated[Path, typer.Argument(help="Keeps the sets, so that it can go on.")],
     count: Count = 1000,
     seed: Seed = 2026,
@@ -217,9 +201,6 @@ def bench(
     table: Annotated[
         Path | None, typer.Option(metavar="OUT.md", help="Write the table of results.")
     ] = None,
-    json: Json = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Make, run and score every kind of case, so many each: the large run."""
     from plumbline.experiments.withheld.bench import SETS, markdown
@@ -229,12 +210,12 @@ def bench(
         if name not in SETS:
             raise PlumblineError(f"--only {name!r} not recognised; known: {', '.join(SETS)}")
     own = [folder / name for name in SETS]
-    outputs.check_outputs({"--json": json, "--table": table}, own, overwrite=overwrite)
-    with progress_bar(quiet=quiet or json == "-") as progress:
+    put.check(own, table=table)
+    with progress_bar(quiet=put.silent) as progress:
         found = measure(
             folder, count, seed=seed, jobs=jobs, only=tuple(only or ()), progress=progress
         )
     text = markdown(found)
     if table is not None:
         outputs.write_text(table, text, "--table")
-    say(json, quiet, found.to_dict(), text)
+    put.say(found.to_dict(), text)

@@ -40,18 +40,12 @@ COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")  # what a report sa
 def check_output(
     path: str | Path | None, option: str, folders: Sequence[Path] = (), *, overwrite: bool
 ) -> None:
-    """Refuse an output file before anything is computed.
-
-    Args:
-        path: The file; None is always fine, and ``-`` for JSON.
-        option: The option that names it.
-        folders: Recordings, cases, truths and verdicts, which no output is written into.
-        overwrite: Whether a file of the user's may be replaced.
+    """Refuse an output file of an option before anything is computed; None is always fine.
 
     Raises:
         PlumblineError: It lies in a missing folder or one that takes no files, is a folder, lies
-            inside of one of those, is a file that must stay, or is standard output, where nothing
-            but JSON goes.
+            inside of one of those that no output is written into, is a file that must stay, or is
+            standard output, where nothing but JSON goes.
     """
     if path is None or (str(path) == STDOUT and option == "--json"):
         return
@@ -106,14 +100,9 @@ def check_outputs(
 ) -> None:
     """Refuse output files, by their options, before anything is computed.
 
-    Args:
-        outputs: The files; None for one that is not asked for.
-        folders: What no output is written into.
-        inputs: Files that are read, by what they are called: no output may be one of them.
-        overwrite: Whether files of the user's may be replaced.
-
     Raises:
-        PlumblineError: One cannot be written, is there already, or has the name of another.
+        PlumblineError: One cannot be written, is there already, or has the name of another, or of
+            a file that is read.
     """
     for option, path in outputs.items():
         check_output(path, option, folders, overwrite=True)
@@ -166,14 +155,3 @@ def write_json(path: str | None, content: Any) -> None:
 def talks(json_path: str | None, quiet: bool) -> bool:
     """Whether words go to standard output."""
     return not quiet and json_path != STDOUT
-
-
-def say(path: str | None, quiet: bool, content: Any, words: str) -> None:
-    """Write JSON, and print the same in words where those are wanted.
-
-    Raises:
-        PlumblineError: It cannot be written.
-    """
-    write_json(path, content)
-    if talks(path, quiet):
-        print(words)
