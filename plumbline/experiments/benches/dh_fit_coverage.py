@@ -18,7 +18,7 @@ import typer
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.arm import Arm
 from plumbline.experiments.reality.arms import bh7, ur5
-from plumbline.experiments.reality.crooked import Crooked, Reality, draw_crooked
+from plumbline.experiments.reality.tip_readings import Crooked, Reality, draw_crooked
 from plumbline.optim.dh_fit import DHFit, DHOptions, Norms, Squares, fit_dh
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.recording.building import build_recording

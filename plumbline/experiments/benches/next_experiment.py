@@ -22,7 +22,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.benches.asking import counted, label, loaded
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality import Case, Plan, draw_case, simulate
-from plumbline.experiments.reality.more import extended, read_on
+from plumbline.experiments.reality.recorder import extended, read_on
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows

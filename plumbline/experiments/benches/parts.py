@@ -23,7 +23,7 @@ from plumbline.errors import best_matches, fault
 from plumbline.experiments.benches.asking import SURE, Asked, asking, counted, key_of, label, surest
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.arms import arm
-from plumbline.experiments.reality.parts import drawing, head, room
+from plumbline.experiments.reality.parts import drawing, room
 from plumbline.optim.loading import load_to_diagnose
 
 SORTS = ("single", "clean", "outside")
@@ -55,7 +55,7 @@ def _fiducials(folder: Path, name: str | None, gap: float, seed: int, number: in
 
 KINDS: dict[str, tuple[Draw, Sequence[str], Sequence[str]]] = {
     "ranges": (_ranges, (*room.OF_ROOM, *room.OF_ARM), room.BEYOND),
-    "fiducials": (_fiducials, head.OF_HEAD, head.BEYOND),
+    "fiducials": (_fiducials, drawing.OF_HEAD, drawing.BEYOND),
 }
 
 

@@ -16,17 +16,20 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.apply import apply, export
-from plumbline.experiments.commands.budget import budget
 from plumbline.experiments.commands.check import check
-from plumbline.experiments.commands.codegen import codegen
 from plumbline.experiments.commands.dhfit import dhfit
 from plumbline.experiments.commands.diagnose import diagnose
 from plumbline.experiments.commands.examples import FIRST, epilog
-from plumbline.experiments.commands.handeye import handeye, scan
 from plumbline.experiments.commands.import_ import import_, new
+from plumbline.experiments.commands.methods import (
+    budget,
+    codegen,
+    handeye,
+    register,
+    reproduce,
+    scan,
+)
 from plumbline.experiments.commands.next import next_
-from plumbline.experiments.commands.register import register
-from plumbline.experiments.commands.reproduce import reproduce
 from plumbline.experiments.commands.sources import fetch, list_
 from plumbline.experiments.commands.sweep import sweep
 from plumbline.experiments.commands.withheld import app as withheld

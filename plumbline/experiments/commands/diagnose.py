@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.motion import diagnose_motion
 from plumbline.experiments.commands.out import Out, with_report
-from plumbline.experiments.commands.verdicts import Outputs, diagnose_several
+from plumbline.experiments.commands.verdicts import Outputs, diagnose_motion, diagnose_several
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:

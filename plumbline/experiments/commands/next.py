@@ -14,8 +14,8 @@ import typer
 
 from plumbline.errors import PlumblineError, best_matches, fault, shown
 from plumbline.experiments.commands.diagnose import Folder, Force, Seed
-from plumbline.experiments.commands.motion import next_efforts, next_motion
 from plumbline.experiments.commands.out import Out, with_out
+from plumbline.experiments.commands.verdicts import next_efforts, next_motion
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 

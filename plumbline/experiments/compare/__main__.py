@@ -13,8 +13,7 @@ import typer
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.compare.contests import CONTESTS, Contest
-from plumbline.experiments.compare.page import page
-from plumbline.experiments.compare.running import PEERS, Cell, cell, written
+from plumbline.experiments.compare.running import PEERS, Cell, cell, page, written
 from plumbline.experiments.console.outputs import Json, Quiet, check_output, write_json, write_text
 
 ROOT = Path(__file__).parents[3]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.tip_readings import SURGICAL, Box, Session, poses
-from plumbline.experiments.reproduce import Compared, Reproduction, Table, dh_fit_beyond, figure
+from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
 from plumbline.experiments.reproduce import dh_fit_sessions as sessions
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
@@ -51,8 +51,7 @@ def run(
         fine.append(_group(seed, k, sessions.FINE_NOISE, sessions.FINE_WANDER, SURGICAL))
     tell("beyond the paper", 5 / 8.0)
     beyond = [
-        dh_fit_beyond.look_beyond(seed, k, group.session, group.fits)
-        for k, group in enumerate(groups)
+        sessions.look_beyond(seed, k, group.session, group.fits) for k, group in enumerate(groups)
     ]
     tell("fifty points", 6 / 8.0)
     points = [_fifty(seed, k) for k in range(several)]
@@ -66,7 +65,7 @@ def run(
         (
             _groups_table(groups),
             _forms_table(groups, fine),
-            *dh_fit_beyond.beyond_tables([group.fits[1] for group in groups], beyond),
+            *sessions.beyond_tables([group.fits[1] for group in groups], beyond),
             _points_table(points),
             _outliers_table(outliers),
         ),
@@ -178,14 +177,14 @@ def _outliers(seed: int, k: int) -> Outliers:
 
 def _figures(
     groups: list[Group],
-    beyond: list[dh_fit_beyond.Beyond],
+    beyond: list[sessions.Beyond],
     fine: list[Group],
     points: list[Fifty],
     outliers: list[Outliers],
 ) -> dict[str, Any]:
     return {
         "groups": [
-            {**_group_figures(k, group), **dh_fit_beyond.beyond_figures(more)}
+            {**_group_figures(k, group), **sessions.beyond_figures(more)}
             for k, (group, more) in enumerate(zip(groups, beyond, strict=True))
         ],
         "fine": [_fine_figures(group) for group in fine],

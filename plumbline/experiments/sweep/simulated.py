@@ -25,7 +25,7 @@ from plumbline.experiments.reality.cases import KINDS, OBSERVATIONS
 from plumbline.experiments.reality.draws import LIBRARY
 from plumbline.experiments.reality.drives import INSIDE as OF_DRIVES
 from plumbline.experiments.reality.mpc_scenarios import FAMILIES
-from plumbline.experiments.reality.parts import head, room
+from plumbline.experiments.reality.parts import drawing, room
 from plumbline.experiments.reality.parts.drawing import RangePlan, draw_fiducials, draw_ranges
 from plumbline.experiments.reality.torques import INSIDE as OF_EFFORTS
 from plumbline.experiments.sweep.outcome import Outcome
@@ -219,7 +219,7 @@ def _fiducials(folder: Path, o: Options) -> Truth:
     name = _named(o["effect"])
     drawn = draw_fiducials(folder, name, o["gap"], o["seed"], o["markers"], o["touches"])
     causes = frozenset([(name, drawn.element)] if name else [])
-    return Truth(causes, name not in head.BEYOND, frame=drawn.frame)
+    return Truth(causes, name not in drawing.BEYOND, frame=drawn.frame)
 
 
 def _named(effect: str) -> str | None:
@@ -343,7 +343,7 @@ REALITIES: Mapping[str, Reality] = {
     "fiducials": Reality(
         _fiducials,
         {
-            "effect": _effects(head.OF_HEAD, head.BEYOND, usual=NONE), "gap": GAP,
+            "effect": _effects(drawing.OF_HEAD, drawing.BEYOND, usual=NONE), "gap": GAP,
             "markers": Factor(8, 3, 100), "touches": Factor(5, 1, 100),
         },
         ("register", "diagnose"),

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 from plumbline.errors import PlumblineError
 from plumbline.experiments.compare.__main__ import _cells, compare
 from plumbline.experiments.compare.contests import CONTESTS, OURS, Contest, Way, phantoms, poses
-from plumbline.experiments.compare.page import page, verdict
 from plumbline.experiments.compare.running import (
     PEERS,
     STAMP,
@@ -22,6 +21,8 @@ from plumbline.experiments.compare.running import (
     EmptyCellError,
     cell,
     environment,
+    page,
+    verdict,
     written,
 )
 

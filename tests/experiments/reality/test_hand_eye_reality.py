@@ -6,8 +6,7 @@ import pytest
 
 from plumbline.experiments.reality.arm import forward
 from plumbline.experiments.reality.ranging.aim import inverse
-from plumbline.experiments.reality.ranging.board import draw_bumps
-from plumbline.experiments.reality.ranging.finder import Finder, spoil
+from plumbline.experiments.reality.ranging.finder import Finder, draw_bumps, spoil
 from plumbline.experiments.reality.ranging.phantoms import BLOCK, block, draw_head, hit, scan_head
 from plumbline.experiments.reality.ranging.scene import (
     Instrument,

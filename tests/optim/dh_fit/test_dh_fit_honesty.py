@@ -7,7 +7,7 @@ import pytest
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import bh7, ur5
-from plumbline.experiments.reality.crooked import Reality, draw_crooked
+from plumbline.experiments.reality.tip_readings import Reality, draw_crooked
 from plumbline.optim.dh_fit import DHOptions, Norms, Squares, Status, fit_dh
 from plumbline.optim.dh_fit.solvers import GaussNewton
 from plumbline.optim.recording.building import build_recording

@@ -5,7 +5,7 @@ import pytest
 
 from plumbline.experiments.benches.dh_fit_coverage import holds, recording_of
 from plumbline.experiments.reality.arms import bh7, ur5
-from plumbline.experiments.reality.crooked import Reality, draw_crooked
+from plumbline.experiments.reality.tip_readings import Reality, draw_crooked
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.constants import STILL

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from plumbline.experiments.reality.arm import Array, forward, placed, rotations
 from plumbline.experiments.reality.ranging.aim import Cone, each_reached, taking
-from plumbline.experiments.reality.ranging.board import ORDERS, Board
+from plumbline.experiments.reality.ranging.finder import ORDERS, Board
 from plumbline.experiments.reality.ranging.scene import Scene, aimed, true_flange
 
 BLOCK = (0.090, 0.055, 0.045)  # m, the paper's

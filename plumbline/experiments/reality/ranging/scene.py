@@ -27,8 +27,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, rotations
 from plumbline.experiments.reality.arms import vs060
 from plumbline.experiments.reality.ranging.aim import Cone, each_reached, tilted, together
-from plumbline.experiments.reality.ranging.board import Board, draw_bumps
-from plumbline.experiments.reality.ranging.finder import Finder, spoil
+from plumbline.experiments.reality.ranging.finder import Board, Finder, draw_bumps, spoil
 
 GRID = (5, 3)  # patches along and across a board
 LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
