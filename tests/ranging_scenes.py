@@ -13,6 +13,7 @@ from plumbline.experiments.reality.ranging.scene import (
     marks,
     plan,
 )
+from plumbline.experiments.reality.recorder import Recording, numbered, write, write_table
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.hand_eye.accuracy import Marks
 from plumbline.optim.hand_eye.readings import Beam, Readings
@@ -122,3 +123,29 @@ def pose_lines(readings, *, scalar_first=True):
     lines = ["px,py,pz,qw,qx,qy,qz,range,plane,motion"]
     lines += [",".join(f"{x:.9g}" for x in row) for row in rows]
     return "\n".join(lines) + "\n"
+
+
+def write_block(folder, scene, scan):
+    """Write a scan of a block, its faces numbered from 1."""
+    return _write_scan(folder, scene, scan, {"face": np.asarray(scan.part + 1, dtype=float)})
+
+
+def write_head(folder, scene, scan, head, landmarks):
+    """Write a scan of a head, its surface in CT, landmarks in base and CT, and targets."""
+    _write_scan(folder, scene, scan, {})
+    base, ct = ("base_x", "base_y", "base_z"), ("ct_x", "ct_y", "ct_z")
+    write_table(folder / "surface.csv", dict(zip("xyz", head.surface.T, strict=True)))
+    marks_of_both = np.hstack(landmarks)
+    write_table(folder / "landmarks.csv", dict(zip((*base, *ct), marks_of_both.T, strict=True)))
+    numbers = np.arange(1.0, len(head.targets) + 1.0)
+    targets = dict(zip(ct, head.targets.T, strict=True))
+    write_table(folder / "targets.csv", {"label": numbers, **targets})
+    return folder
+
+
+def _write_scan(folder, scene, scan, more):
+    columns = {**numbered("q", scan.q), "range": scan.distance, **more}
+    text = f'name = "{folder.name}"\nobservation = "surface_scan"\n\n[robot]\n'
+    text += f'bundled = "{scene.arm.name}"\ntip_frame = "{scene.arm.tip_frame}"\n'
+    write(folder, Recording(text, columns))
+    return folder

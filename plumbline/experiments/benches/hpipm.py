@@ -17,13 +17,12 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.experiments.console.measured import timed
 from plumbline.optim.capsule_mpc.banded_qp import BandedQp
 from plumbline.optim.capsule_mpc.linearised import QpPath, StageQp
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 FAR = 1e6  # [mm] of a bound that is masked
 SPEED = 1  # HPIPM's mode: relative interior point, for speed
 TOLERANCES = {"stat": 1e-3, "comp": 1e-3, "ineq": 1e-5, "eq": 1e-5}  # those of BandedQp()

@@ -23,7 +23,6 @@ import pandas as pd
 import typer
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
 from plumbline.experiments.console.measured import Found, as_command
@@ -36,8 +35,8 @@ from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.capsule_mpc.banded_qp import native
 from plumbline.optim.capsule_mpc.constants import MM
 from plumbline.optim.capsule_mpc.planning import Ready, shifted
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 Line = dict[str, Any]  # of a table
 STEPS, DT, SAFE = 300, 0.02, 2.0
 SIZES = ((10, 3), (20, 10))

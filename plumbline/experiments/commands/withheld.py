@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands.diagnose import effects_beginning
+from plumbline.experiments.commands.diagnose import Seed, effects_beginning
 from plumbline.experiments.commands.examples import BLIND, epilog
 from plumbline.experiments.commands.out import Out, with_out
+from plumbline.experiments.commands.sweep import Jobs
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
@@ -32,8 +33,6 @@ SecretSeed = Annotated[
     int | None,
     typer.Option("--seed", min=0, help="The set follows from it; drawn in secret if not given."),
 ]
-Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of every random draw.")]
-Jobs = Annotated[int, typer.Option(min=0, help="Processes at a time; 0 for one a core.")]
 LeftOut = Annotated[
     list[str] | None,
     typer.Option(

@@ -7,19 +7,18 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.sources import fetch
 from plumbline.kinematics.dh import rows_table
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit import DHOptions, Squares, fit_dh
 from plumbline.optim.diagnosis.motion.recording import load_motion
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.recording.loading import load_recording
 
-Array = NDArray[np.float64]
 Given = Mapping[str, Array | str]
 
 

@@ -16,7 +16,6 @@ from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from plumbline.experiments.reality.touch import Touch
 from plumbline.kinematics.frames import homogeneous
@@ -26,8 +25,8 @@ from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.capsule_mpc.arms import ArmInstrument, held_tip
 from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.stopping import held_exactly
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 APART, BESIDE = 0.6, 0.07  # [m] of each base and of each trocar from the middle
 TABLE = 0.46  # [m], height of the trocars
 SHAFT = (-0.05, 0.2)  # [m] along z of the sliding joint

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from time import thread_time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.experiments.reality.instruments import Mismatch, Plant
 from plumbline.experiments.reality.task import Scenario
 from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.capsule_mpc.guide import Guide
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 SUBSTEPS = 20  # of a control step of 20 ms: what happens between two samples is seen as well
 CLOSE = 1.0  # [mm] from a goal that counts as reached
 M = 1e-3  # [m/mm]: scenarios count in mm, controllers in SI units

@@ -11,14 +11,13 @@ nothing else.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.experiments.reality.touch import Touch
 from plumbline.optim.capsule_mpc import EndsInstrument, Planner, Settings, Statement
 from plumbline.optim.capsule_mpc.constants import MM
 from plumbline.optim.capsule_mpc.planning import shifted
+from plumbline.optim.core.problem import Array
 
-Array = NDArray[np.float64]
 LENGTH, RADIUS, SAFE = 250.0, 2.5, 2.0  # [mm]
 YAWS = (0.0, 1e-6, 1e-3, 1e-2)  # [rad]
 STEPS, SUBSTEPS = 120, 4

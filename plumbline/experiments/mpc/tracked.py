@@ -17,7 +17,6 @@ from typing import Annotated
 import numpy as np
 import pandas as pd
 import typer
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.console.measured import Found, as_command
@@ -25,12 +24,12 @@ from plumbline.experiments.mpc.closed_loop import M, judged, obstacles_at, state
 from plumbline.experiments.reality.instruments import Instruments, Mismatch, Slides, SlidingTips
 from plumbline.experiments.reality.task import Scenario, Swing
 from plumbline.optim import capsule_mpc as mpc
+from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.tracking import build_tracking
 
-Array = NDArray[np.float64]
 DT, SUBSTEPS = 0.02, 20
 SHAKEN = 30.0  # [s] of the recording
 FOLLOWED, SETTLED = 12.0, 1.0  # [s] of a path, and until its errors count

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.cases import Plan
 from plumbline.experiments.reality.recorder import Recording, numbered, write
 
-Array = NDArray[np.float64]
 FINE = 10  # steps within a sample
 GRAVITY = 9.81  # m/s^2
 JOINTS = 2

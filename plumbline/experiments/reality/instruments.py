@@ -18,11 +18,10 @@ takes F / kv of every rate and holds what is slower; commands wait in a queue.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.motion import engine
 
-Array = NDArray[np.float64]
 MASS = 0.5  # kg
 MM = 1e3  # in a metre
 

@@ -16,12 +16,12 @@ from dataclasses import replace
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
 from plumbline.experiments.reality.task import BRISK, DEPTHS, LOOKED, Scenario, Swing
 
-Array = NDArray[np.float64]
 CLEAR = 4.0  # [mm] between any two capsules at start and goal
 TRIES = 4000
 BLOCKED = 2.0  # [mm] that the straight way comes short of

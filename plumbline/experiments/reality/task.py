@@ -8,12 +8,11 @@ An obstacle that moves drifts, swings, or both,
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
 from plumbline.experiments.reality.touch import Touch, all_pairs, point_distances, segment_distances
 
-Array = NDArray[np.float64]
 DEPTHS = (17.0, 225.0)  # [mm] behind the trocar of starts and goals, of 15 to 230 that are allowed
 STEEP = 65.0  # [deg] off the vertical, at most, that a shaft starts and ends with
 BRISK = 60.0  # [mm/s] of a tip that goes straight to its goal

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.motion import engine
 
-Array = NDArray[np.float64]
 G = 9.81
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
 

@@ -12,16 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.cases import Plan
 from plumbline.experiments.reality.recorder import Recording, numbered, write
-from plumbline.experiments.reality.torque_arm import (
-    Array,
-    Build,
-    Course,
-    G,
-    draw_build,
-    draw_course,
-)
+from plumbline.experiments.reality.torque_arm import Build, Course, G, draw_build, draw_course
 
 ROWS = 4  # rows here for each row of a plan: neighbours are 20 ms apart
 NOISE = (0.003, 0.03)  # of a joint's efforts

@@ -20,7 +20,8 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from plumbline.experiments.reality.arm import Array
+
 AGREE = 1e-3  # [mm] between coal and plain arithmetic; coal errs by 1e-5 where shafts are parallel
 SHARE = 199  # every so manieth moment of the rest is asked too
 PARALLEL = 1e-12  # share of |u|^2 |v|^2 below which the lines' nearest points mean nothing

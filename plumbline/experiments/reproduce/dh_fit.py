@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.experiments.reality.tip_readings import SURGICAL, Box, Session, poses
 from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
@@ -19,7 +18,6 @@ from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
 from plumbline.optim.recording.building import build_recording
 
-Array = NDArray[np.float64]
 TITLE = "Bounded DH fit for a surgical space"
 SOURCE = "Chen Hua et al., parameter identification of a surgical robot BH-7 (eqs. 8-9)"
 TABLE_BEST = 0.601  # [mm] mean of the fitted table that the paper prints

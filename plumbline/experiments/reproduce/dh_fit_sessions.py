@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.experiments.reality.tip_readings import (
     SURGICAL,
@@ -103,9 +102,6 @@ def in_mm(misfit: Misfit) -> dict[str, float]:
 def words(misfit: Misfit) -> str:
     """The same in one cell."""
     return " / ".join(f"{value:.3f}" for value in in_mm(misfit).values())
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from plumbline.experiments.reproduce.registration_trial import (
     LESIONS,
     NEEDLE,
     THETA,
-    Array,
     Ratio,
     Trial,
     axis_tilt,
@@ -29,6 +28,7 @@ from plumbline.experiments.reproduce.registration_trial import (
     published_frame,
     ratios,
 )
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.pointing import Status
 from plumbline.optim.registration import Anisotropic, Kabsch, Method, ThreePoint

@@ -7,6 +7,7 @@ import numpy as np
 
 from plumbline.experiments.reproduce import registration_trial as trial
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import Aim, AngleMap, Box, Sweep, plan_sweep, safe_angle_map
 
 # The markers lie on its top, z = 147 mm, and on its side, y = -10 mm; the other faces are guessed.
@@ -35,12 +36,12 @@ class Pointed:
         return float(np.nanmax(self.sweep.rcm_error))
 
 
-def phantom_aim(arm: str, T_RC: trial.Array) -> Aim:
+def phantom_aim(arm: str, T_RC: Array) -> Aim:
     """A bundled arm with the published needle at lesion M of the phantom."""
     return Aim(Robot.bundled(arm).chain(), T_RC, trial.LESIONS["M"], trial.NEEDLE, PHANTOM)
 
 
-def pointed(arm: str, T_RC: trial.Array, repeats: int = 3) -> Pointed:
+def pointed(arm: str, T_RC: Array, repeats: int = 3) -> Pointed:
     """Map the safe angles, then plan the widest arc of one ring."""
     aim = phantom_aim(arm, T_RC)
     found = safe_angle_map(aim, RINGS, AZIMUTHS)
@@ -55,7 +56,7 @@ def pointed(arm: str, T_RC: trial.Array, repeats: int = 3) -> Pointed:
     return Pointed(arm, found, sweep, published, seconds[0][0], float(later[0]), float(later[1]))
 
 
-def widest_arc(found: AngleMap, count: int = ANGLES) -> tuple[float, trial.Array]:
+def widest_arc(found: AngleMap, count: int = ANGLES) -> tuple[float, Array]:
     """The ring with the longest run of safe azimuths: its theta, and azimuths (count,) [rad]."""
     best, start, ring = 0, 0, 0
     for i, safe in enumerate(found.safe):
@@ -68,7 +69,7 @@ def widest_arc(found: AngleMap, count: int = ANGLES) -> tuple[float, trial.Array
     return float(found.theta[ring]), beta - 2 * np.pi * (beta[-1] > 2 * np.pi)
 
 
-def _runs(safe: trial.Array) -> list[int]:
+def _runs(safe: Array) -> list[int]:
     """How many safe ones follow each of a ring's azimuths, itself included, going round once."""
     around = np.concatenate([safe, safe])
     count = len(safe)

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.frames import homogeneous
+from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import Needle, tip_and_top
 from plumbline.optim.registration import (
     Kabsch,
@@ -34,7 +34,6 @@ from plumbline.optim.registration import (
     register,
 )
 
-Array = NDArray[np.float64]
 MM = 1e-3  # [m/mm]
 
 MARKERS = dict(

@@ -14,13 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.shares import Share
 
 BINS = 10
 REPEATS = 1000
-Array = NDArray[np.float64]
 Said = Sequence[tuple[float, bool]]  # probability, right
 
 

@@ -10,14 +10,14 @@ import pytest
 import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.ranging.phantoms import block
-from plumbline.experiments.reality.ranging.writing import write_block, write_survey
+from plumbline.experiments.reality.ranging.writing import write_survey
 from plumbline.optim.hand_eye.recording import RangeRecording
 from plumbline.optim.hand_eye.scan_recording import ScanRecording
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.registration.fiducials import Fiducials
 from tests.optim.registration.test_fiducials import phantom
 from tests.phantoms import save_fiducials
-from tests.ranging_scenes import room_of, surveyed
+from tests.ranging_scenes import room_of, surveyed, write_block
 from tests.recording_folders import write_folder
 
 ROOT = Path(plumbline.__file__).parent

@@ -20,8 +20,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report import style
-from plumbline.experiments.report.diagnosis.subject import Array, Subject
+from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.kinematics.chain import Chain
+from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Place
 
 ELEVATION = np.deg2rad(18.0)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from plumbline.experiments.report.diagnosis.subject import Array, Subject, running
+from plumbline.experiments.report.diagnosis.subject import Subject, running
 from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,
@@ -29,6 +29,7 @@ from plumbline.experiments.report.style import (
     new_figure,
     numbered,
 )
+from plumbline.optim.core.problem import Array
 
 PANEL = (3.3, 2.6)  # [in]
 WIDE_FIGURE = 5.2  # [in]

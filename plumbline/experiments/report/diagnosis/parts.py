@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from plumbline.experiments.report.diagnosis.figures import BRIGHTEST, drawn_pair, top_of
-from plumbline.experiments.report.diagnosis.subject import Array, Subject
+from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,
@@ -17,6 +17,7 @@ from plumbline.experiments.report.style import (
     new_figure,
     numbered,
 )
+from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.parts import cosines_at_start, spots_at_start
 
 SIGNED = "RdBu_r"  # of residuals with their sign, pale where they are none

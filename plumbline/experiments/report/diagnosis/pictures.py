@@ -6,8 +6,9 @@ import numpy as np
 
 from plumbline.experiments.report.diagnosis import causes, figures, parts, torques
 from plumbline.experiments.report.diagnosis.arm import arm
-from plumbline.experiments.report.diagnosis.subject import Array, Subject, running
+from plumbline.experiments.report.diagnosis.subject import Subject, running
 from plumbline.experiments.report.page.page import Picture
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, percent, significant
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.findings import Outcome

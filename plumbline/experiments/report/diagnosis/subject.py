@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import scaled
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 
-Array = NDArray[np.float64]
 RUNS = 24  # of rows whose middles make a line
 ENOUGH = 15  # rows that a running median takes on either side, at least
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from plumbline.experiments.report import style
 from plumbline.experiments.report.diagnosis.figures import PANEL, cloud, top_of
-from plumbline.experiments.report.diagnosis.subject import Array, Subject
+from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.style import AFTER, BEFORE, INK, calm, house_style, new_figure
+from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import FrictionCurve
 
 SHOWN = 3  # joints whose torque is drawn over time: those with the largest gap in their own noise

@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.report.diagnosis.arm import skeleton, typical_posture, upright
-from plumbline.experiments.report.diagnosis.subject import Array, Subject
+from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.page.page import environment
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import significant
 from plumbline.optim.diagnosis.answer import Diagnosis
 
