@@ -107,7 +107,7 @@ def test_the_ledger_is_written_before_truth_and_recording(
             file.write(text)
 
     monkeypatch.setattr(
-        "plumbline.experiments.withheld.making.append", lambda p, t: _made(p) or note(p, t)
+        "plumbline.experiments.withheld.sealing.append", lambda p, t: _made(p) or note(p, t)
     )
 
     def _made(path: Path) -> None:

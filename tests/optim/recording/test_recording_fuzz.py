@@ -10,7 +10,7 @@ import pytest
 
 import tests.fuzz.__main__ as bench
 from plumbline.errors import PlumblineError
-from plumbline.experiments.commands import check as check_module
+from plumbline.experiments.commands.out import Out
 from plumbline.optim import loading
 from plumbline.optim.recording.loading import load_recording
 from plumbline.optim.recording.recording import Recording
@@ -94,7 +94,7 @@ def test_a_number_that_is_none_is_a_break(monkeypatch):
 
     assert "traceback: ValueError" in broken(monkeypatch, unsure)
     written = Path.write_text
-    monkeypatch.setattr(check_module, "say", lambda path, *_: written(Path(path), '{"a": NaN}'))
+    monkeypatch.setattr(Out, "say", lambda out, *_: written(Path(out.json), '{"a": NaN}'))
     assert "NaN in the JSON" in broken(monkeypatch, unsure)
 
 
