@@ -184,3 +184,10 @@ def dynamics_of(model: pin.Model, joints: Sequence[Joint], gravity: ArrayLike) -
         model, tuple(joints), tuple(max(p, -1) for p in parents), inertial,
         np.asarray(gravity, dtype=float),
     )  # fmt: skip
+
+
+def steiner(mass: cs.SX | float, centre: cs.SX) -> cs.SX:
+    """Inertia (6,) xx, xy, yy, xz, yz, zz about the origin of a point mass at ``centre`` (3,)."""
+    x, y, z = cs.vertsplit(centre)
+    each = (y**2 + z**2, -x * y, x**2 + z**2, -x * z, -y * z, x**2 + y**2)
+    return mass * cs.vertcat(*each)

@@ -10,9 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
+import casadi as cs
+
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
-from plumbline.kinematics.dynamics import Dynamics, dynamics_of
+from plumbline.kinematics.dynamics import Dynamics, dynamics_of, steiner
+from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.robot import Robot
 
 
@@ -73,3 +76,11 @@ def dynamics_of_chain(chain: Chain) -> Dynamics:
     if not isinstance(chain, Tree):
         raise PlumblineError(f"{chain!r}: no bodies, a Tree expected; make one with tree_of(robot)")
     return chain.dynamics
+
+
+def laden(chain: Chain, mass: cs.SX | float, tool: cs.SX) -> cs.SX:
+    """Ten parameters of every body (n, 10) with a mass [kg] at the tool's tip (3,) [m]."""
+    place = Transform.from_matrix(chain.T_last_tip).point(tool)
+    inertial = constant(dynamics_of_chain(chain).inertial)
+    inertial[chain.body_of_tip, :] += cs.vertcat(mass, mass * place, steiner(mass, place)).T
+    return inertial

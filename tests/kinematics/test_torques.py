@@ -1,5 +1,7 @@
 """Physics of torques: bodies against Pinocchio, drives against MuJoCo, all else in closed form."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -13,6 +15,7 @@ from plumbline.kinematics.tree import tree_of
 from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.building import build_recording
+from plumbline.optim.recording.efforts import nominal_efforts
 from tests.benches import residuals
 from tests.random_trees import Tree
 from tests.trocars import SHAFT, SIDE, TROCAR, through_a_trocar
@@ -80,6 +83,26 @@ def test_bodies_take_the_torque_that_two_other_engines_say(two, simulator):
     oracle = [pin.rnea(model, data, configuration(q[k]), v[k], a[k]) for k in range(N)]
     np.testing.assert_allclose(tau, oracle, atol=1e-10)
     np.testing.assert_allclose(tau, inverse(simulator, q, v, a), atol=1e-10)
+
+
+def test_a_payload_that_was_recorded_hangs_at_the_tools_tip(two):
+    robot, q, v, a, _ = two
+    tool, mass = np.array([0.1, 0.02, -0.2]), np.linspace(0.0, 2.0, N)
+    oracle = []
+    for k in range(N):
+        model = robot.dynamics().model.copy()
+        tip = tree_of(robot).T_last_tip
+        place = pin.SE3(tip) * pin.SE3(np.eye(3), tool)
+        model.appendBodyToJoint(2, pin.Inertia(mass[k], np.zeros(3), np.zeros((3, 3))), place)
+        at = tree_of(robot).configuration(q[k])
+        oracle.append(pin.rnea(model, model.createData(), at, v[k], a[k]))
+    rec = recording(robot, q, v, a, np.array(oracle), payload=mass, tool_offset=tool)
+    np.testing.assert_allclose(predicted(rec), oracle, atol=1e-10)
+    np.testing.assert_allclose(nominal_efforts(rec), oracle, atol=1e-10)
+    borne = nominal_efforts(rec, (0.0, 0.0, 0.0))
+    expected = nominal_efforts(replace(rec, chain=replace(rec.chain, gravity=np.zeros(3))))
+    np.testing.assert_allclose(borne, expected, atol=1e-10)
+    assert np.abs(expected - oracle).max() > 1.0
 
 
 @pytest.mark.parametrize("seed", range(4))

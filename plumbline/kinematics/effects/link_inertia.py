@@ -15,6 +15,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.dynamics import steiner
 from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
@@ -78,10 +79,3 @@ def size_of(chain: Chain) -> tuple[float, float]:
     mass = sum(body.mass for body in chain.joints)
     reach = max(chain.reach, LEAST_REACH, *(float(np.linalg.norm(b.com)) for b in chain.joints))
     return float(f"{max(mass, LEAST_MASS):.2g}"), float(f"{reach:.2g}")
-
-
-def steiner(mass: cs.SX, centre: cs.SX) -> cs.SX:
-    """Inertia (6,) xx, xy, yy, xz, yz, zz about the origin of a point mass at ``centre`` (3,)."""
-    x, y, z = cs.vertsplit(centre)
-    each = (y**2 + z**2, -x * y, x**2 + z**2, -x * z, -y * z, x**2 + y**2)
-    return mass * cs.vertcat(*each)

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.dynamics import steiner
 from plumbline.kinematics.effects.drive import TORQUES
 from plumbline.kinematics.effects.effect import (
     ALL_OBSERVATIONS,
@@ -28,7 +29,7 @@ from plumbline.kinematics.effects.effect import (
     Stage,
     State,
 )
-from plumbline.kinematics.effects.link_inertia import size_of, steiner
+from plumbline.kinematics.effects.link_inertia import size_of
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.parameters import Parameter
 

@@ -44,6 +44,7 @@ from plumbline.optim.model.fitted import Held, chain_of
 from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.model.making_drives import drives_of
 from plumbline.optim.model.rows import columns_of
+from plumbline.optim.recording.efforts import payload_efforts
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.rigid import rigid_match
 
@@ -133,7 +134,8 @@ def _fitted(train: Recording, effects: Sequence[Effect], values: Array) -> Model
 def _said(model: Model, held: Recording) -> Array:
     """What a model itself says of rows."""
     if held.kind.efforts:
-        return model.tau(held.q, *_moved(held))
+        carried = {} if held.payload is None else {"payload": held.payload}
+        return model.tau(held.q, *_moved(held), **carried)
     return model.in_device(held.q)
 
 
@@ -154,11 +156,12 @@ def _by_file(model: Model, name: str, file: Exported, held: Recording, corrected
         corrected: Whether readings are corrected by the model before, for what links cannot hold.
     """
     if held.kind.efforts:
+        carried = payload_efforts(held)  # which belongs to the rows, not to the robot
         if name == "MJCF":
-            return torques_by_mujoco(file.text, held.q, *_moved(held))
+            return carried + torques_by_mujoco(file.text, held.q, *_moved(held))
         robot = Robot.from_urdf(file.text, gravity=model.robot.gravity)
         chain = chain_of(robot, model.tip_frame, model.observation, model.ranges)
-        return torques_by_pinocchio(chain, held.q, *_moved(held))
+        return carried + torques_by_pinocchio(chain, held.q, *_moved(held))
     read = frames_by_mujoco if name == "MJCF" else frames_by_pinocchio
     q = held.q
     if corrected:

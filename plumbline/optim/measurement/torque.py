@@ -18,7 +18,7 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import Effect, Stage, State
 from plumbline.kinematics.frames import constant
-from plumbline.kinematics.tree import Tree, dynamics_of_chain
+from plumbline.kinematics.tree import Tree, dynamics_of_chain, laden
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.recording.recording import Recording
@@ -88,7 +88,8 @@ def moved(
     chain, row = state.chain, state.row
     assert isinstance(chain, Tree)
     dynamics = dynamics_of_chain(chain)
-    state = replace(state, inertial=constant(dynamics.inertial), gravity=constant(chain.gravity))
+    inertial = laden(chain, row.get("payload", 0.0), state.tool)
+    state = replace(state, inertial=inertial, gravity=constant(chain.gravity))
     state = apply(state, effects, BODIES)
     carried = dynamics.inverse(
         row["q"], row["velocity"], row["acceleration"], state.inertial, state.gravity

@@ -78,6 +78,8 @@ class Efforts:
     def state(self) -> State:
         """The nominal chain at the row."""
         row = {**self.symbols, "turning": cs.sign(self.symbols["velocity"])}
+        if "payload" not in self.arm.samples:
+            del row["payload"]
         return State.ideal(self.arm.chain, row, constant(self.arm.tool))
 
     def _effects(self, values: Sequence[cs.SX] | Array) -> list[tuple[Effect, list[cs.SX]]]:

@@ -15,15 +15,18 @@ from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+import casadi as cs
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from plumbline.errors import fault, shown
+from plumbline.kinematics.dynamics import Dynamics
 from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import constant
 from plumbline.kinematics.robot import STANDARD_GRAVITY
-from plumbline.kinematics.tree import dynamics_of_chain
+from plumbline.kinematics.tree import dynamics_of_chain, laden
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
@@ -176,9 +179,28 @@ def without_saturated(r: Recording) -> Recording:
     return replace(r, notes=(*r.notes, *notes)).select(~beyond) if notes else r
 
 
-def nominal_efforts(r: Recording) -> Array:
-    """Efforts (N, n) [N m or N] that the robot's model alone asks for."""
-    return dynamics_of_chain(r.chain).torques(r.q, *_moved(r))
+def nominal_efforts(r: Recording, gravity: tuple[float, ...] | None = None) -> Array:
+    """Efforts (N, n) [N m or N] that the model alone asks for, a recorded payload carried.
+
+    Args:
+        r: A motion.
+        gravity: Another gravity (3,) in the base frame [m/s^2].
+    """
+    return _under(r, gravity).torques(r.q, *_moved(r)) + payload_efforts(r, gravity)
+
+
+def payload_efforts(r: Recording, gravity: tuple[float, ...] | None = None) -> Array:
+    """What the payload that was recorded, at the tool's tip, asks for of that (N, n) [N m or N]."""
+    if r.payload is None or not r.payload.any():
+        return np.zeros(r.q.shape)
+    dynamics = _under(r, gravity)
+    kilogram = cs.evalf(laden(r.chain, 1.0, constant(r.tool_offset))).full() - dynamics.inertial
+    return r.payload[:, None] * replace(dynamics, inertial=kilogram).torques(r.q, *_moved(r))
+
+
+def _under(r: Recording, gravity: tuple[float, ...] | None) -> Dynamics:
+    dynamics = dynamics_of_chain(r.chain)
+    return dynamics if gravity is None else replace(dynamics, gravity=np.array(gravity))
 
 
 def _moved(r: Recording) -> tuple[Array, Array]:
@@ -255,7 +277,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     """
     r = r.select(np.linspace(0, len(r) - 1, min(len(r), constants.INERTIA_ROWS)).astype(int))
     read, model = r.measured, nominal_efforts(r)
-    tried = {g: _under(r, g) for g in _mountings(r)}
+    tried = {g: nominal_efforts(r, g) for g in _mountings(r)}
     each, against = _off(r, read - model), _off(r, -read - model)
     own, turned = float(each.mean()), float(against.mean())
     left, gravity = min((float(_off(r, read - m).mean()), g) for g, m in tried.items())
@@ -308,12 +330,6 @@ def _mountings(r: Recording) -> list[tuple[float, ...]]:
     return [tuple((way.round(3) + 0.0).tolist()) for way in others]
 
 
-def _under(r: Recording, gravity: tuple[float, ...]) -> Array:
-    """Efforts (N, n) that the model asks for under another gravity (3,)."""
-    dynamics = replace(dynamics_of_chain(r.chain), gravity=np.array(gravity))
-    return dynamics.torques(r.q, *_moved(r))
-
-
 def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:
     """Noise (n,) as stated, else as estimated on rows that may be fitted.
 
@@ -353,11 +369,11 @@ def _designs(r: Recording, rows: NDArray[np.integer]) -> list[Array]:
     sense, q = r.turning[rows], r.q[rows]
     dynamics = dynamics_of_chain(r.chain)
     Y = over_rows(dynamics.regressor_function, np.hstack([q, v, a]))[0]
-    found = []
+    model, found = nominal_efforts(r.select(rows)), []
     for j in range(r.chain.n):
-        turned, carried = sense[:, j], Y[:, :, j] @ dynamics.inertial.ravel()
+        turned, carried = sense[:, j], model[:, j]
         speed = np.sqrt(np.abs(v[:, j]))
-        own = [turned, v[:, j], speed * turned, np.abs(carried) * turned, a[:, j], q[:, j]]
+        own = [turned, v[:, j], speed * turned, np.abs(carried) * turned, a[:, j], q[:, j], carried]
         found.append(basis_of(np.column_stack([Y[:, :, j], *own, np.ones(len(q))])))
     return found
 

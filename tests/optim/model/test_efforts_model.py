@@ -1,6 +1,7 @@
 """A model of efforts that is taken home says what drives read, and its files say the same."""
 
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,6 +19,7 @@ from plumbline.optim.model import Model
 from plumbline.optim.model.fitted import Held
 from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.recording.building import build_recording
+from plumbline.optim.recording.efforts import payload_efforts
 from tests.random_trees import Tree
 
 N = 4
@@ -78,6 +80,24 @@ def test_efforts_are_those_of_the_bodies_and_of_every_cause(model, recording):
     np.testing.assert_allclose(alone.tau(q, v, a), tau, atol=1e-12)
     np.testing.assert_allclose(alone.tau(q[0], v[0], a[0])[0], tau[0], atol=1e-12)
     assert np.abs(model.tau(q, v, a) - tau).max() > 0.1
+
+
+def test_a_payload_that_was_recorded_is_asked_for_and_is_in_no_file(recording):
+    """Left out it is the mean one; a file has the robot alone."""
+    q, v, a = motion(seed=8)
+    mass, rows = np.linspace(0.0, 2.0, len(q)), len(recording)
+    friction = REGISTRY["coulomb_friction"](joint=2)
+    laden = replace(recording, payload=np.full(rows, 1.0), tool_offset=np.array([0.1, 0.0, 0.2]))
+    model = found(laden, {friction: [0.6]})
+    bare = found(recording, {friction: [0.6]})
+    carried = replace(laden, q=q, velocity=v, acceleration=a, payload=mass)
+    more = payload_efforts(carried)
+    assert np.abs(more).max() > 1.0
+    np.testing.assert_allclose(model.tau(q, v, a, payload=mass), bare.tau(q, v, a) + more)
+    np.testing.assert_allclose(model.tau(q, v, a), model.tau(q, v, a, payload=1.0))
+    assert model.function().name_in() == ["q", "velocity", "acceleration", "payload"]
+    for made in (model.as_urdf(), model.as_mjcf()):
+        assert made.stays == 0.0
 
 
 def test_the_covariance_is_the_slope_s(model):

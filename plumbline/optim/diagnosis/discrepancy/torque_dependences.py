@@ -11,7 +11,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
@@ -118,10 +117,7 @@ def _changes(recording: Recording) -> Array:
 
 def _loads_at(whole: Recording, near: NDArray[np.intp]) -> Array:
     """Efforts (N, k, n) that the model asks for at some rows (N, k) of a path."""
-    assert whole.velocity is not None
-    assert whole.acceleration is not None
-    motion = (part[near.ravel()] for part in (whole.q, whole.velocity, whole.acceleration))
-    return dynamics_of_chain(whole.chain).torques(*motion).reshape(*near.shape, whole.chain.n)
+    return nominal_efforts(whole.select(near.ravel())).reshape(*near.shape, whole.chain.n)
 
 
 def _thinned_path(recording: Recording) -> tuple[Array, NDArray[np.intp]]:

@@ -92,7 +92,7 @@ def _with_efforts(held: Arm, text: str, tip: str) -> str:
     )
     q, context = samples_of(held)
     v, a = (context.get(name, np.zeros_like(q)) for name in MOTION[1:])
-    said = tau(sliding(held), q, v, a, {})
+    said = tau(sliding(held), q, v, a, {"payload": 0.0})
     worst = float(np.abs(torques_by_pinocchio(_chain(held, made, tip), q, v, a) - said).max())
     worst /= float(np.abs(said).max())
     must_agree(held.recording, "URDF's torques miss the model's", worst, " of the largest")
