@@ -12,6 +12,8 @@ from plumbline.experiments.reality.joint_effects import (
     TransmissionRipple,
 )
 from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip
+from plumbline.experiments.reality.unseen.bodies import BearingRunout
+from plumbline.experiments.reality.unseen.joints import HubSlip
 from plumbline.kinematics.effects import JointCoupling
 from plumbline.kinematics.effects import TransmissionRipple as ModelledRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -108,9 +110,31 @@ def test_what_nobody_lists_of_a_link_holds_no_place_of_its_own(tmp_path):
     recording, _ = recorded(faultless(rows=40, seed=2), tmp_path)
     ports = SimpleNamespace(link=np.ones((recording.chain.n, 1, len(recording), 3)))
     found = list(_of_links(recording, ports))
-    assert {f.on for f in found} == {"load", "angle"}
+    assert {f.on for f in found} == {"load"}
     for family in found:
         np.testing.assert_allclose(family.columns.mean(axis=1), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("joint", [3, 5])
+def test_an_axis_that_runs_out_as_it_turns_is_its_joint_s(joint, tmp_path):
+    """A link that is rigid moves in its joint with the joint's angle as the axis does."""
+    fault = BearingRunout(0.0, joint, order=1.6, phase=0.7)
+    recording, _ = recorded(with_fault(faultless(rows=90, seed=4), fault, gap=2.5), tmp_path)
+    found = told(recording)
+    assert found.lacked_at["joint", joint] > 0.95
+    assert found.words == f"joint {joint}'s axis runs out as it turns"
+
+
+@pytest.mark.parametrize("moment", [150.0, 300.0])
+def test_a_joint_that_slips_once_is_no_bump_of_the_base(moment, tmp_path):
+    """Though the base, were it to move by where the arm leans, could do the same."""
+    case = faultless(rows=90, seed=6)
+    time = case.scene.session.time
+    moment = float(np.interp(moment, [0.0, 450.0], [time[0], time[-1]]))
+    recording, _ = recorded(with_fault(case, HubSlip(0.0, 2, moment), gap=2.5), tmp_path)
+    found = told(recording)
+    assert found.lacked_at["joint", 2] > 0.95
+    assert found.words == "joint 2's zero jumped once"
 
 
 def test_a_tip_at_rest_in_sockets_has_no_place_of_its_own(tmp_path):

@@ -23,6 +23,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
     cosines,
+    jumps,
     level,
     loads,
     memories,
@@ -130,20 +131,16 @@ def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> I
 
 
 def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
-    """Every link's place in its joint as it gives way to gravity and as it turns.
+    """Every link's place in its joint as it gives way to gravity.
 
     Where it is as such is no unlisted mechanism: joint offsets and the link's geometry are that. So
     all are about their means: with a constant, one term would stand for the geometry of several
-    links and be charged for one cause.
+    links and be charged for one cause. How it moves as its joint turns is the joint's own.
     """
     for i, (port, weight) in enumerate(zip(ports.link, weight_directions(recording), strict=True)):
         words = f"the shape of link {i + 1}, or its weight"
         if np.ptp(weight, axis=1).max() > UNMOVED:  # about upright axes it is as if it was still
             yield _at(words, "load", "link", i + 1, level(weight), port)
-        words = f"the place of link {i + 1} depends on joint {i + 1}'s angle"
-        angle = recording.q[:, i]
-        forms = [turns(angle, count, constant=False) for count in (1, 2)]
-        yield from _one_of(_at(words, "angle", "link", i + 1, form, port) for form in forms)
 
 
 def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
@@ -169,8 +166,7 @@ def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterat
     """Each joint and each link on its own, as it changes with time or temperature."""
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on {on}"
-        forms = [functions, functions[:1]]
-        yield from _one_of(_at(words, on, "joint", j + 1, form, port[None]) for form in forms)
+        yield from _one_of(_kind(words, on, j, (functions, functions[:1]), port[None]))
     for i, port in enumerate(ports.link):
         words = f"the place of link {i + 1} depends on {on}"
         yield _at(words, on, "link", i + 1, cosines(values, WARMTH), port)
@@ -204,17 +200,18 @@ def _of_base_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 
 
 def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
+    """Every joint as it turns: about its axis, and the axis itself (ISO 230-7:2015, sec. 3.2)."""
     q = recording.q
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on joint {j + 1}'s angle"
+        few = [turns(q[:, j], count, constant=False) for count in (1, 2)]
         forms = [turns(q[:, j], count, constant=True) for count in (1, TURNS)]
         forms += [nearness(q[:, j], reach) for reach in REACHES]
-        plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, turns(q[:, j], 1, constant=False)]
-        own = [
-            [_at(words, "own angle", "joint", j + 1, f, port[None]) for f in kind]
-            for kind in (forms, plain)
-        ]
-        yield from _one_of(*own)
+        plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, few[0]]
+        yield from _one_of(*(_kind(words, "own angle", j, k, port[None]) for k in (forms, plain)))
+        words, on = f"joint {j + 1}'s axis runs out as it turns", "own angle, across the axis"
+        for tilts in ports.link[j : j + 1, 3:]:
+            yield from _one_of(_kind(words, on, j, few, tilts))
     for j, port in enumerate(ports.joint):
         others = [k for k in range(len(ports.joint)) if k != j]
         yield from _one_of(f for k in others for f in _of_another(q[:, k], j, k, port))
@@ -228,14 +225,14 @@ def _of_another(angle: Array, j: int, k: int, port: Array) -> list[Dependence]:
     """
     words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
     forms = _levelled(turns(angle, count, constant=False) for count in (1, TURNS))
-    return [_at(words, "another joint's angle", "joint", j + 1, f, port[None]) for f in forms]
+    return _kind(words, "another joint's angle", j, forms, port[None])
 
 
 def _of_two(angles: Array, j: int, k: int, port: Array) -> list[Dependence]:
     """Waves of joint j's own angle and joint k's, as where two wheels mesh; constant or not."""
     words = f"joint {j + 1}'s error depends on its own and joint {k + 1}'s angle"
     forms = _levelled(waves(angles))
-    return [_at(words, "two angles", "joint", j + 1, form, port[None]) for form in forms]
+    return _kind(words, "two angles", j, forms, port[None])
 
 
 def _levelled(forms: Iterable[Array]) -> list[Array]:
@@ -249,9 +246,8 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         if np.ptp(load[:, j]) > UNMOVED:
             words = f"joint {j + 1}'s error depends on its load"
-            curved, plain = cosines(load[:, j], 4), load[:, [j]].T / np.abs(load).max()
-            forms = ([_at(words, "load", "joint", j + 1, f, port[None])] for f in (curved, plain))
-            yield from _one_of(*forms)
+            forms = cosines(load[:, j], 4), load[:, [j]].T / np.abs(load).max()
+            yield from _one_of(_kind(words, "load", j, forms, port[None]))
             words = f"joint {j + 1}'s error depends on its angle and its load"
             around = turns(recording.q[:, j], 2, constant=True)
             both = around * normal(load[:, [j]]).T
@@ -270,7 +266,7 @@ def _of_payload(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     forms = _levelled([carried, np.concatenate([carried, carried**2])])
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on the payload"
-        yield from _one_of(_at(words, "payload", "joint", j + 1, f, port[None]) for f in forms)
+        yield from _one_of(_kind(words, "payload", j, forms, port[None]))
 
 
 def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
@@ -280,13 +276,18 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         functions = np.concatenate([step, plays(whole.q[:, j])[:, place]])
         words = f"joint {j + 1}'s error depends on the way it came"
-        at = [_at(words, "direction", "joint", j + 1, f, port[None]) for f in functions[:, None]]
-        yield from _one_of([_at(words, "direction", "joint", j + 1, functions, port[None])], at)
+        kinds = [functions], functions[:, None]
+        yield from _one_of(*(_kind(words, "direction", j, kind, port[None]) for kind in kinds))
+    order = place.astype(float)
     # Along one motion whatever is smooth in time looks like a memory.
     for j, port in enumerate([] if scope_of(recording).moving else ports.joint):
         words = f"joint {j + 1}'s error depends on what went before"
-        functions = memories(recording.q[:, [j]], place.astype(float), JUMPS)
+        functions = memories(recording.q[:, [j]], order, JUMPS)
         yield _at(words, "history", "joint", j + 1, functions, port[None])
+        once = jumps(order)[:, None]
+        yield from _one_of(
+            _kind(f"joint {j + 1}'s zero jumped once", "moment", j, once, port[None])
+        )
     side = recording.direction
     if side is not None and side.any():
         yield _each("the side of approach", "direction", side, ports.joint)
@@ -315,6 +316,11 @@ def _one_of(*kinds: Iterable[Dependence]) -> Iterator[Dependence]:
     for forms in (groups := [forms for kind in kinds if (forms := list(kind))]):
         share = -float(np.log(len(forms) * len(groups)))
         yield from (replace(f, log_prior=share) for f in forms)
+
+
+def _kind(words: str, on: str, j: int, forms: Iterable[Array], ports: Array) -> list[Dependence]:
+    """Forms (K, N) of one dependence of the joint j, from 0."""
+    return [_at(words, on, "joint", j + 1, form, ports) for form in forms]
 
 
 def _at(

@@ -8,6 +8,7 @@ from itertools import combinations_with_replacement, product
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.effects.base_bump import LEAST_SHARE, MOST
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
@@ -95,6 +96,12 @@ def nearness(angle: Array, reach: float) -> Array:
     kept = values > values.sum() * NYSTROM
     across = np.exp(-0.5 * ((angle[:, None] - grid) / reach) ** 2)
     return np.asarray((across @ vectors[:, kept] / np.sqrt(values[kept])).T)
+
+
+def jumps(order: Array) -> Array:
+    """What comes after one moment (K, N), each where a bump of the base would be tried."""
+    at = np.quantile(order, np.linspace(LEAST_SHARE, 1.0 - LEAST_SHARE, MOST))
+    return np.unique(order > at[:, None], axis=0).astype(float)
 
 
 def memories(angle: Array, order: Array, count: int) -> Array:

@@ -160,7 +160,8 @@ def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[tuple[s
     if recording.kind.efforts:
         yield from seen_by_drives(recording, joint)
     elif effect.stage != Stage.SENSOR:
-        yield turn, turns(angle, 2, constant=False)
+        if effect.stage != Stage.LINK or effect.depends_on != "nothing":
+            yield turn, turns(angle, 2, constant=False)
         own = load[:, min(joint - 1 + (element is None), load.shape[1] - 1)]
         if np.ptp(own) > UNMOVED:
             yield "load", polynomials(normal(own[:, None]), 2)
