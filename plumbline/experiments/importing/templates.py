@@ -78,7 +78,11 @@ TEMPLATES: Mapping[str, Template] = {
         ),
     ),
     "motion": Template(
-        "commanded u and measured q joints over time", ("time", "u#", "q#"), tool=False, more=MOTION
+        "commanded u and measured q joints over time",
+        ("time", "u#", "q#"),
+        "1 sigma of a measured position, rad; left out, it is estimated",
+        tool=False,
+        more=MOTION,
     ),
     "plane_range": Template(
         "a range finder's reading on a plane, m",

@@ -9,6 +9,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.linear import cholesky
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.measurement.observation import build_model
@@ -58,6 +59,22 @@ def test_a_tiny_noise_of_few_rows_is_no_error():
     recording = bench(SMALL, "tip_position", q=q, columns=("payload",), noise_std=1e-15)
     off = np.random.default_rng(0).normal(0.0, 0.01, recording.measured.shape)
     diagnosed(replace(recording, measured=recording.measured + off))
+
+
+def test_a_part_of_a_cause_that_is_not_there_bounds_nothing():
+    """Viscous friction alone: what dry friction or creeping would add rests at none."""
+    time = np.arange(200) * 0.05
+    phase = np.outer(time, [0.7, 1.1, 0.9]) + np.arange(3.0)
+    q, rate = 0.8 * np.sin(phase), 0.8 * np.array([0.7, 1.1, 0.9]) * np.cos(phase)
+    rng = np.random.default_rng(1)
+    bare = bench(SMALL, "joint_position", q=q, columns=(), velocity=rate, time=time, noise_std=1e-4)
+    read = q + rng.normal(0.0, 1e-4, q.shape)
+    read[:, 1] -= 1e-3 * rate[:, 1]
+    verdict = diagnosed(replace(bare, measured=read))
+    friction = next(c for c in verdict.causes if c.effect == "friction")
+    assert min(friction.parameters["dry"].value, friction.parameters["slow"].value) == 0.0
+    assert not any(e.at_bound for e in friction.parameters.values())
+    assert verdict.verdict == Outcome.EXPLAINED
 
 
 @pytest.mark.parametrize("effect", ["backlash", "latency", "friction"])

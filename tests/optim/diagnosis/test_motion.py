@@ -473,6 +473,13 @@ def test_a_folder_is_read_as_it_is_written(tmp_path):
     np.testing.assert_array_equal(r.kd, [1.5, 1.5])
 
 
+@pytest.mark.parametrize("settings", ["noise_std = 2e-4\n", "[motion]\nnoise_std = 2e-4\n"])
+def test_a_noise_is_read_where_that_of_efforts_is_stated_too(tmp_path, settings):
+    r = load_motion(written(tmp_path / "m", settings))
+    assert r.noise_std == 2e-4
+    assert not any("noise_std" in note for note in r.notes)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

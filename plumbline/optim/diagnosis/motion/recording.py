@@ -210,7 +210,8 @@ def load_motion(folder: str | Path, made: RobotFiles | None = None) -> MotionRec
     used = ["time", *flags, *names[0], *names[1]]
     used += [f"{prefix}{k}" for prefix in OPTIONAL for k in range(1, count + 1)]
     notes = list(settings.unused((*KEYS, *PROVENANCE, "robot", OBSERVATION)))
-    notes += section.unused(("command", "kp", "kd"))
+    notes += section.unused(("command", "kp", "kd", "noise_std"))
+    stated = section if "noise_std" in section.values else settings
     held = flags["held_out"]
     return checked(
         opened.origin, name=opened.name, robot=made.robot, joints=joints, index=index,
@@ -219,7 +220,7 @@ def load_motion(folder: str | Path, made: RobotFiles | None = None) -> MotionRec
         time=table.numbers("time"), command=table.block(names[0]), q=table.block(names[1]),
         group=flags["group"], held_out=None if held is None else held == 1,
         kp=_gains(section, "kp", count), kd=_gains(section, "kd", count),
-        noise_std=settings.number("noise_std"), sha256=opened.sha256(made.data),
+        noise_std=stated.number("noise_std"), sha256=opened.sha256(made.data),
         notes=(*notes, *table.notes, *table.unused(used)),
     )  # fmt: skip
 

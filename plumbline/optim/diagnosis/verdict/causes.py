@@ -11,6 +11,7 @@ import numpy as np
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.backlash import Backlash
 from plumbline.kinematics.effects.friction import Friction
+from plumbline.optim.core.constants import NEAR
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solution import standard_errors
 from plumbline.optim.diagnosis.findings import (
@@ -139,9 +140,11 @@ def _parameters(
             determined = free[column] < width.get(term.effect, np.inf) * p.scale
             value, error = float(selected.best.x[column]), float(std[column])
             unit = term.effect.unit_of(p, selected.model.recording.chain)
+            # At its null it is no part of the cause, and nothing holds the others back.
+            rests = name in stuck and abs(value - p.null) > NEAR * p.scale
             said = parameter_name(p.name, variant)
             said += " (2)" * (said in out)  # an overtone, and that order once more
-            out[said] = Estimate(value, error, unit, name in stuck, p.doc, bool(determined))
+            out[said] = Estimate(value, error, unit, rests, p.doc, bool(determined))
     return out
 
 
