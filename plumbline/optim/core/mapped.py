@@ -249,10 +249,12 @@ class Mapped:
             return Gram.empty(self.problem.size)
         return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
 
-    def grams(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> list[Gram]:
-        """Normal equations of each group of rows (0, 1, ...), weighted; shared terms in none."""
+    def grams(
+        self, x: ArrayLike, groups: NDArray[np.intp] | None = None, *, together: bool = False
+    ) -> list[Gram]:
+        """Normal equations of each group of rows (0, 1, ...), or of all; shared terms in none."""
         p = self.problem
-        labels = np.zeros(len(p.rows), dtype=int) if groups is None else groups
+        labels = np.zeros(len(p.rows), dtype=int) if groups is None or together else groups
         groups_of_rows = int(labels.max(initial=0)) + 1
         matrix = np.zeros((groups_of_rows, p.size, p.size))
         vector, totals = np.zeros((groups_of_rows, p.size)), np.zeros((groups_of_rows, 2))
@@ -291,9 +293,9 @@ class Mapped:
             vector += over_rows(self._of_rows.pulled, rows[part], x)[0].sum(axis=(0, 1))
         return vector
 
-    def gram(self, x: ArrayLike) -> Gram:
-        """Normal equations of all rows and of the shared residuals."""
-        return sum(self.grams(x), start=self.shared_gram(x))
+    def gram(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> Gram:
+        """Normal equations of all rows, whitened group by group, and of the shared residuals."""
+        return self.shared_gram(x) + self.grams(x, groups, together=True)[0]
 
     def cost(self, x: ArrayLike) -> float:
         """What is to be least at x: half the weighted sum of squares, and f."""

@@ -85,7 +85,9 @@ def test_a_row_whose_predecessor_is_left_out_follows_none(rows):
     follows = problem.part(kept).follows
     assert follows.tolist() == [0.0, RHO] * (kept.sum() // 2)
     groups = (np.arange(len(rows)) >= 20).astype(np.intp)
-    own = Mapped(problem).grams(np.zeros(problem.size), groups)[1]
+    first, own = Mapped(problem).grams(np.zeros(problem.size), groups)
+    both = Mapped(problem).gram(np.zeros(problem.size), groups)
+    np.testing.assert_allclose(both.matrix, first.matrix + own.matrix, rtol=1e-9, atol=1e-12)
     alone = Mapped(problem.part(groups == 1)).grams(np.zeros(problem.size))[0]
     np.testing.assert_allclose(own.matrix, alone.matrix, rtol=1e-9, atol=1e-12)
 

@@ -31,7 +31,6 @@ class Pool:
     model: Model  # the model of all candidates at once
     x: Array  # where it is linearised: the current fit, absent effects at their null (P,)
     candidates: tuple[Candidate, ...]  # the candidates; nuisance columns come before theirs
-    grams: tuple[Gram, ...]  # normal equations about x, fold by fold
     shared: Gram  # normal equations of what no row carries
     noise: NoisePrior  # the prior of the noise
     # which candidates a selection without fold f may choose (F + 1, C); the last row is for all
@@ -55,13 +54,19 @@ class Pool:
 
     def folded(self, folds: NDArray[np.intp]) -> Pool:
         """The same with other folds (N,), each of which may choose what any of those before may."""
-        grams = tuple(Mapped(self.model.problem).grams(self.x, folds))
-        listed = np.tile(self.shortlists.any(axis=0), (len(grams) + 1, 1))
+        listed = np.tile(self.shortlists.any(axis=0), (int(folds.max()) + 2, 1))
         listed[-1] = self.shortlists[-1]
-        return replace(self, grams=grams, shortlists=listed, fold_of_row=folds)
+        return replace(self, shortlists=listed, fold_of_row=folds)
 
     def _about(self, gram: Gram) -> Linear:
         return Linear.about(gram, self.x, self.model.problem.scale)
+
+    @cached_property
+    def grams(self) -> tuple[Gram, ...]:
+        """Normal equations about x, fold by fold: of many candidates what takes most memory."""
+        found = Mapped(self.model.problem).grams(self.x, self.fold_of_row)
+        none = len(self.shortlists) - 1 - len(found)
+        return (*found, *[Gram.empty(len(self.x))] * none)
 
     @cached_property
     def folds(self) -> list[Linear]:
@@ -71,7 +76,7 @@ class Pool:
     @cached_property
     def whole(self) -> Linear:
         """The linear problem of all rows."""
-        return self._about(sum(self.grams, start=self.shared))
+        return self._about(Mapped(self.model.problem).gram(self.x, self.fold_of_row))
 
     @cached_property
     def others(self) -> list[Linear]:
@@ -127,14 +132,9 @@ def settled(
         Candidate(t.effect, np.arange(t.columns.start, t.columns.stop), share)
         for t, share in zip(model.terms[len(fixed) :], shares, strict=True)
     )
-    mapped = Mapped(model.problem)
-    own = mapped.shared_gram(x)
-    grams = tuple(mapped.grams(x, pool.fold_of_row))
-    grams += (Gram.empty(model.problem.size),) * (len(pool.grams) - len(grams))
+    own = Mapped(model.problem).shared_gram(x)
     allowed = np.ones((len(pool.shortlists), len(candidates)), dtype=bool)
-    narrow = replace(
-        pool, model=model, x=x, candidates=candidates, grams=grams, shared=own, shortlists=allowed
-    )
+    narrow = replace(pool, model=model, x=x, candidates=candidates, shared=own, shortlists=allowed)
     return narrow, [SelectedTerm(k, c.scale) for k, c in enumerate(chosen)]
 
 
@@ -179,13 +179,11 @@ def make_pool(
     at[: len(x)] = x
     always = model.fixed + sum(len(e.parameters) for e in fixed)
     candidates = _candidates(model, len(fixed), variants)
-    mapped = Mapped(model.problem)
-    own = mapped.shared_gram(at)
+    own = Mapped(model.problem).shared_gram(at)
     everywhere = np.ones(int(folds.max()) + 2, dtype=bool)
     allowed = np.array([listed.get(c.effect, everywhere) for c in candidates], dtype=bool)
     allowed = allowed.reshape(len(candidates), len(everywhere)).T
-    grams = tuple(mapped.grams(at, folds))
-    return Pool(model, at, candidates, grams, own, noise, allowed, always, folds)
+    return Pool(model, at, candidates, own, noise, allowed, always, folds)
 
 
 def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:

@@ -54,9 +54,14 @@ class Task:
     solver: Solver = SOLVER  # what fits
 
     @property
+    def long(self) -> bool:
+        """Whether it is searched in part first, and linearised once: many rows make both dear."""
+        return len(self.recording) >= SEARCHED_WHOLE
+
+    @property
     def refitting(self) -> Solver:
-        """What fits again from a fit nearby: few steps are enough, and many rows make them dear."""
-        return BRIEF if len(self.recording) >= SEARCHED_WHOLE else self.solver
+        """What fits again from a fit nearby: of a long recording few steps are enough."""
+        return BRIEF if self.long else self.solver
 
     def part(self, step: int) -> Task:
         """The same task on every ``step``-th row, or every ``step``-th visit to each socket."""
@@ -118,7 +123,7 @@ def find_causes(
     A long recording is searched in part first, and its gross rows are found by that fit: what a
     part of the rows shows need not be looked for in all of them.
     """
-    if len(task.recording) < SEARCHED_WHOLE:
+    if not task.long:
         return _from_nothing(task, tell, ROUNDS, known)
     part = task.part(-(-len(task.recording) // SEARCHED_WHOLE))
     nothing_yet = np.zeros(len(part.recording), dtype=bool)
@@ -260,8 +265,9 @@ def foretold_wrongly(selected: SelectedModel) -> float:
     always = np.arange(pool.always)
     columns = np.concatenate([always, *(there for there, _ in own)])
     x = np.concatenate([best.x[always], *(best.x[here] for _, here in own)])
-    rows = Linear.about(sum(pool.grams[1:], start=pool.grams[0]), pool.x, pool.model.problem.scale)
-    foretold = rows.square_at(columns, x / pool.model.problem.scale[columns])
+    scale = pool.model.problem.scale
+    none, z = Linear.about(pool.shared, pool.x, scale), x / scale[columns]
+    foretold = pool.whole.square_at(columns, z) - none.square_at(columns, z)
     left = (best.gram - best.mapped.shared_gram(best.x)).square
     return abs(foretold - left) / (2.0 * selected.selection.variance(selected.chosen))
 
