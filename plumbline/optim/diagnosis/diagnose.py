@@ -173,7 +173,7 @@ def _explained(
     in part first is linearised once here, as it was in its search: its terms are those of that.
     """
     before, about = np.inf, selected
-    for left in reversed(range(prior.ROUNDS if len(task.recording) < prior.SEARCHED_WHOLE else 1)):
+    for left in reversed(range(1 if task.long else prior.ROUNDS)):
         told = explain(about, options.seed, options.unlisted)
         terms = worth_while(about, told.terms, told.named)
         fitted = with_terms(about, terms, task, bad, tried=told.terms)
