@@ -19,9 +19,9 @@ from plumbline.optim.recording.recording import Recording
 
 
 def may_jitter(recording: Recording) -> bool:
-    """Whether rows have a clock and are on their way: each near the middle of those about it."""
+    """Whether rows are on their way: each near the middle of those about it."""
     kind, q = recording.kind, recording.path[0].q
-    if recording.time is None or recording.several or not (kind.device or kind.encoders):
+    if recording.several or not (kind.device or kind.encoders):
         return False
     way = np.linalg.norm(q[2:] - q[:-2], axis=1)
     bend = np.linalg.norm(q[1:-1] - 0.5 * (q[2:] + q[:-2]), axis=1)
@@ -32,12 +32,12 @@ def rates(recording: Recording, lever: float) -> Array:
     """How fast what was measured moves at each row (N, m) [residual/s], by the rows about it.
 
     Args:
-        recording: N rows with a clock.
+        recording: N rows. Without a clock one of them goes by from each to the next.
         lever: What a turn counts for [m].
     """
     whole, place = recording.path
-    assert whole.time is not None
     rows = np.arange(len(whole))
+    time = rows.astype(float) if whole.time is None else whole.time
     group = np.zeros(len(whole)) if whole.group is None else whole.group
     before, after = np.maximum(rows - 1, 0), np.minimum(rows + 1, len(whole) - 1)
     before = np.where(group[before] == group, before, rows)
@@ -47,7 +47,7 @@ def rates(recording: Recording, lever: float) -> Array:
     if whole.kind.oriented:
         turns = scipy.spatial.transform.Rotation.from_quat(whole.measured[:, 3:], scalar_first=True)
         step = np.hstack([step, lever * (turns[before].inv() * turns[after]).as_rotvec()])
-    took = whole.time[after] - whole.time[before]
+    took = time[after] - time[before]
     moved = np.where(took[:, None] > 0.0, step / np.where(took > 0.0, took, 1.0)[:, None], 0.0)
     shape = recording.noise_shape
     if shape is None:

@@ -73,7 +73,8 @@ class Recording:
     lever: float | None = None
     #: correlation of the noise of a row with that of the row before it, where a fit has told it
     wander: float = 0.0
-    #: 1 sigma of the rows' times over that of the noise [s/m, or s/rad], where a fit has told it
+    #: 1 sigma of the rows' times over that of the noise [s, or rows without a clock, a m or rad],
+    #: where a fit has told it
     jitter: float = 0.0
     #: correlation of the noises of readings of one posture, where a fit or a statement has told it
     alike: float = 0.0

@@ -110,7 +110,7 @@ def test_rows_tell_a_speed_up_to_a_seventh_of_a_sine_from_one_to_the_next(radian
     q = np.sin(radians * np.arange(60.0)[:, None] + np.arange(6.0))
     recording = replace(bench("ur5", "tip_position"), q=q)
     assert may_jitter(recording) is told
-    assert not may_jitter(replace(recording, time=None, q=np.sin(0.1 * q)))
+    assert may_jitter(replace(recording, time=None)) is told  # rows count where no clock does
     assert not may_jitter(bench("ur5", "tip_position"))  # which stops anywhere
 
 
@@ -126,6 +126,17 @@ def test_a_clock_that_jitters_is_noise_and_its_size_is_told(observation):
     assert gap.noise_floor == pytest.approx(gap.after, rel=0.15)
     assert gap.noise_floor > 1.3 * SIGMA * (1.0 if observation == "joint_position" else 3.0**0.5)
     assert smear(recording, 3) == 1.0
+
+
+def test_of_rows_without_a_time_the_same_is_told_in_rows():
+    timed = on_its_way(step=0.125)
+    bare = replace(timed, time=None)
+    np.testing.assert_allclose(rates(bare, 0.3), rates(timed, 0.3) * 0.125)
+    found = diagnose(bare, DiagnosisOptions(force=True))
+    assert found.verdict.verdict == Outcome.NO_GAP
+    off = found.recording.jitter * found.verdict.noise.sigma
+    assert off == pytest.approx(TAU / 0.125, rel=0.25)
+    assert any(f"by {off:.2g} of a row" in note for note in found.verdict.notes)
 
 
 def test_of_a_clock_that_is_right_nothing_is_said():

@@ -313,9 +313,11 @@ def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool, noisier: bool) -> It
 def _correlated(recording: Recording, sigma: float) -> Iterator[str]:
     """What is said of rows that know of each other, or err with their speed."""
     if recording.jitter:
+        off = recording.jitter * sigma
+        by = f"{off:.2g} of a row" if recording.time is None else quantity(off, "s")
         yield (
-            "noise along the way grows with the speed, as where a clock is uncertain by "
-            f"{quantity(recording.jitter * sigma, 's')} (1 sigma): fast rows count for less"
+            f"noise along the way grows with the speed, as where a clock is uncertain by {by} "
+            "(1 sigma): fast rows count for less"
         )
     if recording.wander:
         yield (
