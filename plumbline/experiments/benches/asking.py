@@ -22,6 +22,7 @@ from plumbline.optim.recording.recording import Recording
 Verdict = Mapping[str, Any]
 Asked = Callable[[Recording], Verdict]
 T = TypeVar("T")
+# Probabilities from which a cause is there, or is not: as a verdict has them.
 SURE, RULED_OUT = 0.95, 0.05
 
 

@@ -38,8 +38,9 @@ from plumbline.optim.capsule_mpc.planning import Ready, shifted
 from plumbline.optim.core.problem import Array
 
 Line = dict[str, Any]  # of a table
+# Of the course, [s] of a step, [mm] of clearance that is asked for.
 STEPS, DT, SAFE = 300, 0.02, 2.0
-SIZES = ((10, 3), (20, 10))
+SIZES = ((10, 3), (20, 10))  # steps of the horizon and obstacles
 SOLVERS: dict[str, mpc.Planner] = {
     "banded": mpc.RealTime(),
     "hpipm by CasADi": mpc.RealTime(mpc.LibraryQp("hpipm")),

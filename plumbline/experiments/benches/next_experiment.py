@@ -32,9 +32,9 @@ from plumbline.optim.diagnosis.design.separation import AtRandom, Criterion, DOp
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.recording import Recording
 
-ROWS = 12
-RANDOM = (12, 30, 60)
-RESAMPLES = 2000
+ROWS = 12  # that are designed: what the command proposes
+RANDOM = (12, 30, 60)  # rows at random that they are held against
+RESAMPLES = 2000  # of the cases: ends of an interval are known to a fiftieth of its width
 DESIGNED: tuple[Criterion, ...] = (Resolution(), DOptimal())
 
 

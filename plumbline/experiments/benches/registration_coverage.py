@@ -27,7 +27,7 @@ from plumbline.optim.registration import MarkerNoise, build_fiducials, register
 from plumbline.optim.registration.constants import FINE
 from plumbline.optim.registration.words import trust
 
-MARKERS = (3, 4, 6, 10, 30)
+MARKERS = (3, 4, 6, 10, 30)  # of a phantom
 HALF = 75e-3  # [m] of the cube that markers lie in
 NARROW = 25e-3  # [m]: markers that spread less along their second axis are drawn again
 SLICES = (5e-3, 1e-3, 1e-3)  # [m] pitch of CT

@@ -53,7 +53,7 @@ CAUSES = (
     "joint_coupling", "link_geometry", "link_flex", "base_compliance",
 )  # fmt: skip
 GAP = 5.0  # of each cause in the tips, unabsorbed, over their noise
-POSTURES = 1000
+POSTURES = 1000  # that an arm is sent to by its model
 POINTS, CHAINS = 60, 10  # postures of a chain, and chains of an arm
 REPEATS = (40, 100)  # how often an error is read to know its size
 MANY, LOOP = 1000, 300  # registrations that a truth is of, rows of a closed loop

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.recording import Recording
 
-MOST = 100
+MOST = 100  # rows that may be asked for at once
 WIDEST = 1000  # characters of a line: more than 100 joints take
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 NAMED = 3  # causes of an explanation that a line names

@@ -31,7 +31,7 @@ APART, BESIDE = 0.6, 0.07  # [m] of each base and of each trocar from the middle
 TABLE = 0.46  # [m], height of the trocars
 SHAFT = (-0.05, 0.2)  # [m] along z of the sliding joint
 POSTURE = np.array([0.0, 0.2, 1.1, 0.0, 1.1, 0.0, 0.1])  # [rad, m]
-SUBSTEPS = 5
+SUBSTEPS = 5  # between two points that the drives are given, at each of which is looked
 BEND = 1.5e-4  # [m] of clearance that the curvature of arms may take between and at steps
 MM = 1e3  # [mm/m]: what is looked at is in mm
 

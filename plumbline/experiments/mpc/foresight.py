@@ -28,7 +28,7 @@ from plumbline.experiments.reality.mpc_scenarios import STATED, draw
 from plumbline.optim.capsule_mpc import OneStep, Planner, RealTime
 
 WINS = 0.10  # of the tasks, by which a horizon must do more than one step to be worth its place
-STEPS = 300
+STEPS = 300  # of a task at most, 6 s
 DELAYED = replace(STATED, delay=0.105)
 WEAK = replace(STATED, acceleration=400.0)
 FORESIGHT: dict[str, tuple[str, Mismatch]] = {  # name: family that it is drawn from, plant

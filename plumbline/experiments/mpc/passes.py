@@ -20,7 +20,7 @@ from plumbline.optim.core.problem import Array
 
 LENGTH, RADIUS, SAFE = 250.0, 2.5, 2.0  # [mm]
 YAWS = (0.0, 1e-6, 1e-3, 1e-2)  # [rad]
-STEPS, SUBSTEPS = 120, 4
+STEPS, SUBSTEPS = 120, 4  # of a pass at most, and places between two steps at which is looked
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.tracking import build_tracking
 
-DT, SUBSTEPS = 0.02, 20
+DT, SUBSTEPS = 0.02, 20  # [s] of a step, and its parts of a millisecond
 SHAKEN = 30.0  # [s] of the recording
 FOLLOWED, SETTLED = 12.0, 1.0  # [s] of a path, and until its errors count
 FAST = 60.0  # [mm/s] of a tip

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-STANDARD_GRAVITY = 9.81
+STANDARD_GRAVITY = 9.81  # m/s^2
 
 
 @dataclass(frozen=True)

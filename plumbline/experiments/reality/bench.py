@@ -16,7 +16,7 @@ from plumbline.experiments.reality.joint_effects import TransmissionRipple
 from plumbline.experiments.reality.recorder import Case, simulate, write
 
 FOLDER = Path(__file__).parents[1] / "recordings" / "bench-ur5"
-SEED, NOISE, GAP = 2024, 8e-5, 3.0
+SEED, NOISE, GAP = 2024, 8e-5, 3.0  # noise of one axis [m], gap over it
 
 
 def bench_case() -> Case:

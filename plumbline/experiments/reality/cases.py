@@ -19,7 +19,7 @@ from plumbline.experiments.reality.unseen import unseen_offered
 
 KINDS = ("single", "pair", "none", "outside", "unseen")
 OBSERVATIONS = ("tip_position", "pose", "fixed_point", "joint_position")
-TRIES = 400
+TRIES = 400  # scenes that are drawn until one gives the gap that is asked for
 
 
 @dataclass(frozen=True)

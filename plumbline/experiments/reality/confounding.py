@@ -23,7 +23,7 @@ from plumbline.experiments.reality.draws import offered
 from plumbline.experiments.reality.recorder import Case
 from plumbline.experiments.reality.scene import Mechanism, Scene
 
-ENOUGH = 9.0
+ENOUGH = 9.0  # twice the log likelihood ratio below which nobody can be blamed: three sigma
 QUARTER = np.pi / 2.0
 Basis = tuple[Mechanism, ...]
 

@@ -27,7 +27,7 @@ from plumbline.experiments.reality.recorder import Recording, numbered, write
 
 FINE = 10  # steps within a sample
 GRAVITY = 9.81  # m/s^2
-JOINTS = 2
+JOINTS = 2  # of the plane arm
 YIELDS = 4  # times that a droop changes the load that makes it: the next change is below 1e-6 rad
 # Pairs that hardly any motion tells apart: of the first kind, with what stands for it.
 ALIKE = {

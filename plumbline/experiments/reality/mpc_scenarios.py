@@ -23,7 +23,7 @@ from plumbline.experiments.reality.instruments import Instruments, Mismatch
 from plumbline.experiments.reality.task import BRISK, DEPTHS, LOOKED, Scenario, Swing
 
 CLEAR = 4.0  # [mm] between any two capsules at start and goal
-TRIES = 4000
+TRIES = 4000  # starts and goals that are drawn until a task is clear
 BLOCKED = 2.0  # [mm] that the straight way comes short of
 EVADED = 20.0  # [mm/s] of an obstacle, up to which a shaft may start in its way
 PASSED = 6.0  # [s] after which an obstacle that drifts has left, or a swing repeats itself

@@ -12,7 +12,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, point_torque
 from plumbline.experiments.reality.scene import Session
 
-REPEATED, HELD = 0.1, 0.25
+REPEATED, HELD = 0.1, 0.25  # chance that a pose was visited before, that a joint holds still
 
 
 def draw_session(

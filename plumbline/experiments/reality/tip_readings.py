@@ -36,11 +36,11 @@ BH7 = (
     (0.145, 0.0, -90.0, 0.0),
     (0.150, 0.0, 0.0, 0.0),
 )
-LOWER = np.array([0.05, -1.3, -1.8, -1.8, -1.6])
-UPPER = np.array([0.30, 1.3, 1.8, 1.8, 1.6])
-JOINTS = 5
-CORNERS = np.array([[-1, -1, -1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]) / 2.0
-CANDIDATES = 200
+LOWER = np.array([0.05, -1.3, -1.8, -1.8, -1.6])  # [m, rad] of the joints
+UPPER = np.array([0.30, 1.3, 1.8, 1.8, 1.6])  # [m, rad]
+JOINTS = 5  # a slide and four that turn
+CORNERS = np.array([[-1, -1, -1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]) / 2.0  # [edges]
+CANDIDATES = 200  # poses of which those nearest to the corners are taken
 PARALLEL = 1e-9  # |sin alpha| below which two axes are parallel
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.motion import engine
 
-G = 9.81
+G = 9.81  # m/s^2
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
 
 

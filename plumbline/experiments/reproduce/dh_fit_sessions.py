@@ -35,11 +35,11 @@ PAPER = (
     ((7.948, 11.842, 1.794), (0.804, 1.607, 0.481)),
     ((8.425, 13.408, 2.108), (0.938, 1.414, 0.281)),
 )
-READINGS = 30
+READINGS = 30  # of a group, as in the paper
 NOISE = 2.5e-4  # [m] of one axis: 0.43 mm in space, an optical tracker's 0.35 and the arm's own
 FINE_NOISE = 2e-5  # [m]
 WANDER = (2e-5, 5e-5)  # [m], [rad]
-FINE_WANDER = (2e-6, 5e-6)
+FINE_WANDER = (2e-6, 5e-6)  # [m], [rad]
 PUBLISHED = DHOptions(frame="registration", parameters="all", hayati=False)
 WITH_TILTS = DHOptions(frame="registration")
 JOINT = DHOptions(frame="joint")

@@ -28,8 +28,8 @@ SOURCE = (
     "Zeng B. et al. (2017), hand-eye calibration of a 1-D laser range finder on a six-axis arm; "
     "eqs. 5, 13-18, tables and curves"
 )
-SET_UPS, DETAILED = 200, 25
-MM = 1e3
+SET_UPS, DETAILED = 200, 25  # all, as in the paper, and those on which what takes longer is done
+MM = 1e3  # in a metre
 METHODS = (  # in words, and as a figure's key
     ("closed form, all readings", "closed_form"),
     ("closed form, selected (one plane)", "single_plane"),

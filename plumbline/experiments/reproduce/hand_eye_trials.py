@@ -33,7 +33,7 @@ REALITY = ranging.Instrument(poor=0.04)
 PAPER_AIM = replace(REALITY, aim=0.4e-3 / np.sqrt(2.0), tilt=float(np.deg2rad(45.0)))
 PLANE_POINTS = (20, 10)  # the paper's: points, and readings of each
 PER_SCENE = 5  # range finders that go through one programme
-GROSS = 0.1
+GROSS = 0.1  # share of the readings that is spoilt
 RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in mm
 
 

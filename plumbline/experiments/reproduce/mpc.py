@@ -25,7 +25,7 @@ from plumbline.optim.core.progress import Progress, silent
 EACH = 6  # tasks of a family
 FORESEEN = 4  # tasks of a family in the comparison
 COMPARED = tuple(foresight.FORESIGHT)
-PASSES = 12
+PASSES = 12  # of each form of the distance
 
 TITLE = "Capsule MPC for several instruments"
 SOURCE = "Patent abstract, 'multi-arm obstacle avoidance by model prediction' (formulas rebuilt)"

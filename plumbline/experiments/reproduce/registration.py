@@ -35,8 +35,8 @@ from plumbline.optim.registration import Anisotropic, Kabsch, Method, ThreePoint
 
 TITLE = "Three-marker lesion localisation and omnidirectional needle pointing"
 SOURCE = "Chen Guangbiao et al., three-marker lesion localisation with a UR3 and a rigid needle"
-DRAWS = 10_000
-ITERATED_SHARE = 20
+DRAWS = 10_000  # of the readings: a mean is then known to a hundredth of their spread
+ITERATED_SHARE = 20  # of whose draws methods that iterate get one
 LESION = "M"
 WITHIN = 3.0  # [mm], as the paper has it
 CALCULATION = 1.43  # [mm], the paper's mean of eq. 16

@@ -12,7 +12,7 @@ from plumbline.optim.pointing import Aim, AngleMap, Box, Sweep, plan_sweep, safe
 
 # The markers lie on its top, z = 147 mm, and on its side, y = -10 mm; the other faces are guessed.
 PHANTOM = Box((0.0, -10 * trial.MM, 0.0), (120 * trial.MM, 160 * trial.MM, 147 * trial.MM))
-ANGLES = 100
+ANGLES = 100  # of a sweep
 RINGS = np.deg2rad(np.arange(10.0, 61.0, 10.0))
 AZIMUTHS = np.deg2rad(np.arange(0.0, 360.0, 15.0))
 

@@ -50,11 +50,11 @@ LESIONS = dict(
 PITCH = MM * np.array([5.0, 1.0, 1.0])  # of the CT's readings: slices along x [m]
 CONTROL = 0.1 * MM  # of the robot: 1 sigma per axis [m]
 NEEDLE = Needle(length=401 * MM, standoff=150 * MM)
-THETA, BETA = np.deg2rad(10.0), np.deg2rad(45.0)
+THETA, BETA = np.deg2rad(10.0), np.deg2rad(45.0)  # the paper's angle [rad]
 PUBLISHED = MM * np.array(
     [(528.96, -325.92, 619.34), (554.75, -322.40, 471.62), (623.69, -313.01, 76.70)]
 )  # lesion M, tip and top, robot coordinates [m]
-ROUNDS, SINGLES = 11, 100
+ROUNDS, SINGLES = 11, 100  # whose median counts, and draws of each that are done one by one
 BASELINES = {3: "ABC", 4: "ABCE", 5: "ABCDE"}
 
 

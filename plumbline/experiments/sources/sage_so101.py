@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft
 
-JOINTS = 6
+JOINTS = 6  # the gripper among them
 
 
 def convert(source: Source, local: Mapping[str, Path]) -> Draft:

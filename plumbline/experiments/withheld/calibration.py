@@ -18,8 +18,8 @@ import numpy as np
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.shares import Share
 
-BINS = 10
-REPEATS = 1000
+BINS = 10  # of equal width, as Naeini et al. have them
+REPEATS = 1000  # of the bootstrap: ends of an interval are known to a fiftieth of its width
 Said = Sequence[tuple[float, bool]]  # probability, right
 
 

@@ -22,7 +22,7 @@ from plumbline.experiments.withheld import sealing
 from plumbline.experiments.withheld.design import ONE, Design, Draw, draw_plan
 from plumbline.optim.core.progress import Progress
 
-ATTEMPTS = 20
+ATTEMPTS = 20  # draws until one makes a case
 
 
 def make_set(

@@ -14,8 +14,8 @@ from plumbline.experiments.withheld.truth import Sort
 from plumbline.kinematics.effects import REGISTRY
 
 Counted = tuple[int, int]
-SURE = 0.95
-NEAR_FLOOR = 1.1
+SURE = 0.95  # probability above which a wrong cause is told for sure
+NEAR_FLOOR = 1.1  # times what noise alone leaves: it then makes up for four fifths of the square
 PLACES = {"position": ("place of the tip",), "posture": ("posture",), "rows": ("rows ",)}
 
 

@@ -31,7 +31,7 @@ NEVER = {
 }  # fmt: skip
 
 CREATE, ADD, RESTRICT = 444, 445, 446  # numbers of Landlock's system calls
-BELOW, NO_NEW_PRIVILEGES = 1, 38
+BELOW, NO_NEW_PRIVILEGES = 1, 38  # of Linux: LANDLOCK_RULE_PATH_BENEATH, prctl's option
 READ, EVERYTHING = 0b1101, (1 << 13) - 1  # execute, read files, list folders; all of version 1
 
 

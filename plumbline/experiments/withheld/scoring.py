@@ -20,7 +20,7 @@ from plumbline.experiments.withheld.sealing import LEDGER, Ledger, check_seal, r
 from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
 from plumbline.optim.core.shares import Median, Share
 
-WORTH_STATING = 0.05
+WORTH_STATING = 0.05  # probability from which a candidate is a statement that is counted
 REMOVABLE = 1.05  # least gap over the floor for which "how much of it" means anything
 LEVELS = ("faint", "slight", "clear", "no gap", "unstated")
 

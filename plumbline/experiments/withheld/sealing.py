@@ -24,7 +24,7 @@ from plumbline.experiments.withheld.truth import read_truth
 LEDGER = "ledger.jsonl"
 PLAN = "plan.json"  # beside the truth: what a set was drawn from
 RUN = "run.json"  # beside the verdicts: what they are on
-FORMAT = 1
+FORMAT = 1  # of the ledger
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from plumbline.experiments.reality.arm import Arm, Array, placed, rotations
 
 TRIES = 6  # poses tried at once for each point
 STRAIGHT = 0.15  # rad: a wrist as straight as this is avoided, its axes would align
-BRANCHES = 8
+BRANCHES = 8  # postures of one flange pose
 
 
 @dataclass(frozen=True)

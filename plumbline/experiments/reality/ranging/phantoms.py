@@ -35,7 +35,7 @@ FEATURES = (
     (0.010, 80.0, (0.0, 1.0, 0.0)), (0.010, 80.0, (0.0, -1.0, 0.0)),
 )  # fmt: skip
 CT_NOISE = 0.3e-3  # m: of the segmented surface, along its normal
-TARGETS = 13
+TARGETS = 13  # inside the head, as in the paper
 SHIFT, TURN = 0.1e-3, 0.5e-3  # m, rad: noise of a target's pose per axis, 1 sigma
 
 

@@ -37,7 +37,7 @@ GROUPS = 3  # of pure translations on each plane
 RANGES = (2.9, 2.0, 2.1, 4.6, 2.0, 6.2)  # rad: the maker's joint ranges, with a margin
 NOMINAL = (np.array([0.045, -0.010, 0.060]), np.array([0.0, 0.0, 1.0]))
 LENGTHS, ANGLES = 0.3e-3, 1e-3  # m, rad: how lengths and angles share an arm's error
-POSTURES = 200
+POSTURES = 200  # over which an arm's error is measured
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from plumbline.optim.dh_fit.answer import UNITS
 from plumbline.optim.recording.constants import FIRST_ROW
 from plumbline.optim.recording.origin import HEADER
 
-MM = 1e3
+MM = 1e3  # in a metre
 SHOWN = 12  # worst rows, and gross ones that are named one by one
 TERMS = 5  # of a sum that are written out
 STRONG, PAIRS = 0.9, 6  # correlations that are said, and how many of them

@@ -25,7 +25,7 @@ from plumbline.kinematics.chain import Chain
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Place
 
-ELEVATION = np.deg2rad(18.0)
+ELEVATION = np.deg2rad(18.0)  # of the eye above the floor
 AZIMUTHS = np.deg2rad(np.arange(15.0, 375.0, 15.0))
 SCALE_BARS = (0.05, 0.1, 0.2, 0.5, 1.0)  # [m]
 

@@ -8,7 +8,7 @@ from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Ti
 from plumbline.optim.core.quantities import counted, measured, quantity
 from plumbline.optim.hand_eye.answer import HandEye
 
-MM = 1e3
+MM = 1e3  # in a metre
 SHOWN = 12  # worst readings
 MOST_ROWS = 24  # gross rows that are listed by number
 

@@ -17,7 +17,7 @@ from plumbline.optim.hand_eye.calibrate import Calibration
 from plumbline.optim.hand_eye.readings import Beam, Readings
 from plumbline.optim.hand_eye.single_plane import Selection
 
-MM = 1e3
+MM = 1e3  # in a metre
 BOARDS = (style.AFTER, style.FLOOR, "#cc79a7", "#e69f00")
 EVERY = 4  # beams drawn, one of so many
 

@@ -31,7 +31,7 @@ from plumbline.optim.pointing import Box
 from plumbline.optim.registration import Registration, TargetError
 
 MM = 1e3  # [mm/m]
-VIEWS = ((0, 1), (0, 2))
+VIEWS = ((0, 1), (0, 2))  # axes across and up: from above, from the side
 
 
 def two_frames(

@@ -12,7 +12,7 @@ from plumbline.experiments.slicer.given import Transformed
 from plumbline.optim.registration import METHODS, Registration, RegistrationOptions, register
 from plumbline.optim.registration.constants import DOUBTFUL
 
-MM = 1e3
+MM = 1e3  # in a metre
 
 
 Lines = Sequence[Mapping[str, Any]]
