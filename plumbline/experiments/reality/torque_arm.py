@@ -1,7 +1,7 @@
 """An arm that MuJoCo moves and the efforts that its drives would report, link by link as a URDF.
 
-Bodies are changed in the URDF text itself, gravity, rotors, damping and springs in MuJoCo; friction
-of other kinds is added in NumPy. Nothing here knows how the library states any of it.
+Bodies are changed in the URDF text itself, gravity in MuJoCo; what drives add is added in NumPy.
+Nothing here knows how the library states any of it.
 """
 
 from __future__ import annotations
@@ -49,8 +49,6 @@ class Build:
     links: tuple[Link, ...]
     gravity: tuple[float, float, float] = (0.0, 0.0, -G)
     load: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # kg, and its place at the tip
-    rotor: tuple[float, ...] = ()  # kg m^2, joint by joint
-    damping: tuple[float, ...] = ()  # N m s/rad
 
     @property
     def joints(self) -> int:
@@ -78,10 +76,6 @@ class Build:
         mujoco = engine()
         model = mujoco.MjModel.from_xml_string(self.urdf())
         model.opt.gravity[:] = self.gravity
-        if self.rotor:
-            model.dof_armature[:] = self.rotor
-        if self.damping:
-            model.dof_damping[:] = self.damping
         data, found = mujoco.MjData(model), np.empty_like(q)
         for k in range(len(q)):
             data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]

@@ -18,6 +18,7 @@ from plumbline.experiments.slicer import (
     tfm_text,
     to_fiducials,
 )
+from plumbline.experiments.slicer.given import given
 from plumbline.experiments.slicer.tfm import read_h5
 from plumbline.optim.registration import Kabsch
 from tests.phantoms import CT, LABELS, LESION, T_RC, mapped, registered, rigid
@@ -295,3 +296,19 @@ def test_a_pipe_named_like_a_transform_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(file)
     with pytest.raises(PlumblineError, match=r"moved\.h5.*a pipe, no regular file"):
         read_h5(file)
+
+
+@pytest.mark.parametrize(("share", "turned"), [(-0.487, False), (-0.513, True)])
+def test_a_transform_is_taken_the_other_way_round_where_that_fits_three_times_better(
+    tmp_path, share, turned
+):
+    """A shift by 10 mm fits markers that were shifted by a share of it in that ratio."""
+    T = np.eye(4)
+    T[0, 3] = 0.01
+    (tmp_path / "found.tfm").write_text(tfm_text(T))
+    for name, shift in (("ct", 0.0), ("robot", share)):
+        points = points_table(LABELS, CT + [0.01 * shift, 0.0, 0.0])
+        write_points(tmp_path / f"{name}.mrk.json", points)
+    paths = [tmp_path / name for name in ("ct.mrk.json", "robot.mrk.json", "found.tfm")]
+    _, (found,) = given(paths)
+    assert found.inverted is turned

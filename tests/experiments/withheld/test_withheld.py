@@ -450,6 +450,40 @@ def test_shrink_reached_is_what_the_formula_says() -> None:
     assert found.value == pytest.approx((4e-4 - 1.8e-4) / (4e-4 - floor))
 
 
+@pytest.mark.parametrize(
+    ("probability", "sure", "stated"), [(0.951, 1, 2), (0.95, 0, 2), (0.05, 0, 2), (0.049, 0, 1)]
+)
+def test_sure_is_above_19_of_20_and_1_of_20_is_worth_counting(
+    probability: float, sure: int, stated: int
+) -> None:
+    case = judged([PLAY], [("backlash", 2, probability), ("payload", None, 0.5)])
+    found = score([case])
+    assert found.overall.share("sure_right").of == sure
+    assert found.candidates.statements == stated
+
+
+def test_what_is_within_a_twentieth_of_the_noise_is_no_gap_to_remove() -> None:
+    floor = 1e-4 * np.sqrt(3)
+    for before, of in ((1.06 * floor, 1), (1.04 * floor, 0)):
+        case = judged([PLAY], [("backlash", 2, 0.99)], before=before, after=floor)
+        assert score([case]).overall.shrink.of == of
+
+
+@pytest.mark.parametrize(
+    ("gap", "level"), [(0.69, "faint"), (0.71, "slight"), (0.99, "slight"), (1.01, "clear")]
+)
+def test_a_case_is_as_hard_as_its_weakest_cause(tmp_path: Path, gap: float, level: str) -> None:
+    gaps = [gap, 3.0]
+    effects = [{"effect": "backlash", "element": k, "gap_to_noise": g} for k, g in enumerate(gaps)]
+    assert truth_of(tmp_path, effects=effects).level == level
+
+
+def test_a_mechanism_without_a_name_flags_where_it_is_likelier_than_not() -> None:
+    flags = [StatedVerdict("c", "explained", (), unlisted=p).flags_outside for p in (0.49, 0.51)]
+    assert flags == [False, True]
+    assert StatedVerdict("c", "explained", (), outside=0.51).flags_outside
+
+
 def test_what_an_unknown_effect_depends_on_is_recognised() -> None:
     said = StatedVerdict(
         "c", "outside-library", (), outside_words="joint 2's error depends on joint 5's angle"
