@@ -547,3 +547,9 @@ def test_a_sign_and_a_unit_are_part_of_a_map_and_colons_part_of_a_name():
     assert (want.target, want.source, want.sign) == ("q2", "J2", -1.0)
     assert want.unit is units.unit("deg")
     assert mapping.parse("x=a:b").source == "a:b"
+
+
+def test_a_joint_has_turned_back_once_it_came_back_by_a_milliradian():
+    for back, side in ((0.9e-3, 1), (1.1e-3, -1)):
+        path = np.array([[0.0], [0.1], [0.1 - back]])
+        assert joining.directions(path, np.zeros(3, np.int64))[-1, 0] == side

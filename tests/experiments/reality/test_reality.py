@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plumbline.experiments.reality import bench
+from plumbline.experiments.reality import bench, confounding
 from plumbline.experiments.reality.body_effects import (
     BaseCompliance,
     LinkGeometry,
@@ -236,6 +236,22 @@ def wrong(
     found = scaled(case.scene, effect, 3.0 * sigma, "tip_position")
     assert found is not None
     return confounded(replace(case, effects=(found,), noise_std=sigma, gap_to_noise=(3.0,)))
+
+
+def test_a_rival_is_confounded_as_long_as_no_judge_can_tell_it_at_three_sigma(monkeypatch) -> None:
+    case = draw_case(Plan("none", rows=(80, 80), arms=("ur5",), surgical=0.0), "any", 4)
+    effect = JointOffset(1e-3, 2)
+    wrong = replace(case, effects=(effect,), noise_std=1e-4, gap_to_noise=(1.0,))
+    with monkeypatch.context() as patched:
+        patched.setattr(confounding, "ENOUGH", np.inf)
+        every = confounded(wrong)
+    # Of as many terms as the truth: what parts them goes with the square of the gap over the noise.
+    rival = next(r for r in every if r["effect"] == "joint_scale" and r["separation"] > 0.1)
+    for separation, listed in ((8.9, True), (9.1, False)):
+        sigma = 1e-4 * np.sqrt(rival["separation"] / separation)
+        near = confounded(replace(wrong, noise_std=float(sigma)))
+        keys = {(r["effect"], r["element"]) for r in near}
+        assert ((rival["effect"], rival["element"]) in keys) is listed
 
 
 def test_lengths_along_parallel_axes_are_confounded() -> None:

@@ -307,7 +307,7 @@ def test_a_transform_is_taken_the_other_way_round_where_that_fits_three_times_be
     T[0, 3] = 0.01
     (tmp_path / "found.tfm").write_text(tfm_text(T))
     for name, shift in (("ct", 0.0), ("robot", share)):
-        points = points_table(LABELS, CT + [0.01 * shift, 0.0, 0.0])
+        points = points_table(LABELS, CT + np.array([0.01 * shift, 0.0, 0.0]))
         write_points(tmp_path / f"{name}.mrk.json", points)
     paths = [tmp_path / name for name in ("ct.mrk.json", "robot.mrk.json", "found.tfm")]
     _, (found,) = given(paths)
