@@ -752,3 +752,14 @@ def test_a_terminal_of_80_columns_keeps_recordings_apart_that_begin_alike(bench)
     wide = next(k for k in range(80) if all(line[2 + k : 3 + k].strip() == "" for line in lines))
     whole = "".join(line[: 2 + wide].strip() for line in lines)
     assert all(name in whole for name in names)
+
+
+@pytest.mark.parametrize(
+    ("many", "probability", "bars"), [(5, 0.011, 5), (5, 0.009, 3), (12, 0.5, 10)]
+)
+def test_rivals_of_a_hundredth_and_three_at_least_ten_at_most_have_a_bar(many, probability, bars):
+    rivals = [
+        SimpleNamespace(effect=f"effect {k}", element=None, probability=probability)
+        for k in range(many)
+    ]
+    assert len(ranked(SimpleNamespace(causes=(), candidates=rivals))) == bars

@@ -15,7 +15,7 @@ from plumbline.optim.diagnosis.verdict.words import floor_words, place_words
 WIDTH = 5.2  # [in]
 MOST_BARS = 14  # what a page has room for (looks only)
 FEWEST_RIVALS, MOST_RIVALS = 3, 10  # that are drawn, however probable (looks only)
-LIKELY = 0.01  # probability from which a rival is worth a bar
+LIKELY = 0.01  # probability from which a rival is worth a bar, or a line
 ROW = 0.27  # height of a bar with its gap [in]
 MOST_CURVES = 6  # what a page has room for (looks only)
 HEIGHT = 1.5  # [in] of one curve

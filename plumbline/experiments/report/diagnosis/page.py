@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
+from plumbline.experiments.report.diagnosis.causes import LIKELY
 from plumbline.experiments.report.diagnosis.motion import motion_pictures
 from plumbline.experiments.report.diagnosis.phrases import (
     Elsewhere,
@@ -43,7 +44,6 @@ from plumbline.optim.diagnosis.verdict import words
 MOST_CAUSES = 6  # that are shown at once with their values: what a screen holds
 MOST_RIVALS = 5  # candidates that are told beside the causes
 MOST_LINES, MOST_ROWS = 12, 3  # that a terminal shows of what cannot be told, of rows to come
-LIKELY = 0.01  # probability below which a rival is not worth a line
 Answered: TypeAlias = Diagnosis | MotionDiagnosis | Sections
 LISTED = 40  # rows that are named one by one
 JOINTS = "Root mean squares of what was left out of the fit."
