@@ -13,6 +13,7 @@ clear of the straight way of the shafts too: it may pass as near as anything els
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from zlib import crc32
 
 import numpy as np
@@ -57,7 +58,7 @@ def _at_depths(rng: np.random.Generator, draft: Draft) -> Draft:
     return trocars, along(starts), along(goals), obstacles
 
 
-def _scaled(rng: np.random.Generator, make: Callable[[np.random.Generator, float], Draft]) -> Draft:
+def scaled(rng: np.random.Generator, make: Callable[[np.random.Generator, float], Draft]) -> Draft:
     """A scene nearer to its trocars or farther from them; what is narrow stays as narrow."""
     scale = rng.uniform(0.4, 1.7)
     trocars, starts, goals, obstacles = make(rng, scale)
@@ -88,12 +89,8 @@ def parallel(rng: np.random.Generator) -> Draft:
     return _at_depths(rng, (trocars, starts, goals + rng.normal(0, 2, (2, 3)), ()))
 
 
-def narrow_gap(rng: np.random.Generator) -> Draft:
+def narrow_gap(rng: np.random.Generator, scale: float) -> Draft:
     """One of two instruments passes between two rods hardly farther apart than its shaft."""
-    return _scaled(rng, _narrow_gap)
-
-
-def _narrow_gap(rng: np.random.Generator, scale: float) -> Draft:
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     radius, gap = rng.uniform(3, 6), rng.uniform(12, 16)
     x = rng.uniform(-15, 0)
@@ -106,12 +103,8 @@ def _narrow_gap(rng: np.random.Generator, scale: float) -> Draft:
     return trocars, starts + rng.normal(0, 4, (2, 3)), goals + rng.normal(0, 4, (2, 3)), tuple(rods)
 
 
-def dead_end(rng: np.random.Generator) -> Draft:
+def dead_end(rng: np.random.Generator, _: float) -> Draft:
     """A wall of rods between tip and goal: the straight way ends in a pocket."""
-    return _scaled(rng, _dead_end)
-
-
-def _dead_end(rng: np.random.Generator, _: float) -> Draft:
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     width, radius = rng.uniform(14, 24), 4.0
     depth = rng.uniform(100, 125)
@@ -127,12 +120,8 @@ def _dead_end(rng: np.random.Generator, _: float) -> Draft:
     return trocars, starts + noise[0], goals + noise[1], (wall, *arms)
 
 
-def moving_obstacle(rng: np.random.Generator) -> Draft:
+def moving_obstacle(rng: np.random.Generator, scale: float) -> Draft:
     """Spheres or rods swing across the way of two instruments."""
-    return _scaled(rng, _moving_obstacle)
-
-
-def _moving_obstacle(rng: np.random.Generator, scale: float) -> Draft:
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     obstacles = []
     for _ in range(int(rng.integers(1, 4))):
@@ -149,26 +138,17 @@ def _moving_obstacle(rng: np.random.Generator, scale: float) -> Draft:
     return trocars, starts, goals, tuple(obstacles)
 
 
-def _ring(rng: np.random.Generator, count: int) -> Draft:
+def ring(rng: np.random.Generator, count: int) -> Draft:
+    """So many instruments about a ring, places exchanged."""
     angles = 2 * np.pi * np.arange(count) / count + rng.uniform(0, 2 * np.pi)
     angles = angles + rng.normal(0, 0.1, count)
-    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
-    trocars = rng.uniform(50, 65) * ring
+    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    trocars = rng.uniform(50, 65) * circle
     depth = np.array([0, 0, -1]) * rng.uniform(95, 135, (count, 1))
-    starts = rng.uniform(18, 35) * ring + depth + rng.normal(0, 5, (count, 3))
+    starts = rng.uniform(18, 35) * circle + depth + rng.normal(0, 5, (count, 3))
     turn = rng.permutation(count)
-    goals = rng.uniform(18, 35) * ring[turn] + depth[turn] + rng.normal(0, 5, (count, 3))
+    goals = rng.uniform(18, 35) * circle[turn] + depth[turn] + rng.normal(0, 5, (count, 3))
     return _at_depths(rng, (trocars, starts, goals, ()))
-
-
-def three(rng: np.random.Generator) -> Draft:
-    """Three instruments, places exchanged."""
-    return _ring(rng, 3)
-
-
-def four(rng: np.random.Generator) -> Draft:
-    """Four instruments, places exchanged."""
-    return _ring(rng, 4)
 
 
 def _anywhere(rng: np.random.Generator, trocars: Array, depths: tuple[float, float]) -> Array:
@@ -265,8 +245,8 @@ def crowd(rng: np.random.Generator) -> Draft:
     """Two to four instruments at any depth among obstacles that stand, swing and fly past."""
     count = int(rng.integers(2, 5))
     angles = 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.1, count)
-    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
-    trocars = rng.uniform(40, 65) * ring
+    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    trocars = rng.uniform(40, 65) * circle
     starts, goals = _crossed(rng, trocars)
     still = []
     for _ in range(int(rng.integers(0, 3))):
@@ -278,17 +258,15 @@ def crowd(rng: np.random.Generator) -> Draft:
 FAMILIES: dict[str, Callable[[np.random.Generator], Draft]] = {
     "crossing": crossing,
     "parallel": parallel,
-    "narrow gap": narrow_gap,
-    "dead end": dead_end,
-    "moving obstacle": moving_obstacle,
-    "three instruments": three,
-    "four instruments": four,
+    "narrow gap": partial(scaled, make=narrow_gap),
+    "dead end": partial(scaled, make=dead_end),
+    "moving obstacle": partial(scaled, make=moving_obstacle),
+    "three instruments": partial(ring, count=3),
+    "four instruments": partial(ring, count=4),
     "shallow": shallow,
     "fast obstacle": fast_obstacle,
     "crowd": crowd,
 }
-
-
 # Obstacles as fast as a tip come across the way: a shaft moves slower than its tip, so nobody can
 # evade all of them, and contacts are counted, not excluded.
 PRESSED: dict[str, Callable[[np.random.Generator], Draft]] = {
