@@ -12,7 +12,7 @@ from plumbline.experiments.reality.joint_effects import (
     TransmissionRipple,
 )
 from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip
-from plumbline.experiments.reality.unseen.bodies import BearingRunout
+from plumbline.experiments.reality.unseen.bodies import BearingRunout, ToolRocking
 from plumbline.experiments.reality.unseen.joints import HubSlip
 from plumbline.kinematics.effects import JointCoupling
 from plumbline.kinematics.effects import TransmissionRipple as ModelledRipple
@@ -135,6 +135,31 @@ def test_a_joint_that_slips_once_is_no_bump_of_the_base(moment, tmp_path):
     found = told(recording)
     assert found.lacked_at["joint", 2] > 0.95
     assert found.words == "joint 2's zero jumped once"
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_an_arm_on_a_wall_that_nobody_speaks_of_is_told_by_its_loads(stated, tmp_path):
+    def on_a_wall(arm):
+        return replace(arm, gravity=np.array([0.0, 9.81, 0.0]))
+
+    case = faultless(rows=90, seed=7)
+    case = replace(case, scene=replace(case.scene, arm=on_a_wall(case.scene.arm)))
+    case = with_fault(case, JointCompliance(0.0, 2), gap=3.0)
+    case = replace(case, arm=on_a_wall(case.arm)) if stated else case
+    found = told(recorded(case, tmp_path)[0])
+    if stated:
+        assert found.named == {("joint_compliance", 2)}
+        return
+    other = "in another mounting than [robot] gravity states"
+    assert found.words == f"joint 2's error depends on its load {other}"
+    assert not found.named
+
+
+def test_a_tool_that_rocks_in_its_seat_is_told_as_the_tool_not_as_the_last_link_alone(tmp_path):
+    fault = ToolRocking(0.0, (0.6, 0.8, 0.0), (0.0, 0.6, 0.8), bias=0.1)
+    found = told(recorded(with_fault(faultless(rows=90, seed=5), fault, gap=2.5), tmp_path)[0])
+    assert found.lacked_at == {("tool", None): 1.0}
+    assert found.words == "how the tool sits, or the shape of link 6, or its weight"
 
 
 def test_a_tip_at_rest_in_sockets_has_no_place_of_its_own(tmp_path):

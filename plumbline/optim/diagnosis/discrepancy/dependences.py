@@ -111,6 +111,7 @@ def dependences(recording: Recording, ports: Ports, seed: int) -> Iterator[Depen
         yield from _of_base_load(recording, ports)
     yield from _of_angles(recording, ports)
     yield from _of_load(recording, ports)
+    yield from _of_mounting(recording, ports)
     yield from _of_payload(recording, ports)
     yield from _of_motion(recording, ports)
 
@@ -135,12 +136,16 @@ def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 
     Where it is as such is no unlisted mechanism: joint offsets and the link's geometry are that. So
     all are about their means: with a constant, one term would stand for the geometry of several
-    links and be charged for one cause. How it moves as its joint turns is the joint's own.
+    links and be charged for one cause. How it moves as its joint turns is the joint's own. What
+    sits on the last one moves as that does: a tool in its seat.
     """
+    last = len(ports.link) - 1
     for i, (port, weight) in enumerate(zip(ports.link, weight_directions(recording), strict=True)):
         words = f"the shape of link {i + 1}, or its weight"
+        words = f"how the tool sits, or {words}" if i == last else words
+        stage, element = ("tool", None) if i == last else ("link", i + 1)
         if np.ptp(weight, axis=1).max() > UNMOVED:  # about upright axes it is as if it was still
-            yield _at(words, "load", "link", i + 1, level(weight), port)
+            yield _at(words, "load", stage, element, level(weight), port)
 
 
 def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
@@ -256,6 +261,20 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     if np.abs(load).max() > UNMOVED:
         shares = load / np.abs(load).max()
         yield _each("the loads of the joints", "load", shares, ports.joint)
+
+
+def _of_mounting(recording: Recording, ports: Ports) -> Iterator[Dependence]:
+    """Loads of the joints under gravity from a side: that the arm is on a wall may be unsaid."""
+    down = np.abs(recording.chain.gravity)
+    sides = (axis for axis in np.eye(3) if 2.0 * (down @ axis) < down.max())
+    load = [own for axis in sides if np.abs(own := loads(recording, axis)).max() > UNMOVED]
+    load, on = [own / np.abs(own).max() for own in load], "load, mounted otherwise"
+    other = "in another mounting than [robot] gravity states"
+    for j, port in enumerate(ports.joint):
+        words = f"joint {j + 1}'s error depends on its load {other}"
+        yield from _one_of(_kind(words, on, j, [own[None, :, j] for own in load], port[None]))
+    words = f"the loads of the joints {other}"
+    yield from _one_of(_each(words, on, own, ports.joint) for own in load)
 
 
 def _of_payload(recording: Recording, ports: Ports) -> Iterator[Dependence]:

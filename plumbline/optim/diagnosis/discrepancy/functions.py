@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations_with_replacement, product
 
 import casadi as cs
@@ -119,9 +120,10 @@ def plays(angle: Array) -> Array:
     return np.stack([next(iter(play.derive(rows).values())) for play in found])
 
 
-def loads(recording: Recording) -> Array:
-    """Gravity torques (N, n) [N m]."""
+def loads(recording: Recording, gravity: Array | None = None) -> Array:
+    """Gravity torques (N, n) [N m], or what another gravity (3,) in the base frame would make."""
     chain = scope_of(recording).chain
+    chain = chain if gravity is None else replace(chain, gravity=gravity)
     payload = np.zeros(len(recording)) if recording.payload is None else recording.payload
     rows = np.column_stack([recording.q, payload])
     q, mass = cs.SX.sym("q", chain.n), cs.SX.sym("payload")

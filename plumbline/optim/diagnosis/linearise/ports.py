@@ -82,13 +82,16 @@ class Ports:
     def at(self, stage: str, element: int | None) -> Array:
         """What a mechanism at a place can move (k, N, m): all, if the place has no port.
 
-        A joint can turn across its axis too, as its bearing gives way.
+        A joint can turn across its axis too, as its bearing gives way; a tool moves as the last
+        link does.
         """
         if stage in ("joint", "actuation") and element is not None:
             own = self.joint[[element - 1]]
             return np.concatenate([own, self.link[element - 1, 3:]]) if len(self.link) else own
         if stage == "link" and element is not None and len(self.link):
             return self.link[element - 1]
+        if stage == "tool" and len(self.link):
+            return self.link[-1]
         if stage == "base" and len(self.body):
             return self.body
         N, m = self.target.shape

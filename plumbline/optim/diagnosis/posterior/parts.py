@@ -29,7 +29,11 @@ Mechanism = tuple[str, int | None, str, str | None]  # stage, element, on what i
 OWN_DRIVERS = frozenset({"own angle", "another joint's angle", "angle", "nothing"})
 SAME_DRIVER = {"velocity": "direction", "history": "direction", "temperature": "time"}
 SAME_DRIVER |= {"two angles": "own angle", "place, locally": "place"}
-SAME_DRIVER |= {"own angle, across the axis": "own angle", "moment": "time"}
+SAME_DRIVER |= {
+    "own angle, across the axis": "own angle",
+    "moment": "time",
+    "load, mounted otherwise": "load",
+}
 
 
 def apart(mechanisms: Sequence[Mechanism]) -> NDArray[np.intp]:
