@@ -289,3 +289,16 @@ def test_friction_at_separate_postures_is_said_to_need_a_motion_or_a_velocity(bl
     still = replace(blind.recording, velocity=np.zeros_like(blind.recording.q))
     assert why(blind.recording) == "needs the column velocity"
     assert "no farther from one to the next than a twentieth" in why(still)
+
+
+def test_a_candidate_says_by_how_much_the_rows_move_its_odds(tmp_path):
+    """What no row shows is as probable as before, however improbable that was."""
+    recording, _ = recorded(faultless(rows=60, seed=3), tmp_path)
+    found = diagnose(recording, DiagnosisOptions(library=(JointOffset, JointScale))).verdict
+    assert not found.causes
+    said = {(c.effect, c.element): c.why for c in found.candidates}
+    times = {key: float(why.split()[-2]) for key, why in said.items()}
+    assert times["joint_offset", 1] < 1.6  # the frame absorbs it
+    assert times["joint_offset", 6] < 1.6  # and the tool this one
+    assert times["joint_offset", 3] > 3.0
+    assert "lower" in said["joint_offset", 3]

@@ -11,9 +11,10 @@ by less than the noise: alone, or beside what is named, whose values then hold w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.special import logit
 
 from plumbline.kinematics.effects import Effect, Scope
 from plumbline.kinematics.effects.drive import TORQUES
@@ -21,6 +22,7 @@ from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES, TI
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import MOST_TOLD
 from plumbline.optim.diagnosis.findings import Blame, Key
+from plumbline.optim.diagnosis.posterior.joint_problem import log_slot
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
@@ -77,6 +79,36 @@ def worth_more_than_nothing(
         return selection.candidates[term.index].key in named or worth >= NO_EVIDENCE
 
     return selection.reduce([t for t in chosen if kept(t)])
+
+
+def odds_moved(
+    selection: SelectionProblem,
+    chosen: Sequence[SelectedTerm],
+    probabilities: Mapping[Key, float],
+    unlisted: float,
+) -> dict[Key, str]:
+    """By how much the rows move the odds that a cause is at work, in words.
+
+    An improbable cause may have been so beforehand: only rows that lower its odds by far speak
+    against it.
+
+    Args:
+        selection: What was asked.
+        chosen: Terms beside which a cause would be one more.
+        probabilities: Of every cause.
+        unlisted: Prior probability that a term is of no effect of the library.
+    """
+    beforehand = selection.log_priors + selection.alike(chosen) + np.log1p(-unlisted)
+    before = _by_cause(selection, beforehand + log_slot(len(selection.keys(chosen))))
+    found = {}
+    for k, candidate in zip(selection.causes, selection.candidates, strict=True):
+        p = probabilities.get(candidate.key, 0.0)
+        if 0.0 < p < 1.0 and np.isfinite(before[k]):
+            moved = float(logit(p) - before[k])
+            times = f"{np.exp(min(abs(moved), MOST_TOLD)):.2g}"
+            way = "raise" if moved > 0.0 else "lower"
+            found[candidate.key] = f"the rows {way} its odds {times} times"
+    return found
 
 
 def unobservable(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from plumbline.kinematics.effects import Effect
@@ -15,7 +15,6 @@ from plumbline.optim.diagnosis.findings import (
     Blame,
     Cause,
     Gap,
-    Key,
     NoiseLevel,
     Outcome,
     Place,
@@ -30,7 +29,7 @@ from plumbline.optim.diagnosis.predict.held_out import (
 )
 from plumbline.optim.diagnosis.verdict.block_errors import block_errors
 from plumbline.optim.diagnosis.verdict.causes import by_importance, causes_of
-from plumbline.optim.diagnosis.verdict.confounding import unobservable
+from plumbline.optim.diagnosis.verdict.confounding import odds_moved, unobservable
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
 from plumbline.optim.diagnosis.verdict.friction import friction_curves
 from plumbline.optim.diagnosis.verdict.lack_of_fit import (
@@ -94,7 +93,7 @@ def judge(
         gap=gap,
         where=_where(selected, told, seed),
         causes=causes,
-        candidates=_candidates(selected, causes, told.probabilities, evaluation),
+        candidates=_candidates(selected, causes, told, evaluation),
         outside_probability=float(beyond),
         outside_depends_on=words if beyond > 0.5 else "",
         tree=told.tree,
@@ -166,16 +165,18 @@ def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement, chance: flo
 def _candidates(
     selected: SelectedModel,
     causes: Sequence[Cause],
-    probabilities: Mapping[Key, float],
+    told: Explanation,
     evaluation: Evaluation,
 ) -> tuple[Cause, ...]:
     """Everything considered: the causes, then the others by their probability."""
+    probabilities = told.probabilities
+    moved = odds_moved(selected.pool.selection, selected.chosen, probabilities, told.prior)
     named = {(c.effect, c.element) for c in causes}
     stages = {c.key: str(c.effect.stage) for c in selected.selection.candidates}
     rest = sorted((k for k in probabilities if k not in named), key=lambda k: -probabilities[k])
     after = evaluation.rms_after
     others = [
-        Cause(key[0], stages[key], key[1], probability=probabilities[key], before=after)
+        Cause(key[0], stages[key], key[1], moved.get(key, ""), probabilities[key], before=after)
         for key in rest[:MOST_LISTED]
     ]
     return (*causes, *others)
