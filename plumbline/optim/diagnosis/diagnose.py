@@ -42,6 +42,7 @@ from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.correlated import copied
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
+from plumbline.optim.measurement.pose_noise import told_by
 from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.recording.disagreement import unmet, zeros_by_mounting
@@ -99,18 +100,33 @@ class Explained:
 
 
 def _searched(task: Task, tell: Progress) -> tuple[Task, SelectedModel, NDArray[np.bool_]]:
-    """What the search finds and distrusts, and the task with what a rotation's noise counts for.
+    """What the search finds and distrusts, and the task with what a pose's noise is.
 
-    What a first search leaves tells that against a position's; then all is searched again.
+    What a first search leaves tells it; then all is searched again.
     """
     selected, bad = find_causes(task, tell)
-    rows = task.recording
-    if _lever_unknown(rows):
-        lever = noise_lever(selected.best, rows)
-        if abs(np.log(lever / rotation_lever(rows))) > -np.log(prior.SETTLED_VARIANCE):
-            task = replace(task, recording=replace(rows, lever=lever))
-            selected, bad = find_causes(task, tell)
+    known = _with_pose_noise(task.recording, selected)
+    if known is not task.recording:
+        task = replace(task, recording=known)
+        selected, bad = find_causes(task, tell)
     return task, selected, bad
+
+
+def _with_pose_noise(rows: Recording, selected: SelectedModel) -> Recording:
+    """The rows with what a rotation's noise counts for, and how a pose's place and turn go along.
+
+    The same rows where that is stated, or nearly as it was.
+    """
+    if not _lever_unknown(rows):
+        return rows
+    best, before = selected.best, rotation_lever(rows)
+    trusted = best.problem.weights > 0.0
+    told = told_by(rows.select(trusted), best.mapped.residuals(best.x)[trusted])
+    if told.odds > 0.0:
+        return replace(rows, lever=before * told.lever, pose_spread=told.spread)
+    lever = noise_lever(best, rows)
+    settled = abs(np.log(lever / before)) <= -np.log(prior.SETTLED_VARIANCE)
+    return rows if settled else replace(rows, lever=lever)
 
 
 def _told_apart(found: Explained) -> Explained:
@@ -140,7 +156,7 @@ def _worth_the_same(rho: float, before: float) -> bool:
 
 def _with_noise_of(rows: Recording, recording: Recording) -> Recording:
     """The whole recording with what its rows to fit have told of their noise."""
-    known = replace(recording, lever=rows.lever, jitter=rows.jitter)
+    known = replace(recording, lever=rows.lever, pose_spread=rows.pose_spread, jitter=rows.jitter)
     return replace(known, wander=rows.wander, alike=rows.alike)
 
 

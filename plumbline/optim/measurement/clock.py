@@ -15,6 +15,7 @@ import scipy
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.constants import SMOOTH
+from plumbline.optim.measurement.pose_noise import in_one_noise
 from plumbline.optim.recording.recording import Recording
 
 
@@ -50,6 +51,8 @@ def rates(recording: Recording, lever: float) -> Array:
     took = time[after] - time[before]
     moved = np.where(took[:, None] > 0.0, step / np.where(took > 0.0, took, 1.0)[:, None], 0.0)
     shape = recording.noise_shape
+    if recording.pose_spread is not None:
+        return in_one_noise(recording, moved[place])
     if shape is None:
         return np.asarray(moved[place])
     return np.asarray(moved[place] / (shape[:, kept] if whole.kind.encoders else shape))

@@ -17,5 +17,9 @@ MASS_PER_METRE = 15.0  # [kg/m] of a link of which no mass is given, as of arms 
 # Parts
 LEAST_HALF = 1e-3  # [m]: a plane on which all beams meet one spot has no width, and none matters
 
+# Pose noise
+WAYS = 6  # of a pose: three of its place, three of its turn
+POSE_FREEDOM = 8  # rows that the prior of a pose's noise is worth: the fewest that have a mean
+
 # Torque
 UNIT = 1e-4  # noise of a weighed residual: as that of a good tracker in metres

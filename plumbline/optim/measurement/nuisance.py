@@ -13,6 +13,7 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
+import scipy
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import Transform, constant, rotation
@@ -21,7 +22,7 @@ from plumbline.optim.measurement.constants import COINCIDENT, FRAME_SCALE, TOOL_
 from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording, Session, one_hot_sockets, socket_labels
 from plumbline.optim.recording.session import apart
-from plumbline.optim.rigid import rigid_match
+from plumbline.optim.rigid import nearest_rotation, rigid_match
 
 Anchor = tuple[Array, Array]
 
@@ -113,7 +114,20 @@ def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
     if "tool" in recording.always:
         parts |= _tool(names, symbols, scales, recording.kind.oriented)
     start = np.zeros(len(names))
+    if "R_tip_tool" in parts:
+        start[-3:] = _tool_turn(recording, parts["anchor"][0] if "anchor" in parts else np.eye(4))
     return Nuisance(cs.vertcat(*symbols), tuple(names), np.array(scales), start, **parts)
+
+
+def _tool_turn(recording: Recording, T_device_world: Array) -> Array:
+    """Rotation vector (3,) of the tool on the tip, by the mean over the rows [rad].
+
+    What is tracked may be mounted in any way, and of a half turn no pose's residual has a slope.
+    """
+    R_device_tip = T_device_world[:3, :3] @ recording.chain.placement(recording.q)[:, :3, :3]
+    seen = scipy.spatial.transform.Rotation.from_quat(recording.measured[:, 3:], scalar_first=True)
+    mean = nearest_rotation(np.einsum("nji,njk->ik", R_device_tip, seen.as_matrix()))
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(mean).as_rotvec())
 
 
 def _tool(

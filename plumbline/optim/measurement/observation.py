@@ -26,6 +26,7 @@ from plumbline.optim.measurement.constants import MASS_PER_METRE
 from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.parts import on_its_plane, spans_of_parts
+from plumbline.optim.measurement.pose_noise import residual_in_one_noise
 from plumbline.optim.measurement.session import (
     equations_of_rows,
     hot_columns,
@@ -314,6 +315,8 @@ def _residual(
         shape = row.symbols["noise_shape"]
         own = recording.kind.encoders and not recording.several
         plain = plain / (shape[list(recording.measured_joints)] if own else shape)
+    if recording.pose_spread is not None:
+        plain = residual_in_one_noise(recording.pose_spread, row.symbols["measured"], plain)
     if recording.jitter:
         e = row.symbols["smear"]
         plain = plain - cs.dot(e, plain) * e

@@ -7,6 +7,7 @@ import numpy as np
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.clock import along, less_smeared, rates, smeared
 from plumbline.optim.measurement.observation import rotation_lever
+from plumbline.optim.measurement.pose_noise import as_read, in_one_noise
 from plumbline.optim.recording.recording import Recording
 
 
@@ -21,6 +22,8 @@ def in_noise(recording: Recording, values: Array) -> Array:
     if shape is not None:
         whole = values.shape[-1] == shape.shape[1]
         values = values / (shape if whole else shape[:, list(recording.measured_joints)])
+    if recording.pose_spread is not None:
+        values = in_one_noise(recording, values)
     return less_smeared(values, _smear(recording)) if recording.jitter else values
 
 
@@ -28,6 +31,8 @@ def as_measured(recording: Recording, residuals: Array) -> Array:
     """Residuals (N, m) as they were measured, not in units of one noise."""
     if recording.jitter:
         residuals = smeared(residuals, _smear(recording))
+    if recording.pose_spread is not None:
+        residuals = as_read(recording, residuals)
     shape = recording.noise_shape if recording.several else None
     return residuals if shape is None else np.asarray(residuals * shape)
 

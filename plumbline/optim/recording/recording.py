@@ -71,6 +71,9 @@ class Recording:
     noise_std_rotation: float | None = None
     #: ratio of the noises of a pose's position and rotation [m], where a fit has told it
     lever: float | None = None
+    #: square root (6, 6) of the covariance of a pose's noise, in the axes of what is read and over
+    #: one noise, where a fit has told it
+    pose_spread: Array | None = None
     #: correlation of the noise of a row with that of the row before it, where a fit has told it
     wander: float = 0.0
     #: 1 sigma of the rows' times over that of the noise [s, or rows without a clock, a m or rad],

@@ -32,6 +32,7 @@ from plumbline.optim.measurement.observation import (
     rows_of,
     scope_of,
 )
+from plumbline.optim.measurement.pose_noise import as_read
 from plumbline.optim.measurement.torque import effort_weights
 from plumbline.optim.recording.recording import Recording
 
@@ -130,6 +131,8 @@ def _as_read(recording: Recording, residuals: Array, errors: Array) -> Array:
     if recording.kind.encoders:
         measured[:, list(recording.measured_joints)] += residuals - errors
         return measured
+    if recording.pose_spread is not None:
+        residuals, errors = (as_read(recording, r) for r in (residuals, errors))
     measured[:, :3] += (residuals - errors)[:, :3]
     if recording.kind.oriented:
         lever = rotation_lever(recording)

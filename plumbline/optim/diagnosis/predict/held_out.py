@@ -255,6 +255,11 @@ def counted_rows(recording: Recording, pool: Pool, evaluation: Evaluation) -> li
     shape = recording.noise_shape if recording.several else None
     if not evaluation.per_row or (problem.equations == 3 and counted.all() and shape is None):
         return pool.folds
+    if recording.pose_spread is not None:  # of which the place alone is none of the residuals
+        effects = [t.effect for t in pool.model.terms]
+        rows = replace(pool.model.recording, pose_spread=None)
+        read = build_model(rows, effects, nuisance=pool.model.nuisance).problem
+        problem = replace(problem, x=read.x, row=read.row, residual=read.residual)
     counts = None if problem.counts is None else np.minimum(problem.counts, 3.0)
     weights = np.where(counted, problem.weights, 0.0)
     if shape is not None:
@@ -268,7 +273,8 @@ def _kept_back(recording: Recording, pool: Pool, evaluation: Evaluation) -> Gram
     """Normal equations of the rows kept back; a socket that no other row rests in is refitted."""
     kept, own, placed = _in_known_sockets(recording, evaluation.rows)
     effects = [t.effect for t in pool.model.terms]
-    model = build_model(placed.select(kept), effects, nuisance=pool.model.nuisance)
+    rows = replace(placed.select(kept), pose_spread=None)
+    model = build_model(rows, effects, nuisance=pool.model.nuisance)
     size = 3 if evaluation.per_row else model.problem.equations
     parts = [(r[:, :size], J[:, :size]) for _, r, J in Mapped(model.problem).jacobians(pool.x)]
     r, J = (np.concatenate(each) for each in zip(*parts, strict=True))

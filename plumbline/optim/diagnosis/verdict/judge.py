@@ -43,6 +43,7 @@ from plumbline.optim.diagnosis.verdict.staircase import Stairs, always_words, st
 from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
+from plumbline.optim.measurement.pose_noise import correlation_of_ways
 from plumbline.optim.measurement.refit import figure
 from plumbline.optim.measurement.torque import newton_metres
 from plumbline.optim.recording.constants import ASKED
@@ -319,6 +320,12 @@ def _correlated(recording: Recording, sigma: float) -> Iterator[str]:
         yield (
             f"noise along the way grows with the speed, as where a clock is uncertain by {by} "
             "(1 sigma): fast rows count for less"
+        )
+    if recording.pose_spread is not None:
+        yield (
+            "errors of a pose's place and turn go along (by up to "
+            f"{correlation_of_ways(recording.pose_spread):.2f}) or differ from way to way: they "
+            "are weighed as that"
         )
     if recording.wander:
         yield (
