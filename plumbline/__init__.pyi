@@ -41,7 +41,7 @@ from plumbline.optim.loading import load as load
 from plumbline.optim.model import Drives as Drives
 from plumbline.optim.model import Model as Model
 from plumbline.optim.model import apply
-from plumbline.optim.model.export.replay import replay as replay
+from plumbline.optim.model.export.exported import replay as replay
 from plumbline.optim.pointing import Aim as Aim
 from plumbline.optim.pointing import Box as Box
 from plumbline.optim.pointing import Capsule as Capsule

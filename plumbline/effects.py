@@ -5,6 +5,7 @@ may have it, declares each unknown as a :class:`Parameter` and acts on a :class:
 :class:`Stage`; :class:`Scope` is what a recording offers to it.
 """
 
+from plumbline.kinematics.dynamics import Nominal as Nominal
 from plumbline.kinematics.effects import EFFECTS as EFFECTS
 from plumbline.kinematics.effects import REGISTRY as REGISTRY
 from plumbline.kinematics.effects.effect import Effect as Effect
@@ -13,5 +14,4 @@ from plumbline.kinematics.effects.effect import Scope as Scope
 from plumbline.kinematics.effects.effect import Stage as Stage
 from plumbline.kinematics.effects.effect import State as State
 from plumbline.kinematics.frames import Transform as Transform
-from plumbline.kinematics.loads import Nominal as Nominal
 from plumbline.kinematics.parameters import Parameter as Parameter

@@ -8,11 +8,11 @@ solver cannot take. What a method says is an :class:`Answer`, judged, shown and 
 from plumbline.optim.core.answer import Answer as Answer
 from plumbline.optim.core.judged import Judged as Judged
 from plumbline.optim.core.judged import Judgement as Judgement
+from plumbline.optim.core.judged import Solution as Solution
 from plumbline.optim.core.judged import judged as judged
 from plumbline.optim.core.mapped import Gram as Gram
 from plumbline.optim.core.mapped import Mapped as Mapped
 from plumbline.optim.core.problem import Problem as Problem
-from plumbline.optim.core.solution import Solution as Solution
 from plumbline.optim.core.solvers import ALL as ALL
 from plumbline.optim.core.solvers import Fatrop as Fatrop
 from plumbline.optim.core.solvers import Ipopt as Ipopt

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from plumbline.optim import capsule_mpc
-from plumbline.optim.capsule_mpc import guide
+from plumbline.optim.capsule_mpc import waypoints as guide
 
 MM = 1e3
 

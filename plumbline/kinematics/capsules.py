@@ -14,13 +14,29 @@ Vandenberghe 2004, sec. 2.5.1)
 .. math:: n \cdot (a - b) \ge D \quad\text{for all four pairs of end points } a, b.
 
 Lengths are in any one unit, but the guards below are meant for mm: not for capsules in metres.
+
+Capsules along the bones of a robot, from each joint to the next; lengths are in m.
+
+Many pairs of segments at once, in NumPy: the arithmetic of :mod:`.capsules`.
+
+.. math:: d = |p(s) - q(t)|, \qquad n = (p(s) - q(t)) / d
+
+For callers with many pairs, another number each time; the tests hold symbols, arrays and coal
+together. Unless the two segments touch, the normal n separates them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike
+
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.evaluate import Array
+from plumbline.kinematics.frames import Transform, constant
 
 TINY = 1e-12  # [length^2] keeps the quotients of zero-length segments finite
 PARALLEL = 1e-12  # share of |u|^2 |v|^2 below which two directions count as parallel
@@ -103,3 +119,75 @@ def plane_gaps(normal: cs.SX, one: Segment, two: Segment) -> cs.SX:
     All four at least D, with a normal no longer than 1, prove the segments to be D apart.
     """
     return cs.vertcat(*(cs.dot(normal, p - q) for p in (one.a, one.b) for q in (two.a, two.b)))
+
+
+SHORTEST = 1e-3  # [m] of a bone that gets a capsule
+
+
+@dataclass(frozen=True, eq=False)
+class LinkCapsule:
+    """A capsule that moves with a joint of a chain."""
+
+    joint: int  # number of the joint that carries it, from 0; -1 for the base
+    ends: Array  # both ends of its axis (2, 3) in that joint's frame [m]
+    radius: float  # its radius [m]
+    name: str  # of the link
+
+    def axis(self, frames: Sequence[Transform]) -> Segment:
+        """Its axis in the base frame [m], given ``chain.joint_frames(q)``."""
+        a, b = (constant(end) for end in self.ends)
+        if self.joint < 0:
+            return Segment(a, b)
+        return Segment(frames[self.joint].point(a), frames[self.joint].point(b))
+
+
+def bones(chain: Chain, radius: float, skip: Sequence[int] = ()) -> tuple[LinkCapsule, ...]:
+    """Capsules from every joint to the next, and from the last to the tip.
+
+    Args:
+        chain: The arm.
+        radius: Of all capsules [m].
+        skip: Joints (from 0; -1 for the base) whose link gets none.
+    """
+    nexts = [joint.T_parent_joint[:3, 3] for joint in chain.joints] + [chain.T_last_tip[:3, 3]]
+    names = ["base", *chain.joint_names]
+    found = []
+    for k, end in enumerate(nexts):
+        if k - 1 not in skip and np.linalg.norm(end) > SHORTEST:
+            found.append(LinkCapsule(k - 1, np.stack([np.zeros(3), end]), radius, names[k]))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Nearest points of N pairs of segments."""
+
+    distance: Array  # distances (N,) of the axes, never negative
+    difference: Array  # from the point on the second to the point on the first (N, 3)
+    share_one: Array  # where on the first (N,), 0 at its first end and 1 at its second
+    share_two: Array  # where on the second (N,)
+
+
+def nearest(one: ArrayLike, two: ArrayLike) -> Nearest:
+    """Nearest points of pairs of segments.
+
+    Args:
+        one: Ends (N, 2, 3).
+        two: Ends (N, 2, 3).
+    """
+    first, second = np.asarray(one, dtype=float), np.asarray(two, dtype=float)
+    p, q = first[:, 0], second[:, 0]
+    u, v, r = first[:, 1] - p, second[:, 1] - q, p - q
+    a, e = np.vecdot(u, u) + TINY, np.vecdot(v, v) + TINY
+    b, c, f = np.vecdot(u, v), np.vecdot(u, r), np.vecdot(v, r)
+    ae = a * e
+    determinant = np.maximum(ae - b * b, PARALLEL * ae + TINY)
+    s = _clamped((b * f - c * e) / determinant)
+    t = _clamped((b * s + f) / e)
+    s = _clamped((b * t - c) / a)
+    difference = r + s[:, None] * u - t[:, None] * v
+    return Nearest(np.sqrt(np.vecdot(difference, difference)), difference, s, t)
+
+
+def _clamped(values: Array) -> Array:
+    return np.minimum(np.maximum(values, 0.0), 1.0)

@@ -57,7 +57,6 @@ class Chain:
     gravity: Array  # gravity (3,) in the base frame [m/s^2]
 
     def __repr__(self) -> str:
-        """How many joints, and to which frame."""
         named = f"{self.joints[0].name[:60]!r} to {self.tip_frame[:60]!r}"
         return f"<Chain of {self.n} joints from {named}>"
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.evaluate import Array
 
 LARGEST = 1e12  # no length, angle or mass of a robot is larger
 LONGEST_SHOWN = 48  # characters of a value that a message repeats
@@ -124,6 +124,6 @@ def _add_joint(model: pin.Model, parent: int, T: pin.SE3, row: DHRow, name: str)
     return added
 
 
-def rows_table(rows: Sequence[DHRow]) -> NDArray[np.float64]:
+def rows_table(rows: Sequence[DHRow]) -> Array:
     """Columns d, a, alpha, theta (n, 4) [m, m, rad, rad]."""
     return np.array([[row.d, row.a, row.alpha, row.theta] for row in rows])

@@ -15,6 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+Integers = NDArray[np.int64]
 BLOCK_NUMBERS = 20_000  # of inputs and outputs at a call: what a core keeps at hand (cost only)
 FEWEST_ROWS, MOST_ROWS = 500, 10_000  # of a column: it shall outweigh the call of an operation
 MOST_WORK, AT_HAND = 4000, 8_000_000  # columns of a program, their numbers: 64 MB (cost only)

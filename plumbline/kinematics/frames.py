@@ -14,7 +14,9 @@ from functools import cache, lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from plumbline.kinematics.evaluate import Array
 
 _SERIES_BELOW = 1e-4
 
@@ -112,7 +114,7 @@ class Transform:
         return Transform(self.R.T, -(self.R.T @ self.t))
 
 
-def homogeneous(R: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
+def homogeneous(R: ArrayLike, t: ArrayLike) -> Array:
     """Numeric homogeneous matrices (..., 4, 4) of rotations (..., 3, 3) and places (..., 3) [m]."""
     several = np.shape(R)[:-2]
     T = np.zeros((*several, 4, 4))
@@ -122,6 +124,6 @@ def homogeneous(R: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
     return T
 
 
-def by_columns(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def by_columns(rows: Array) -> Array:
     """The same (N, 4, 4) from rows of a rotation by its columns and a place (N, 12)."""
     return homogeneous(rows[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1), rows[:, 9:])

@@ -100,13 +100,12 @@ def _normalised(words: str, where: str) -> str:
     """``axisangle`` with an axis of length one."""
     try:
         *axis, angle = map(float, words.split())
-        length = float(np.linalg.norm(axis))
-        if len(axis) != 3 or not length > 0.0:
-            raise ValueError
     except ValueError:
-        raise PlumblineError(
-            f"{where}: axisangle={one_line(words)[:40]!r}, an axis and an angle expected"
-        ) from None
+        axis, angle = [], 0.0
+    length = float(np.linalg.norm(axis))
+    if len(axis) != 3 or not length > 0.0:
+        found = f"axisangle={one_line(words)[:40]!r}"
+        raise PlumblineError(f"{where}: {found}, an axis and an angle expected")
     return " ".join(repr(float(value)) for value in (*(np.array(axis) / length), angle))
 
 

@@ -1,6 +1,11 @@
 """A robot: a Pinocchio model of a URDF, an MJCF, DH rows, or bundled, or of a known package.
 
 ``Robot.bundled("ur5").chain()`` is the serial chain that every symbolic problem is stated on.
+
+Robots of the `example-robot-data` package: the URDF files that Pinocchio's own examples use.
+
+The package holds files and no code; it is optional (``pip install "plumbline-robotics[robots]"``,
+some 430 MB with its meshes). A robot is called as its file is, without a closing ``_robot``.
 """
 
 from __future__ import annotations
@@ -13,6 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import resources
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,12 +29,32 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain, Joint
-from plumbline.kinematics.descriptions import descriptions
 from plumbline.kinematics.dh import DHRow, model_from_dh
 from plumbline.kinematics.dynamics import Dynamics, dynamics_of
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.mjcf import model_from_mjcf
+
+PACKAGE = "example-robot-data"
+EXTRA = 'pip install "plumbline-robotics[robots]"'
+SUFFIX = "_robot"
+
+
+def descriptions() -> dict[str, Path]:
+    """URDF files by the name of their robot.
+
+    Raises:
+        PlumblineError: The package is not installed; the message names the extra that brings it.
+    """
+    try:
+        found = distribution(PACKAGE)
+    except PackageNotFoundError:
+        raise PlumblineError(f"robot descriptions need {PACKAGE}: {EXTRA}") from None
+    files = sorted(f for f in found.files or () if f.suffix == ".urdf")
+    # A file that is called as its robot is may be an empty head beside the robot's own: the longer
+    # name comes later in the order, and wins.
+    return {f.stem.removesuffix(SUFFIX): Path(str(found.locate_file(f))) for f in files}
+
 
 STDERR = 2
 LONGEST_NAME = 60  # characters of a name that a message repeats
@@ -63,7 +89,6 @@ class Robot:
     mjcf: str | None = None  #: text of the MJCF it came from, if it did
 
     def __repr__(self) -> str:
-        """Its name, its joints on all branches, and the tip frame meant when none is named."""
         joints = f"{self.model.njoints - 1} joints, tip {self.default_tip[:60]!r}"
         return f"<Robot {self.name[:60]!r}: {joints}>"
 

@@ -27,7 +27,6 @@ class Tree(Chain):
     tip_body: int = 0  # the body that the tip frame is fixed to, from 0
 
     def __repr__(self) -> str:
-        """How many joints, and the tip frame."""
         return f"<Tree of {self.n} joints with tip {self.tip_frame[:60]!r}>"
 
     @property

@@ -1,7 +1,5 @@
 """Whatever is stored, by its path: a recording's folder of any kind, or an answer's JSON file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -14,17 +12,11 @@ from plumbline.optim.core.answer import Answer, kind_of
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.to_diagnose import ranges_to_diagnose
 from plumbline.optim.model import Drives, Model
-from plumbline.optim.model.drives_file import is_drives
+from plumbline.optim.model.drives import is_drives
+from plumbline.optim.recording import session
 from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.loading import RobotFiles, load_recording, open_folder
 from plumbline.optim.recording.recording import Recording
-from plumbline.optim.recording.session import build_session
-from plumbline.optim.recording.session_files import (
-    SessionFile,
-    is_session,
-    open_session,
-    robot_of_part,
-)
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 
 # Who reads the kinds of observation that are no Recording, and who answers, loaded on demand.
@@ -62,11 +54,11 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
     """
     if is_file(Path(path)):
         return load_model(path) if Path(path).suffix == ".toml" else _answer(path)
-    if is_session(path):
-        stated = open_session(path)
+    if session.is_session(path):
+        stated = session.open_session(path)
         parts = parts_of_session(stated, known_effects=known_effects)
         if all(isinstance(p, Recording) and p.observation in KINDS for p in parts):
-            return build_session(parts, stated.name, stated.shared)
+            return session.build_session(parts, stated.name, stated.shared)
         return parts
     reader = READERS.get(open_folder(path).settings.word("observation") or "")
     if reader is None:
@@ -116,7 +108,10 @@ def load_part(
     """
     place = Path(folder)
     try:
-        kind, made = open_folder(place).settings.word("observation"), robot_of_part(place, robot)
+        kind, made = (
+            open_folder(place).settings.word("observation"),
+            session.robot_of_part(place, robot),
+        )
         if kind == "motion":
             return _module("diagnosis.motion.recording").load_motion(place, made)
         if kind in READERS:
@@ -128,7 +123,7 @@ def load_part(
 
 
 def parts_of_session(
-    stated: SessionFile, *, known_effects: Iterable[str] | None = None
+    stated: session.SessionFile, *, known_effects: Iterable[str] | None = None
 ) -> list[Any]:
     """The recordings of a session's folder, each with the session's robot if it names none.
 

@@ -5,17 +5,14 @@ measured tips must be the predicted ones after some rotation and shift: the rota
 :math:`\sum_i (q_i - \bar q)(p_i - \bar p)^T` (Arun 1987; Umeyama 1991).
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.constants import SAMPLE
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Integers
 
 
-def some_of(rows: int) -> NDArray[np.int64]:
+def some_of(rows: int) -> Integers:
     """Indices of rows spread evenly over the recording."""
     return np.unique(np.linspace(0, rows - 1, min(rows, SAMPLE)).astype(np.int64))
 

@@ -98,7 +98,7 @@ def test_imports_run_one_way():
         ("plumbline.optim.core.problem", "from plumbline import load"),
         ("plumbline.optim.core.problem", "import plumbline.experiments.sources as s"),
         (
-            "plumbline.optim.core.solvers.ipopt",
+            "plumbline.optim.core.solvers.programme",
             "import importlib\nimportlib.import_module('plumbline.experiments')",
         ),
         ("plumbline.experiments.reality.arm", "from plumbline.kinematics.frames import skew"),

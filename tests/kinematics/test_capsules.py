@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from plumbline.experiments.reality.touch import Touch
 from plumbline.kinematics.capsules import (
     Segment,
+    nearest,
     nearest_shares,
     overlap_shares,
     plane_gaps,
@@ -17,7 +18,6 @@ from plumbline.kinematics.capsules import (
     squared_distance,
 )
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.kinematics.segments import nearest
 
 COUNT = 100_000
 BY_COAL = 1_500  # pairs of each family that coal is asked about

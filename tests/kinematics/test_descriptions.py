@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics import descriptions
+from plumbline.kinematics import robot as descriptions
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.loading import load_recording
 from tests.recording_folders import complaint, postures, write_folder

@@ -7,13 +7,11 @@ import pytest
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.pointing import HalfSpace, PointingOptions, Solid, plan_sweep, sweep
-from plumbline.optim.pointing.between import Between
-from plumbline.optim.pointing.collision import moving
+from plumbline.optim.pointing.between import Between, before_planes
 from plumbline.optim.pointing.constants import SLOTS
-from plumbline.optim.pointing.planes import before_planes
 from plumbline.optim.pointing.statement import SweepWeights, sweep_statement
 from plumbline.optim.pointing.surroundings import surroundings
-from plumbline.optim.pointing.task import needle_task
+from plumbline.optim.pointing.task import moving, needle_task
 from tests.optim.pointing.test_pointing import ARC, NEEDLE, UR3
 from tests.optim.pointing.test_pointing_scene import ASLANT, aimed
 

@@ -27,7 +27,7 @@ from plumbline.experiments.reality import Case, Plan, draw_case
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.recorder import simulate
 from plumbline.experiments.reality.scene import Scene, measured
-from plumbline.optim.core.shares import Share
+from plumbline.optim.core.quantities import Share
 from plumbline.optim.recording.recording import Recording
 
 CORRELATION = 0.9  # of neighbours along the clock, and of the readings of one posture

@@ -19,8 +19,8 @@ import casadi as cs
 import numpy as np
 
 from plumbline.experiments.console.measured import timed
-from plumbline.optim.capsule_mpc.banded_qp import BandedQp
 from plumbline.optim.capsule_mpc.linearised import QpPath, StageQp
+from plumbline.optim.capsule_mpc.planning import BandedQp
 from plumbline.optim.core.problem import Array
 
 FAR = 1e6  # [mm] of a bound that is masked

@@ -32,9 +32,8 @@ from plumbline.experiments.mpc.closed_loop import point
 from plumbline.experiments.reality.touch import Touch, all_pairs
 from plumbline.experiments.report.style import AFTER, house_style, new_figure
 from plumbline.optim import capsule_mpc as mpc
-from plumbline.optim.capsule_mpc.banded_qp import native
 from plumbline.optim.capsule_mpc.constants import MM
-from plumbline.optim.capsule_mpc.planning import Ready, shifted
+from plumbline.optim.capsule_mpc.planning import Ready, native, shifted
 from plumbline.optim.core.problem import Array
 
 Line = dict[str, Any]  # of a table

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from plumbline.errors import PlumblineError
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.shares import Share
+from plumbline.optim.core.quantities import Share
 from plumbline.optim.registration import MarkerNoise, build_fiducials, register
 from plumbline.optim.registration.constants import FINE
 from plumbline.optim.registration.words import trust

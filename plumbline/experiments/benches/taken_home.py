@@ -40,7 +40,7 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import figure, refit
 from plumbline.optim.model import Model, apply
-from plumbline.optim.model.export.replay import replay
+from plumbline.optim.model.export.exported import replay
 from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.recording import Recording

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from plumbline.optim.hand_eye.scan_recording import ScanRecording
     from plumbline.optim.recording.loading import Folder
     from plumbline.optim.recording.recording import Recording
-    from plumbline.optim.recording.session_files import SessionFile
+    from plumbline.optim.recording.session import SessionFile
     from plumbline.optim.registration.fiducials import Fiducials
 
 
@@ -37,7 +37,7 @@ def examined(folder: Path) -> tuple[dict[str, Any], str]:
     """
     from plumbline.optim.loading import load, load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
-    from plumbline.optim.recording.session_files import is_session, open_session
+    from plumbline.optim.recording.session import is_session, open_session
 
     if is_session(folder):
         return _session(open_session(folder))

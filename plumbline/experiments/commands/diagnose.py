@@ -103,7 +103,7 @@ def diagnose(
     out.check(read, model=model)
     from plumbline.optim.loading import load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
-    from plumbline.optim.recording.session_files import is_session
+    from plumbline.optim.recording.session import is_session
 
     options = _options(held_out, seed, without or [], unlisted, force=force)
     folder, *more = folders

@@ -85,7 +85,7 @@ def next_(
     from plumbline.optim.diagnosis.design.rows import DesignOptions
     from plumbline.optim.diagnosis.options import DiagnosisOptions
     from plumbline.optim.recording.loading import load_recording, open_folder
-    from plumbline.optim.recording.session_files import is_session
+    from plumbline.optim.recording.session import is_session
 
     if is_session(folder):
         asked = DiagnosisOptions(seed=seed, force=force)
@@ -122,9 +122,9 @@ def _of_session(
     from plumbline.optim.diagnosis.of_any_kind import diagnose_several
     from plumbline.optim.diagnosis.several.sections import Sections
     from plumbline.optim.loading import parts_of_session
-    from plumbline.optim.model.part import number_of
+    from plumbline.optim.model.making import number_of
     from plumbline.optim.recording.kinds import PLACES
-    from plumbline.optim.recording.session_files import open_session
+    from plumbline.optim.recording.session import open_session
 
     stated = open_session(folder)
     places = [stated.place / one for one in stated.recordings]

@@ -18,13 +18,13 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.experiments.reality.touch import Touch
+from plumbline.kinematics.capsules import LinkCapsule, bones
 from plumbline.kinematics.frames import homogeneous
-from plumbline.kinematics.link_capsules import LinkCapsule, bones
 from plumbline.kinematics.robot import Robot
 from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.capsule_mpc.arms import ArmInstrument, held_tip
-from plumbline.optim.capsule_mpc.guide import Guide
 from plumbline.optim.capsule_mpc.stopping import held_exactly
+from plumbline.optim.capsule_mpc.waypoints import Guide
 from plumbline.optim.core.problem import Array
 
 APART, BESIDE = 0.6, 0.07  # [m] of each base and of each trocar from the middle

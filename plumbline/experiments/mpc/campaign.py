@@ -32,7 +32,7 @@ from plumbline.experiments.mpc.closed_loop import Run, known_delay, noise_for, r
 from plumbline.experiments.reality.mpc_scenarios import FAMILIES, draw
 from plumbline.experiments.reality.task import Scenario
 from plumbline.optim.capsule_mpc import Controller, OneStep, Planner, RealTime, Safety, Settings
-from plumbline.optim.capsule_mpc.guide import Guide
+from plumbline.optim.capsule_mpc.waypoints import Guide
 
 HORIZON, V_MAX, BUDGET = 10, 60.0, 0.5  # steps; [mm/s]; [s], since a shared machine may pause
 CONTROLLERS: dict[str, Planner] = {"horizon": RealTime(), "one step": OneStep()}

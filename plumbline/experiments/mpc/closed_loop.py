@@ -16,7 +16,7 @@ import numpy as np
 from plumbline.experiments.reality.instruments import Mismatch, Plant
 from plumbline.experiments.reality.task import Scenario
 from plumbline.optim import capsule_mpc as mpc
-from plumbline.optim.capsule_mpc.guide import Guide
+from plumbline.optim.capsule_mpc.waypoints import Guide
 from plumbline.optim.core.problem import Array
 
 SUBSTEPS = 20  # of a control step of 20 ms: what happens between two samples is seen as well

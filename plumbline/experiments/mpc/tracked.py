@@ -2,9 +2,9 @@ r"""Does it help a controller to know its plant? Recorded, diagnosed, and closed
 
 Two tips on MuJoCo's slides, late, lagging, scaled and rubbing, none of which is told. First they
 are shaken with rates of several sines and recorded (``observation = "tracking"``); the diagnosis
-gives the :class:`~plumbline.optim.capsule_mpc.plant.Plant`. Then the controller follows paths that
-pass close by, on a plant without fault, on this one untold, and on this one told. Of the error that
-the faults add, the share that is gone:
+gives the :class:`~plumbline.optim.capsule_mpc.settings.Plant`. Then the controller follows paths
+that pass close by, on a plant without fault, on this one untold, and on this one told. Of the error
+that the faults add, the share that is gone:
 
 .. math:: 1 - \frac{e_{told} - e_{ideal}}{e_{untold} - e_{ideal}}
 

@@ -3,7 +3,7 @@
 from plumbline.experiments.report.page.page import Grid, Page, Part, Tile
 from plumbline.optim.core.quantities import percent, quantity
 from plumbline.optim.model import Applied
-from plumbline.optim.recording.origin import HEADER
+from plumbline.optim.recording.table import HEADER
 
 
 def page(answer: Applied) -> Page:

@@ -21,10 +21,10 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.predict.folds import KINDS, fold_of_rows
 from plumbline.optim.recording.checks import has_enough_rows
 from plumbline.optim.recording.loading import load_recording
-from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import refuse_wrong_set_up
 from plumbline.optim.recording.settings import Section
+from plumbline.optim.recording.table import Origin
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.findings import Verdict

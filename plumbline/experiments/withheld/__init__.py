@@ -21,5 +21,5 @@ recording cannot tell from the truth, each with ``of`` (effect, element), ``effe
 
 Read `sealing`, `design` and `making`; `sandbox`, `blind` and `running`; `truth`, `answer`,
 `matching`, `calibration` and `scoring`; shares and their intervals are
-`plumbline.optim.core.shares`.
+`plumbline.optim.core.quantities`.
 """

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.shares import Share
+from plumbline.optim.core.quantities import Share
 
 BINS = 10  # of equal width, as Naeini et al. have them
 REPEATS = 1000  # of the bootstrap: ends of an interval are known to a fiftieth of its width

@@ -18,7 +18,7 @@ from plumbline.experiments.withheld.measures import MEASURES, floor_of, in_libra
 from plumbline.experiments.withheld.running import read_note
 from plumbline.experiments.withheld.sealing import LEDGER, Ledger, check_seal, read_ledger
 from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
-from plumbline.optim.core.shares import Median, Share
+from plumbline.optim.core.quantities import Median, Share
 
 WORTH_STATING = 0.05  # probability from which a candidate is a statement that is counted
 REMOVABLE = 1.05  # least gap over the floor for which "how much of it" means anything

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import casadi as cs
 
+from plumbline.kinematics.dynamics import weight_beyond
 from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
-from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
 
 

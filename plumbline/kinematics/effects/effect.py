@@ -25,9 +25,9 @@ import numpy as np
 
 from plumbline.errors import fault
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.dynamics import Nominal
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
-from plumbline.kinematics.loads import Nominal
 from plumbline.kinematics.parameters import Parameter
 
 RANGES: tuple[str, ...] = ("plane_range",)

@@ -18,9 +18,9 @@ from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.dynamics import weight_beyond
 from plumbline.kinematics.effects.effect import (
     CARRIED,
     LADEN,
@@ -32,8 +32,8 @@ from plumbline.kinematics.effects.effect import (
     Stage,
     State,
 )
+from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, axis_rotation, constant
-from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
 
 SOFTER = 0.3  # most by which a housing is softer about one direction [its mean]; by hand
@@ -125,7 +125,7 @@ def _softness(values: Sequence[cs.SX]) -> cs.SX:
     return found
 
 
-def _across(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+def _across(axis: Array) -> Array:
     """Two unit directions (3, 2) across an axis: that of the least of its components first."""
     first = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = first - axis * (axis @ first)

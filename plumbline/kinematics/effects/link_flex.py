@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.dynamics import weight_beyond
 from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
-from plumbline.kinematics.loads import weight_beyond
 from plumbline.kinematics.parameters import Parameter
 
 SHORTEST = 0.05

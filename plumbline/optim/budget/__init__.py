@@ -4,8 +4,7 @@
 cure, with intervals; ``answer`` is what is told; ``spec`` reads a chain from a file.
 """
 
-from plumbline.optim.budget.answer import Budget, Part
-from plumbline.optim.budget.shares import add_up
+from plumbline.optim.budget.shares import Budget, Part, add_up
 from plumbline.optim.budget.sources import Source
 from plumbline.optim.budget.spec import read_budget
 

@@ -9,8 +9,6 @@ and the tip is tracked. Joints are counted in units in which a step is of the si
 hundredths of a rad, and mm; see :attr:`ArmInstrument.unit`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,10 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.capsules import Segment
+from plumbline.kinematics.capsules import LinkCapsule, Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
-from plumbline.kinematics.link_capsules import LinkCapsule
 from plumbline.optim.capsule_mpc.bodies import Body, Capsule, Point
 from plumbline.optim.capsule_mpc.constants import MM, PRISMATIC, REVOLUTE
 from plumbline.optim.core.problem import Array

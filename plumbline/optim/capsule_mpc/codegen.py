@@ -16,8 +16,6 @@ else :mod:`.controller` does before and below the plan is not part of it, and th
 step that is not solved returns an error, and whoever calls it has to stop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -30,10 +28,9 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc import constants
-from plumbline.optim.capsule_mpc.banded_qp import BandedQp
+from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.linearised import box_function, stage_function
-from plumbline.optim.capsule_mpc.planning import RealTime
-from plumbline.optim.capsule_mpc.scene import Obstacle
+from plumbline.optim.capsule_mpc.planning import BandedQp, RealTime
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 

@@ -10,8 +10,6 @@ computed without compiled code, some ten times slower, and one warning says so.
 ``PLUMBLINE_COMPILER`` names another compiler; set to nothing, nothing is compiled nor said.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

@@ -5,8 +5,6 @@ is named "rounding" lies so far from what instruments do that an order of magnit
 "effort" is how hard is looked.
 """
 
-from __future__ import annotations
-
 MM = 1e3  # [mm/m]: SI units at the door, mm inside
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step or a second
 FAR = 1e6  # [mm] where obstacles are that are not there

@@ -25,8 +25,6 @@ motion out of its way is kept, even one that costs another pair some of its marg
 than it saves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -38,12 +36,15 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc import constants
+from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.evasion import Evasion
 from plumbline.optim.capsule_mpc.events import (
     Command,
     Event,
     Mode,
+    Seated,
+    Seating,
     Trouble,
     entered,
     first_line,
@@ -60,9 +61,7 @@ from plumbline.optim.capsule_mpc.events import (
 from plumbline.optim.capsule_mpc.linearised import norms
 from plumbline.optim.capsule_mpc.net import Net, Verdict
 from plumbline.optim.capsule_mpc.planning import OneStep, Plan, Planner, Ready, shifted
-from plumbline.optim.capsule_mpc.plant import Safety
-from plumbline.optim.capsule_mpc.scene import Obstacle
-from plumbline.optim.capsule_mpc.seating import Seated, Seating
+from plumbline.optim.capsule_mpc.settings import Safety
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.capsule_mpc.stopping import Stop, held_exactly, how_far_off, limited_function
 from plumbline.optim.capsule_mpc.sweeps import Looks, Sweeps, tip_speed

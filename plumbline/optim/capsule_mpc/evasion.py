@@ -16,17 +16,14 @@ A rate that kept clear keeps clear at the next step as well, while obstacles go 
 How far ahead (:math:`\tau`) an obstacle is believed to do so, it shows: as long as it last did.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import product
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
-from plumbline.kinematics.segments import nearest
-from plumbline.optim.capsule_mpc.bodies import TipInstrument
+from plumbline.kinematics.capsules import nearest
+from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument
 from plumbline.optim.capsule_mpc.constants import (
     AHEAD,
     ASIDE,
@@ -39,10 +36,9 @@ from plumbline.optim.capsule_mpc.constants import (
     SHARES,
     STILL,
 )
-from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import about, point
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags
 
 AROUND = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 AROUND /= np.linalg.norm(AROUND, axis=1, keepdims=True)
@@ -52,7 +48,6 @@ class Evasion:
     """Goals of instruments that cannot stay where they are; nothing for other bodies."""
 
     def __init__(self, statement: Statement) -> None:
-        """For a statement."""
         bodies = [b for b in statement.bodies if isinstance(b, TipInstrument)]
         self._bodies = bodies if len(bodies) == len(statement.bodies) else []
         self._speed = float(statement.speed.max())
@@ -98,7 +93,7 @@ class Evasion:
                 found[..., own] = tips[i] + AHEAD * out
         return found
 
-    def _in_the_way(self, shafts: Array, table: Array, believed: Array) -> NDArray[np.bool_]:
+    def _in_the_way(self, shafts: Array, table: Array, believed: Array) -> Flags:
         """Which of the shafts (I, 2, 3) is hit where it stands."""
         middle, half = (table[:, :3] + table[:, 3:6]) / 2, (table[:, 3:6] - table[:, :3]) / 2
         way = believed[:, None] * table[:, 6:9]

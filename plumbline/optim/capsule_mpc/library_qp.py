@@ -12,20 +12,17 @@ any stage holds. HPIPM takes an infinite bound for a number: it is told a finite
 it drops the row.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.constants import ABSENT, CURVATURE, DROPPED, INFINITE
 from plumbline.optim.capsule_mpc.linearised import QpPath, StageQp
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices
 
 OPTIONS: dict[str, dict[str, Any]] = {
     "piqp": {},
@@ -97,12 +94,12 @@ class _Built:
     rows: cs.Sparsity
     h: Array
     a: Array
-    h_blocks: NDArray[np.intp]  # (p, n, n)
-    d_diagonal: NDArray[np.intp]  # (p n,)
-    y_diagonal: NDArray[np.intp]  # (p n,), or none
-    crossed: NDArray[np.intp]  # (2 p n,) of y with d, or none
-    a_rows: NDArray[np.intp]  # (p, m, n)
-    places: tuple[NDArray[np.intp], ...]  # of x, s, d among the unknowns, of rows among equations
+    h_blocks: Indices  # (p, n, n)
+    d_diagonal: Indices  # (p n,)
+    y_diagonal: Indices  # (p n,), or none
+    crossed: Indices  # (2 p n,) of y with d, or none
+    a_rows: Indices  # (p, m, n)
+    places: tuple[Indices, ...]  # of x, s, d among the unknowns, of rows among equations
 
 
 def _patterns(at: _Layout) -> tuple[Array, Array]:
@@ -125,7 +122,7 @@ def _patterns(at: _Layout) -> tuple[Array, Array]:
     return H, A
 
 
-def _numbered(sparsity: cs.Sparsity, shape: tuple[int, ...]) -> NDArray[np.intp]:
+def _numbered(sparsity: cs.Sparsity, shape: tuple[int, ...]) -> Indices:
     """For every element of a matrix, its number among the nonzeros."""
     out = np.full(shape, -1, dtype=np.intp)
     rows, columns = sparsity.get_triplet()

@@ -30,7 +30,6 @@ from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.capsules import (
     TINY,
@@ -52,7 +51,7 @@ from plumbline.optim.capsule_mpc.constants import (
 )
 from plumbline.optim.capsule_mpc.pairs import Pair
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ class StageQp:
         return replace(self, step=self.step[:, begins][:, owner], turn=None)
 
     @property
-    def present(self) -> NDArray[np.bool_]:
+    def present(self) -> Flags:
         """Which rows (p, m) are there; a right-hand side that is no number is, and is refused."""
         return ~(self.h <= DROPPED)
 
@@ -266,7 +265,7 @@ def norms(values: Array, groups: tuple[int, ...]) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _places(groups: tuple[int, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _places(groups: tuple[int, ...]) -> tuple[Indices, Indices]:
     """Where groups begin (G,), and which group each number is of (n,)."""
     begins = np.cumsum([0, *groups[:-1]], dtype=np.intp)
     return begins, np.repeat(np.arange(len(groups)), groups)

@@ -16,18 +16,16 @@ from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.constants import FAR, MM, OBSTACLE, ROUNDS, SHORT, WATCH
 from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.core.solvers import Fatrop, Ipopt, Solver
 from plumbline.optim.core.solvers.programme import Programmed, compiled
 
-Mask = NDArray[np.bool_]
 Duals = dict[Name, Array]
 
 
@@ -90,7 +88,7 @@ IPOPT: tuple[tuple[str, float | str], ...] = (
 class _Taken:
     """What a program holds: which obstacles, and whether the limits of the states."""
 
-    obstacles: Mask
+    obstacles: Flags
     limits: bool
 
     def more(self, other: _Taken) -> _Taken:
@@ -178,7 +176,7 @@ class _NonlinearReady:
                 )
         return out
 
-    def _narrowed(self, stages: Array, taken: Mask) -> tuple[Statement, Array, dict[str, str]]:
+    def _narrowed(self, stages: Array, taken: Flags) -> tuple[Statement, Array, dict[str, str]]:
         """The statement with the obstacles taken, its stages' parameters, and who they are."""
         whole = self.statement
         count = whole.slots + whole.balls

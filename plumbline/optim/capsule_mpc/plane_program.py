@@ -19,8 +19,6 @@ Speeds and accelerations are bounded by their norms, as they are stated: for eac
 in mm, with m what its pace allows at the state where the step begins.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,16 +26,15 @@ from typing import NamedTuple
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.constants import MM, REGULAR, TURN
 from plumbline.optim.capsule_mpc.linearised import frozen_normal
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
-from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.core.problem import Array, Indices, Problem
 
-Index = NDArray[np.intp]
+Index = Indices
 
 
 class Name(NamedTuple):

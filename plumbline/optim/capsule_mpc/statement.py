@@ -37,10 +37,9 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment, squared_distance
-from plumbline.optim.capsule_mpc.bodies import Body, Capsule
+from plumbline.optim.capsule_mpc.bodies import Body, Capsule, Obstacle, foreseen, sorted_obstacles
 from plumbline.optim.capsule_mpc.constants import MM, OBSTACLE
 from plumbline.optim.capsule_mpc.pairs import Moving, Pair, unmoved
-from plumbline.optim.capsule_mpc.scene import Obstacle, foreseen, sorted_obstacles
 from plumbline.optim.capsule_mpc.settings import Noise, Settings
 from plumbline.optim.core.problem import Array
 

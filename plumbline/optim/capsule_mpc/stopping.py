@@ -17,8 +17,6 @@ the arm. The state after the step is put right by Newton's method along the shor
 :math:`x \leftarrow x - E^+ e(x)` with :math:`E = \partial e / \partial x`.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import casadi as cs
@@ -79,7 +77,6 @@ class Stop:
     """The stop of a statement from any rate."""
 
     def __init__(self, statement: Statement) -> None:
-        """Build it."""
         function, self.steps = _made(statement.shape)
         self._function = Compiled(function, False)
         self._rest = REST * statement.speed

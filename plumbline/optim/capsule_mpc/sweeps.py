@@ -25,14 +25,12 @@ What does neither goes straight on, as long as it last did. Who stands in its wa
 by :mod:`.evasion`, and is held up by nothing: to be within a way is not to be near an obstacle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Point, TipInstrument
+from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Obstacle, Point, TipInstrument
 from plumbline.optim.capsule_mpc.constants import (
     AHEAD,
     CHANGED,
@@ -45,7 +43,6 @@ from plumbline.optim.capsule_mpc.constants import (
     TURNED,
     UNEVEN,
 )
-from plumbline.optim.capsule_mpc.scene import Obstacle
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 

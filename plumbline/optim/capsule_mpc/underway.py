@@ -20,13 +20,12 @@ how far the state may come to rest from where it is thought to, by any of them, 
 distances are widened for. At the beginning that is all that was sent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.constants import (
     GAINS,
@@ -40,8 +39,7 @@ from plumbline.optim.capsule_mpc.constants import (
 )
 from plumbline.optim.capsule_mpc.events import Event, acts_late
 from plumbline.optim.capsule_mpc.planning import tracked_function
-from plumbline.optim.capsule_mpc.plant import Plant
-from plumbline.optim.capsule_mpc.scene import Obstacle
+from plumbline.optim.capsule_mpc.settings import Plant
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 

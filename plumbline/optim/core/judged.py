@@ -18,6 +18,8 @@ and complementary if and only if both of
 are zero, z being the unknowns over their scales (the natural residual of the conditions of Karush,
 Kuhn and Tucker: Facchinei and Pang 2003, sec. 1.5.2). Any multipliers may be offered for this: that
 some pass is the proof.
+
+A solution judges itself: nothing of its quality is taken from the solver.
 """
 
 from __future__ import annotations
@@ -25,22 +27,145 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy
 
 from plumbline.optim.core.constants import (
     FEASIBLE,
     LEAST_RESIDUAL,
     LISTED,
+    NEAR,
     SINGULAR,
     STATIONARY,
     STILL,
 )
-from plumbline.optim.core.mapped import Gram
-from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.problem import Array, Flags, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A point, and how good it is by the problem's own statement."""
+
+    problem: Problem  #: what was to be solved
+    x: Array  #: the point (P,)
+    iterations: int = 0  #: how many steps the solver took
+    message: str = ""  #: what the solver says, in words; never used to judge
+    #: of bounds (P,) and constraints (c,), where the solver has them: above 0 where an upper bound
+    #: presses. They may be offered as proof, and to start from.
+    multipliers: tuple[Array, Array] | None = None
+    #: whether the solver says that it stopped of its own accord; never used to judge
+    success: bool = True
+
+    def __repr__(self) -> str:
+        steps = f"{self.problem.size} unknowns after {self.iterations} steps"
+        return f"<Solution: {steps}; {self.message[:80] or 'nothing said'}>"
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The point's values by their names."""
+        return dict(zip(self.problem.names, self.x.tolist(), strict=True))
+
+    @cached_property
+    def mapped(self) -> Mapped:
+        """The problem's functions."""
+        return Mapped(self.problem)
+
+    @cached_property
+    def gram(self) -> Gram:
+        """Normal equations at the point."""
+        return self.mapped.gram(self.x)
+
+    def judged_by(self, gram: Gram) -> Solution:
+        """The same, by normal equations at the point that have been worked out already."""
+        vars(self)["gram"] = gram
+        return self
+
+    @property
+    def cost(self) -> float:
+        """What is to be least, at the point."""
+        return self.gram.square / 2 + self.mapped.objective(self.x)[0]
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Gradient (P,) of the cost."""
+        return self.gram.vector + self.mapped.objective(self.x)[1]
+
+    def primal_violation(self) -> float:
+        """Largest violation of a bound or constraint, in the unknowns' own units."""
+        p = self.problem
+        gaps = [p.lower - self.x, self.x - p.upper]
+        if p.constraints.numel():
+            g = self.mapped.constraints(self.x)
+            gaps += [p.g_lower - g, g - p.g_upper]
+        return float(max(0.0, np.concatenate(gaps).max(initial=0.0)))
+
+    def stationarity(self) -> float:
+        """Largest drop of cost, relative to it, that a step along one unknown alone promises.
+
+        The step is that of Gauss and Newton, cut at the unknown's bounds: pushing against a bound
+        counts for nothing. Active constraints hold against the gradient as well as they can.
+        """
+        p = self.problem
+        gradient = (self.gradient - self.held_by_constraints()) * p.scale
+        curvature = np.diag(self.gram.matrix + self.mapped.bend(self.x)) * p.scale**2
+        floor = max(1e-12 * curvature.max(initial=0.0), np.finfo(float).tiny)
+        curvature = np.maximum(curvature, floor)
+        back, ahead = np.minimum(p.lower - self.x, 0.0), np.maximum(p.upper - self.x, 0.0)
+        step = np.clip(-gradient / curvature, back / p.scale, ahead / p.scale)
+        drop = -step * (gradient + curvature * step / 2)
+        return float(drop.max(initial=0.0) / max(abs(self.cost), np.finfo(float).tiny))
+
+    def held_by_constraints(self) -> Array:
+        """The part (P,) of the gradient that active constraints balance; they only push."""
+        p = self.problem
+        if not p.constraints.numel():
+            return np.zeros(p.size)
+        g, A = self.mapped.constraints(self.x), self.mapped.slopes(self.x)
+        near = NEAR * (1 + np.abs(g))
+        low, high = g - p.g_lower <= near, p.g_upper - g <= near
+        pushes = np.concatenate([A[low], -A[high]])
+        free = ~self._resting()
+        if not len(pushes) or not free.any():
+            return np.zeros(p.size)
+        sizes = p.scale[free]
+        strength, _ = scipy.optimize.nnls((pushes[:, free] * sizes).T, self.gradient[free] * sizes)
+        return pushes.T @ strength
+
+    def _resting(self) -> Flags:
+        """Which unknowns (P,) are within a millionth of their scale of a bound."""
+        p = self.problem
+        room = NEAR * p.scale
+        return (self.x <= p.lower + room) | (self.x >= p.upper - room)
+
+    def is_optimal(self, eps: float = 1e-8) -> bool:
+        """Whether both residuals of optimality, recomputed here, are below eps."""
+        return self.primal_violation() <= eps and self.stationarity() <= eps
+
+    def at_bound(self) -> tuple[str, ...]:
+        """Names of the unknowns that rest on a bound."""
+        names = zip(self.problem.names, self._resting(), strict=True)
+        return tuple(name for name, resting in names if resting)
+
+    def std(self, sigma: float) -> Array:
+        """Standard errors (P,) at a noise of sigma [the residual's unit]; inf if unobservable."""
+        return standard_errors(self.gram.matrix, sigma)
+
+
+def standard_errors(matrix: Array, sigma: float) -> Array:
+    """Standard errors (P,) that normal equations (P, P) give at a noise of sigma; may be inf."""
+    diagonal = np.diag(matrix)
+    S = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(matrix * np.outer(S, S))
+    small = values <= 1e-13 * max(len(S), 1)
+    inverse = np.where(small, 0.0, 1 / np.where(small, 1.0, values))
+    variance = (vectors**2) @ inverse
+    lost = (vectors[:, small] ** 2).sum(axis=1) > 1e-6
+    return np.where(lost, np.inf, sigma * S * np.sqrt(variance))
+
 
 LONG = re.compile(r"\d+\.\d{5,}")  # a number that was computed
 
@@ -60,7 +185,6 @@ class Judged:
     unit: ClassVar[str] = "standard errors"  # of the stationarity, which a kind of judgement has
 
     def __repr__(self) -> str:
-        """What :attr:`words` says."""
         return f"<Judged: {self.words}>"
 
     @property
@@ -98,7 +222,6 @@ class Judgement:
     fits: tuple[Judged, ...] = ()  # each one; of many alike the worst
 
     def __repr__(self) -> str:
-        """How many of how many fits converged."""
         return f"<Judgement: {len(self.fits) - len(self.failures)} of {len(self.fits)} converged>"
 
     @classmethod
@@ -173,7 +296,7 @@ def _judged(
     return Judged(fit, good, moves, violation, at_bound, limit)
 
 
-def decrement(gram: Gram, gradient: Array, free: NDArray[np.bool_]) -> float:
+def decrement(gram: Gram, gradient: Array, free: Flags) -> float:
     """By how many standard errors the free unknowns (P,) would still move; NaN if no number."""
     if not (np.isfinite(gram.square) and np.isfinite(gradient).all()):
         return float("nan")
@@ -188,7 +311,7 @@ def decrement(gram: Gram, gradient: Array, free: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.sum(along**2 / values[told]) / variance))
 
 
-def _free(solution: Solution, gradient: Array) -> NDArray[np.bool_]:
+def _free(solution: Solution, gradient: Array) -> Flags:
     """Unknowns (P,) that may still move: not held, nor pushed against a bound that they rest on."""
     p = solution.problem
     room = 1e-6 * p.scale

@@ -11,11 +11,11 @@ from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.constants import CHUNK_NUMBERS, NEARBY
-from plumbline.optim.core.problem import Array, Problem, Symbols
+from plumbline.optim.core.problem import Array, Indices, Problem, Symbols
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +28,10 @@ class Gram:
     count: float  # number of residuals, weighted
 
     def __add__(self, other: Gram) -> Gram:
-        """Both groups together."""
         return Gram(self.matrix + other.matrix, self.vector + other.vector,
                     self.square + other.square, self.count + other.count)  # fmt: skip
 
     def __sub__(self, other: Gram) -> Gram:
-        """This group without the other."""
         return Gram(self.matrix - other.matrix, self.vector - other.vector,
                     self.square - other.square, self.count - other.count)  # fmt: skip
 
@@ -43,7 +41,7 @@ class Gram:
         matrix = np.pad(self.matrix, ((0, more), (0, more)))
         return Gram(matrix, np.pad(self.vector, (0, more)), self.square, self.count)
 
-    def part(self, columns: NDArray[np.intp]) -> Gram:
+    def part(self, columns: Indices) -> Gram:
         """The same in some of the unknowns (k,), the others as they are."""
         matrix = self.matrix[np.ix_(columns, columns)]
         return Gram(matrix, self.vector[columns], self.square, self.count)
@@ -76,7 +74,7 @@ def back_to_rows(white: Array, follows: Array) -> Array:
     return np.asarray(sized - np.concatenate([(follows[:, None] * sized)[1:], 0.0 * sized[:1]]))
 
 
-def _within(follows: Array, groups: NDArray[np.intp] | None) -> Array:
+def _within(follows: Array, groups: Indices | None) -> Array:
     """The correlations (N,) with predecessors of the same group."""
     if groups is None or not follows.size:
         return follows
@@ -216,7 +214,7 @@ class Mapped:
             yield part, r[:, 0], J
 
     def whitened(
-        self, x: ArrayLike, groups: NDArray[np.intp] | None = None
+        self, x: ArrayLike, groups: Indices | None = None
     ) -> Iterator[tuple[slice, Array, Array]]:
         """Chunks of rows, weighted, and each less what the row before it foretells of its noise.
 
@@ -250,7 +248,7 @@ class Mapped:
         return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
 
     def grams(
-        self, x: ArrayLike, groups: NDArray[np.intp] | None = None, *, together: bool = False
+        self, x: ArrayLike, groups: Indices | None = None, *, together: bool = False
     ) -> list[Gram]:
         """Normal equations of each group of rows (0, 1, ...), or of all; shared terms in none."""
         p = self.problem
@@ -293,7 +291,7 @@ class Mapped:
             vector += over_rows(self._of_rows.pulled, rows[part], x)[0].sum(axis=(0, 1))
         return vector
 
-    def gram(self, x: ArrayLike, groups: NDArray[np.intp] | None = None) -> Gram:
+    def gram(self, x: ArrayLike, groups: Indices | None = None) -> Gram:
         """Normal equations of all rows, whitened group by group, and of the shared residuals."""
         return self.shared_gram(x) + self.grams(x, groups, together=True)[0]
 

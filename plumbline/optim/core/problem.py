@@ -16,11 +16,13 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.evaluate import Array as Array
+from plumbline.kinematics.evaluate import Flags as Flags
+from plumbline.kinematics.evaluate import Indices as Indices
+from plumbline.kinematics.evaluate import Integers as Integers
 
-Array = NDArray[np.float64]
 Symbols = Any  # SX; or MX, where a statement maps its stages. CasADi takes either, its stubs do not
 
 
@@ -81,7 +83,6 @@ class Problem:
                     object.__setattr__(self, name, cs.MX(cs.DM(getattr(self, name))))
 
     def __repr__(self) -> str:
-        """Its shape: unknowns, rows, residuals a row."""
         shape = f"{len(self.rows)} rows of {self.equations} residuals"
         return f"<Problem: {self.size} unknowns, {shape}, {self.g_lower.size} constraints>"
 
@@ -126,7 +127,7 @@ class Problem:
         """How many residuals a row has: m, or each row's own (N,)."""
         return self.equations if self.counts is None else self.counts
 
-    def part(self, kept: NDArray[np.bool_]) -> Problem:
+    def part(self, kept: Flags) -> Problem:
         """The same statement on some of its rows (N,); a row whose predecessor is gone has none."""
         some = self.on(self.rows[kept], self.weights[kept])
         counts = None if self.counts is None else self.counts[kept]

@@ -21,6 +21,6 @@ from plumbline.optim.dh_fit.quantities import Quantity as Quantity
 from plumbline.optim.dh_fit.quantities import Status as Status
 from plumbline.optim.dh_fit.solvers import BY_NAME as BY_NAME
 from plumbline.optim.dh_fit.solvers import SOLVERS as SOLVERS
+from plumbline.optim.dh_fit.statement import Pass as Pass
 from plumbline.optim.dh_fit.statement import Readings as Readings
-from plumbline.optim.dh_fit.sums import Pass as Pass
 from plumbline.optim.dh_fit.task import DHOptions as DHOptions

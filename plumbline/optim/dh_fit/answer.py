@@ -4,8 +4,6 @@ What is reported are ``quantities``: sums of parameters that the readings tell, 
 Lengths are in m, angles in rad, None where nothing is known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -13,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.answer import Answer, plain
 from plumbline.optim.core.constants import FEASIBLE, STILL
 from plumbline.optim.core.judged import Judged, Judgement
-from plumbline.optim.core.stored import plain
 from plumbline.optim.dh_fit.constants import ROUNDING
 from plumbline.optim.dh_fit.fitted import Fitted
 from plumbline.optim.dh_fit.identify import Held

@@ -4,8 +4,6 @@ What is named "rounding" lies so far from what data can do that an order of magn
 figure.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import gammaincinv
 

@@ -6,8 +6,6 @@ links, worked out here in NumPy:
 .. math:: \max_q |T_{file}(q) - T_{fit}(q)| \le 10^{-9} .
 """
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 

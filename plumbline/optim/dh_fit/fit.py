@@ -6,22 +6,19 @@ judges the solution. Set-ups that no links explain (:mod:`plumbline.optim.record
 refused.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 
 from plumbline.errors import PlumblineError, one_line
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.constants import COARSE, RESTING, UNBOUNDED
 from plumbline.optim.dh_fit.identify import Identifiability, identify
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import spread_rows
 from plumbline.optim.dh_fit.solvers import GaussNewton, of_links
-from plumbline.optim.dh_fit.statement import Readings
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import Pass, Readings
 from plumbline.optim.dh_fit.task import DHOptions, LinkTask, readings_of
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible, wrong_set_up

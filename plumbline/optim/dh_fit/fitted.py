@@ -6,24 +6,20 @@ has as many degrees of freedom as there are coordinates less what was fitted, if
 is wrong and the noise is what was stated.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincinv, ndtri, stdtrit
 
 from plumbline.kinematics.link_table import LinkTable
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.dh_fit.constants import CHANCE, RESTING, STATED_WITHIN
 from plumbline.optim.dh_fit.gross_rows import factor, gross_rows
 from plumbline.optim.dh_fit.identify import Identifiability, triangle
 from plumbline.optim.dh_fit.quantities import Misfit, Quantity, quantities, shares, sums
 from plumbline.optim.dh_fit.softness import softness
-from plumbline.optim.dh_fit.statement import DHStatement, Readings, Unknown
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings, Unknown
 from plumbline.optim.dh_fit.task import DHOptions, LinkTask
 from plumbline.optim.recording.recording import Recording
 
@@ -109,14 +105,14 @@ class Fitted:
         return Misfit.of(self.nominal_misfits(points)), Misfit.of(self.misfits(points))
 
     @cached_property
-    def resting(self) -> NDArray[np.bool_]:
+    def resting(self) -> Flags:
         """Which unknowns (P,) rest on a bound."""
         room = RESTING * self.statement.delta
         low, high = self.statement.lower + room, self.statement.upper - room
         return (self.x <= low) | (self.x >= high)
 
     @cached_property
-    def gross(self) -> NDArray[np.bool_]:
+    def gross(self) -> Flags:
         """Which of the fitted rows (N,) are grossly wrong."""
         return gross_rows(self.statement, self.readings, self.x, self._basis)
 
@@ -154,7 +150,7 @@ class Fitted:
         return bool(low / STATED_WITHIN**2 <= self.chi_square <= high * STATED_WITHIN**2)
 
     @cached_property
-    def _basis(self) -> NDArray[np.intp]:
+    def _basis(self) -> Indices:
         """Places of the unknowns that count as estimated, the others as held, in the statement."""
         known = self.identifiability
         kept = {known.unknowns[k].name for k in known.kept}

@@ -23,22 +23,16 @@ shape V from the directions of the misfits alone (Tyler 1987, Ann. Stat. 15(1)),
 .. math:: V \leftarrow \frac3n \sum_i e_i e_i^T / (e_i^T V^{-1} e_i) .
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtri
 
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.dh_fit import constants
 from plumbline.optim.dh_fit.identify import triangle
-from plumbline.optim.dh_fit.statement import DHStatement, Readings
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings
 
 
-def factor(
-    statement: DHStatement, readings: Readings, x: Array, free: NDArray[np.intp], S: Array
-) -> Array:
+def factor(statement: DHStatement, readings: Readings, x: Array, free: Indices, S: Array) -> Array:
     """F (free, P) with ``F F^T`` the covariance of the free unknowns, in units of the scales.
 
     S (3, 3) is that of a reading's noise, robot's frame [m^2]; all others count as known.
@@ -55,9 +49,7 @@ def root(B: Array) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
-def gross_rows(
-    statement: DHStatement, readings: Readings, x: Array, free: NDArray[np.intp]
-) -> NDArray[np.bool_]:
+def gross_rows(statement: DHStatement, readings: Readings, x: Array, free: Indices) -> Flags:
     """Which rows (N,) are grossly wrong; none where too many are, or too few tell."""
     none = np.zeros(len(readings), dtype=bool)
     freedom = 3 * len(readings) - len(free)
@@ -83,9 +75,7 @@ def shape(e: Array) -> Array:
     return np.asarray(V)
 
 
-def _deletion(
-    statement: DHStatement, readings: Readings, x: Array, free: NDArray[np.intp]
-) -> Array:
+def _deletion(statement: DHStatement, readings: Readings, x: Array, free: Indices) -> Array:
     rows = Pass(statement, readings)
     V = shape(rows.misfits(x))
     W = root(V)

@@ -28,8 +28,7 @@ from plumbline.kinematics.link_table import LinkTable
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import ABSENT, DEPENDENT, MOST_POSES, PARTNER
 from plumbline.optim.dh_fit.losses import Squares
-from plumbline.optim.dh_fit.statement import DHStatement, Readings, Unknown, state
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings, Unknown, state
 
 
 class Why(StrEnum):

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.fit import fit_dh
 from plumbline.optim.dh_fit.quantities import Misfit
@@ -28,7 +28,7 @@ class HeldOut:
 
     nominal: Array  # of the nominal links, frame and tool fitted without the rows (N, 3) [m]
     fitted: Array  # of links fitted without the rows (N, 3) [m]
-    fold: NDArray[np.intp]  # fold of every row (N,)
+    fold: Indices  # fold of every row (N,)
 
     @property
     def before(self) -> Misfit:
@@ -44,7 +44,7 @@ class HeldOut:
 def held_out(
     recording: Recording,
     options: DHOptions | None,
-    fold: NDArray[np.intp],
+    fold: Indices,
     *,
     registration: Readings | None = None,
 ) -> HeldOut:
@@ -87,7 +87,7 @@ class Space:
                 "three upper ones expected, m"
             )
 
-    def holds(self, points: Array) -> NDArray[np.bool_]:
+    def holds(self, points: Array) -> Flags:
         """Which points (N, 3) [m] lie in it."""
         return np.asarray(((points >= self.lower) & (points <= self.upper)).all(axis=1))
 
@@ -106,7 +106,7 @@ class LocalGlobal:
     """Misfits of rows that no fit has seen."""
 
     tips: Array  # nominal tips in the robot's base (N, 3) [m]
-    inside: NDArray[np.bool_]  # which rows lie in the space (N,)
+    inside: Flags  # which rows lie in the space (N,)
     nominal: Array  # misfits of the nominal links (N, 3) [m], the frame fitted over the workspace
     local: Array  # of links fitted to rows inside (N, 3) [m]
     everywhere: Array  # of links fitted to all rows (N, 3) [m]
@@ -122,7 +122,7 @@ class LocalGlobal:
 
 
 def local_and_global(
-    recording: Recording, space: Space, fold: NDArray[np.intp], options: DHOptions | None = None
+    recording: Recording, space: Space, fold: Indices, options: DHOptions | None = None
 ) -> LocalGlobal:
     """Fit inside of a space in the robot's base and everywhere, and predict rows left out.
 

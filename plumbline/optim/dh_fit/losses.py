@@ -17,8 +17,6 @@ Diehl 2021, ESAIM: Proc. and Surveys 71, eq. 3.6). Least-squares solvers get a r
 .. math:: |r|^2 = 2\,\phi(e), \qquad r_{norms} = e\,\sqrt{2 / (s + \epsilon)} .
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

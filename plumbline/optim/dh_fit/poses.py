@@ -30,8 +30,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit import constants
 from plumbline.optim.dh_fit.identify import noise_free
 from plumbline.optim.dh_fit.local import Space
-from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import Pass, frame_unknowns, link_unknowns
 
 
 class Criterion(StrEnum):

@@ -31,8 +31,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import PARTNER, SLIGHT, WHOLE
-from plumbline.optim.dh_fit.statement import FRAME, DHStatement, Readings, Unknown
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import FRAME, DHStatement, Pass, Readings, Unknown
 
 
 @dataclass(frozen=True)

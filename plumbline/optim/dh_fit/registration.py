@@ -22,8 +22,6 @@ a fixed number of times. With :math:`S = R^T H` its derivative is known in close
           \omega = (\mathrm{tr}(S) I - S)^{-1}\, \mathrm{vee}(R^T dH - dH^T R) .
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

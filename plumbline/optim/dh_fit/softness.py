@@ -15,17 +15,14 @@ singular vectors and values of that part of G, in units of the noise, :math:`u_i
 variance :math:`1 + \tau^2 s_i^2`. Before, every order of magnitude of :math:`\tau` is as likely.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.link_table import LinkTable, row_matrix
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.dh_fit.constants import LEAST_SOFT, MOST_SOFT, MOST_SOFT_ROWS
 from plumbline.optim.dh_fit.gross_rows import root
-from plumbline.optim.dh_fit.statement import DHStatement, Readings
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings
 
 SIZES = np.geomspace(LEAST_SOFT, MOST_SOFT, 41)  # [rad]
 
@@ -34,7 +31,7 @@ def softness(
     statement: DHStatement,
     readings: Readings,
     x: Array,
-    free: NDArray[np.intp],
+    free: Indices,
     S: Array,
     gravity: Array,
 ) -> Array:

@@ -16,19 +16,17 @@ readings or B has failed, and kept where it descends as it promises. With many r
 steps are made on some of them: close to the optimum two or three passes over all are enough.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.answer import register_kinds
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, Solver, Sqp, TrustRegion
 from plumbline.optim.core.solvers.solver import OfRows
-from plumbline.optim.core.stored import register_kinds
 from plumbline.optim.dh_fit.constants import (
     FACTOR,
     FLOOR,
@@ -41,8 +39,7 @@ from plumbline.optim.dh_fit.constants import (
     ROUGH,
 )
 from plumbline.optim.dh_fit.losses import Loss, Norms, Squares
-from plumbline.optim.dh_fit.statement import DHStatement, LinkProblem, Readings
-from plumbline.optim.dh_fit.sums import Pass, Sums
+from plumbline.optim.dh_fit.statement import DHStatement, LinkProblem, Pass, Readings, Sums
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_table import LinkTable, link_table
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.dh_fit.constants import DELTA_ANGLE, DELTA_LENGTH
 from plumbline.optim.dh_fit.losses import Loss, Norms

@@ -7,13 +7,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import Effect
-from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.stored import parts_of, register, restored, restored_parts
+from plumbline.optim.core.answer import parts_of, register, restored, restored_parts
+from plumbline.optim.core.judged import Solution
+from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.diagnosis.constants import LEAST_NOISE
 from plumbline.optim.diagnosis.findings import AlwaysFitted, Estimate, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
@@ -26,8 +25,7 @@ from plumbline.optim.measurement.storing import StoredFit
 from plumbline.optim.model import Applied, apply
 from plumbline.optim.model import Model as FoundModel
 from plumbline.optim.model.fitted import Held
-from plumbline.optim.model.making import FitEnd, beam_model, model_of
-from plumbline.optim.model.part import number_of, of_part
+from plumbline.optim.model.making import FitEnd, beam_model, model_of, number_of, of_part
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
 
@@ -54,7 +52,7 @@ class Diagnosis(AlwaysFitted, WithVerdict):
     verdict: Verdict
     residual_before: Array
     residual_after: Array
-    trusted: NDArray[np.bool_]
+    trusted: Flags
     places: Array
     effects: tuple[Effect, ...]
     stated: Model

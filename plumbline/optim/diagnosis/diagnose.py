@@ -1,17 +1,15 @@
 """The diagnosis, end to end: distrust, search, hold out, look outside, and say what was found."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.evaluate import Flags
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
@@ -34,9 +32,8 @@ from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
-from plumbline.optim.diagnosis.verdict.judge import judge
+from plumbline.optim.diagnosis.verdict.judge import in_own_unit, judge
 from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
-from plumbline.optim.diagnosis.verdict.own_unit import in_own_unit
 from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.correlated import copied
@@ -90,7 +87,7 @@ class Explained:
     options: DiagnosisOptions  # how it was asked for
     task: Task  # the rows that may be fitted (N), and how they are searched
     selected: SelectedModel  # the model of what is more probable than not
-    bad: NDArray[np.bool_]  # which of the rows are taken for gross errors (N,)
+    bad: Flags  # which of the rows are taken for gross errors (N,)
     explanation: Explanation  # all probabilities
     by: str = ""  # what is left out together
 
@@ -99,7 +96,7 @@ class Explained:
         return with_terms(self.selected, terms, self.task, self.bad)
 
 
-def _searched(task: Task, tell: Progress) -> tuple[Task, SelectedModel, NDArray[np.bool_]]:
+def _searched(task: Task, tell: Progress) -> tuple[Task, SelectedModel, Flags]:
     """What the search finds and distrusts, and the task with what a pose's noise is.
 
     What a first search leaves tells it; then all is searched again.
@@ -178,7 +175,7 @@ def _in_between(found: Explained) -> Explained:
 
 
 def _explained(
-    options: DiagnosisOptions, task: Task, selected: SelectedModel, bad: NDArray[np.bool_]
+    options: DiagnosisOptions, task: Task, selected: SelectedModel, bad: Flags
 ) -> Explained:
     """The model of what is more probable than not and not negligible, and all probabilities.
 

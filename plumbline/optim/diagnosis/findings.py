@@ -3,8 +3,6 @@
 It says what it does not know: probabilities, intervals, what cannot be told apart or not seen.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -151,7 +149,6 @@ class Cause(Blame):
     sensitivity: tuple[float, float] | None = None
 
     def __repr__(self) -> str:
-        """For example ``<Cause: joint_offset of joint 3, 98 %>``."""
         return f"<Cause: {self.label}, {chance(self.probability)}>"
 
 
@@ -389,5 +386,4 @@ class Verdict(AlwaysFitted, Answer):
         return found
 
     def __repr__(self) -> str:
-        """Recording, kind, causes and gap on one line."""
         return f"<Verdict on {self.headline}>"

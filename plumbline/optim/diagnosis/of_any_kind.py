@@ -1,7 +1,5 @@
 """Ask a recording of any kind that is diagnosed, or several: each goes to the engine it needs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, overload
@@ -14,14 +12,14 @@ from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
 from plumbline.optim.diagnosis.motion.recording import OBSERVATION, TRACKING, MotionRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.several.motions import diagnose_session
 from plumbline.optim.diagnosis.several.sections import Sections, diagnose_all
-from plumbline.optim.diagnosis.several.together import diagnose_session
 from plumbline.optim.hand_eye.recording import RangeRecording
 from plumbline.optim.hand_eye.to_diagnose import ranges_to_diagnose
 from plumbline.optim.loading import load_part, parts_of_session, told_apart
 from plumbline.optim.recording.loading import open_folder
 from plumbline.optim.recording.recording import Recording, Session
-from plumbline.optim.recording.session_files import is_session, open_session
+from plumbline.optim.recording.session import is_session, open_session
 from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 

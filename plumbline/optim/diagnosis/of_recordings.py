@@ -1,7 +1,5 @@
 """What a verdict says of each recording, of each joint, and of what carries over."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum

@@ -6,8 +6,6 @@ a verdict hangs on; what bounds time or memory alone says so. Log odds and log B
 natural; "its scale" is the usual size that an effect declares for a parameter.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import logsumexp
 

@@ -7,20 +7,17 @@ made into a file; the file alone, in Pinocchio or MuJoCo, says that fold. Where 
 file says: its frame is matched to what the file says of the rows that were fitted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.constants import MOST_ROWS, MOST_SECONDS
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
@@ -31,18 +28,11 @@ from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.refit import always_fitted, figure, refit
 from plumbline.optim.model import Model
+from plumbline.optim.model.drives import drives_of
+from plumbline.optim.model.export import exported
 from plumbline.optim.model.export.exported import Exported
-from plumbline.optim.model.export.readers import (
-    frames_by_mujoco,
-    frames_by_pinocchio,
-    has_mujoco,
-    torques_by_mujoco,
-    torques_by_pinocchio,
-)
-from plumbline.optim.model.export.replay import replay
 from plumbline.optim.model.fitted import Held, chain_of
 from plumbline.optim.model.making import FitEnd, model_of
-from plumbline.optim.model.making_drives import drives_of
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.efforts import payload_efforts
 from plumbline.optim.recording.recording import Recording
@@ -101,7 +91,7 @@ def _of_rows(found: Diagnosis) -> Iterator[Proof]:
 def _files(model: Model) -> Iterator[tuple[str, str, Exported]]:
     """The formats that can be read again here; one that cannot hold the robot proves nothing."""
     makers = [("URDF", "Pinocchio", model.as_urdf)]
-    makers += [("MJCF", "MuJoCo", model.as_mjcf)] if has_mujoco() else []
+    makers += [("MJCF", "MuJoCo", model.as_mjcf)] if exported.has_mujoco() else []
     for name, reader, make in makers:
         with suppress(PlumblineError):
             yield name, reader, make()
@@ -158,11 +148,11 @@ def _by_file(model: Model, name: str, file: Exported, held: Recording, corrected
     if held.kind.efforts:
         carried = payload_efforts(held)  # which belongs to the rows, not to the robot
         if name == "MJCF":
-            return carried + torques_by_mujoco(file.text, held.q, *_moved(held))
+            return carried + exported.torques_by_mujoco(file.text, held.q, *_moved(held))
         robot = Robot.from_urdf(file.text, gravity=model.robot.gravity)
         chain = chain_of(robot, model.tip_frame, model.observation, model.ranges)
-        return carried + torques_by_pinocchio(chain, held.q, *_moved(held))
-    read = frames_by_mujoco if name == "MJCF" else frames_by_pinocchio
+        return carried + exported.torques_by_pinocchio(chain, held.q, *_moved(held))
+    read = exported.frames_by_mujoco if name == "MJCF" else exported.frames_by_pinocchio
     q = held.q
     if corrected:
         context = {name: v for name, v in columns_of(held).items() if name != "q"}
@@ -180,7 +170,7 @@ def _of_motion(found: MotionDiagnosis) -> Iterator[Proof]:
     """The drives' file, fitted without one fold of the windows, moved by the commands alone."""
     signals, r = found.signals, found.recording
     straight = r.law.follows and not r.law.holds  # as the replay has it
-    if not has_mujoco() or not straight or r.observation != "motion":
+    if not exported.has_mujoco() or not straight or r.observation != "motion":
         return
     joints = []
     for joint in found.joints:
@@ -192,7 +182,7 @@ def _of_motion(found: MotionDiagnosis) -> Iterator[Proof]:
     counted = _counted(found)
     missed, ideal = [], []
     for run in _runs(found, counted):
-        q = replay(file.text, signals.time[run], signals.command[run], signals.q[run][0])
+        q = exported.replay(file.text, signals.time[run], signals.command[run], signals.q[run][0])
         mine = counted[run]
         missed.append((q - signals.q[run])[mine])
         ideal.append((signals.command[run] - signals.q[run])[mine])
@@ -202,7 +192,7 @@ def _of_motion(found: MotionDiagnosis) -> Iterator[Proof]:
         yield Proof("MJCF", "MuJoCo", rows, found.gap.unit, before, after, file.words)
 
 
-def _counted(found: MotionDiagnosis) -> NDArray[np.bool_]:
+def _counted(found: MotionDiagnosis) -> Flags:
     """Samples (M,) of the windows that were left out, what settles aside."""
     signals = found.signals
     counted = np.zeros(len(signals.time), dtype=bool)
@@ -211,7 +201,7 @@ def _counted(found: MotionDiagnosis) -> NDArray[np.bool_]:
     return counted
 
 
-def _runs(found: MotionDiagnosis, counted: NDArray[np.bool_]) -> Iterator[slice]:
+def _runs(found: MotionDiagnosis, counted: Flags) -> Iterator[slice]:
     """Runs with samples that count, each up to the last of these, as long as a proof may take."""
     signals, left = found.signals, MOST_SECONDS
     begins = np.unique(signals.first)

@@ -1,7 +1,5 @@
 """What every diagnosis passes on of its verdict, whatever was recorded."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 from plumbline.optim.core.answer import Answer
@@ -20,7 +18,6 @@ class WithVerdict(Answer):
             """What was found."""
 
     def __repr__(self) -> str:
-        """The verdict on one line."""
         return f"<{type(self).__name__} of {self.verdict.headline}>"
 
     @property

@@ -9,16 +9,14 @@ each (Zeng et al. 2017: 10 marks, 5 poses); FRE and TRE are by the rigid fit of 
 all points but i (Fitzpatrick, West, Maurer 1998): TRE contains the left-out point's own two errors.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Integers
 from plumbline.optim.hand_eye.constants import LEAST_POINTS
-from plumbline.optim.hand_eye.readings import Beam, Integers
+from plumbline.optim.hand_eye.readings import Beam
 from plumbline.optim.rigid import rigid_match
 
 

@@ -1,17 +1,14 @@
 """What a recording of a range finder says: the beam, its planes, what to distrust, what is next."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.answer import Answer, plain
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.stored import plain
 from plumbline.optim.hand_eye.accuracy import repeatability
 from plumbline.optim.hand_eye.calibrate import Calibration, HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.constants import OVERSTATED, UNDERSTATED

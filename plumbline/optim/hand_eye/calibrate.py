@@ -7,20 +7,16 @@ r"""From readings to an answer: the beam, how well it is known, and what to dist
 3. The solver of the caller's choice on the statement with its weights fixed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from plumbline.errors import PlumblineError, fault
-from plumbline.optim.core.judged import Judgement, judged
-from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.judged import Judgement, Solution, judged
+from plumbline.optim.core.problem import Array, Flags, Integers, Problem
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye import constants, direct
 from plumbline.optim.hand_eye.observability import (
@@ -30,8 +26,7 @@ from plumbline.optim.hand_eye.observability import (
     refuse_lost,
     refuse_unturned,
 )
-from plumbline.optim.hand_eye.planes import Frames, Plane
-from plumbline.optim.hand_eye.readings import Beam, Integers, Readings
+from plumbline.optim.hand_eye.readings import Beam, Frames, Plane, Readings
 from plumbline.optim.hand_eye.reweighting import LikelyFit, Variance, likely_fit
 from plumbline.optim.hand_eye.shapes import arm_shapes, shapes
 from plumbline.optim.hand_eye.start import refuse_misread, robust_start
@@ -80,9 +75,6 @@ class HandEyeOptions:
         if self.bias is not None and not 0.0 <= self.bias < constants.LARGEST_NOISE:
             mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
             raise fault("bias", f"{self.bias:g} m", f"0 to {constants.LARGEST_NOISE:g} m", mend)
-
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,6 @@
 set-ups* those of ``plumbline.experiments.benches.hand_eye_coverage``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # What is a reading

@@ -14,25 +14,21 @@ by damped Newton steps on the pose's error for all of them at once (Nakamura and
           R_{:i} \times R^*_{:i} \end{bmatrix}
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as cs
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.calibrate import Calibration
-from plumbline.optim.hand_eye.planes import unit
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Readings, unit
 from plumbline.optim.hand_eye.reweighting import rows_at
 
 
@@ -48,7 +44,7 @@ def _error(chain: Chain) -> cs.Function:
     return cs.Function("error", [row], [cs.densify(error), cs.densify(-cs.jacobian(error, q).T)])
 
 
-def reach(chain: Chain, near: Array, T: Array) -> tuple[Array, NDArray[np.bool_]]:
+def reach(chain: Chain, near: Array, T: Array) -> tuple[Array, Flags]:
     """Postures (N, n) that bring the tip to poses (N, 4, 4) [m], from near ones; which arrive."""
     q = np.array(near)
     goals = np.hstack([np.swapaxes(T[:, :3, :3], 1, 2).reshape(-1, 9), T[:, :3, 3]])

@@ -8,8 +8,6 @@ Turning the flange about the normal changes neither. Along the beam, r shows onl
 proportion to :math:`1/\cos\theta - 1`, moves the equations exactly as r along the beam does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import SupportsFloat
 
@@ -19,8 +17,7 @@ import scipy
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import constants
-from plumbline.optim.hand_eye.planes import Frames
-from plumbline.optim.hand_eye.readings import Beam, Readings
+from plumbline.optim.hand_eye.readings import Beam, Frames, Readings
 from plumbline.optim.hand_eye.three_planes import parallel_planes
 
 

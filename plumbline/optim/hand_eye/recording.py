@@ -7,14 +7,11 @@ for readings that were aimed at marks, 1, 2, ... (0 elsewhere): they judge the c
 no part in it; ``held_out`` (1: likewise left aside).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.kinematics.chain import Chain
@@ -27,9 +24,8 @@ from plumbline.optim.recording.building import chain_to
 from plumbline.optim.recording.columns import Joints, context_columns, joint_columns
 from plumbline.optim.recording.constants import UNIT_TOLERANCE
 from plumbline.optim.recording.loading import SAMPLES, Folder, open_folder, read_robot
-from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.settings import Section
-from plumbline.optim.recording.table import Table, as_integers, is_number
+from plumbline.optim.recording.table import Array, Flags, Integers, Table, as_integers, is_number
 from plumbline.optim.rigid import rotations
 
 NO_JOINTS = Joints((), 0)
@@ -219,7 +215,7 @@ def load_ranges(folder: str | Path) -> RangeRecording:
 def _every(
     readings: Readings,
     flange: Flange,
-    kept: NDArray[np.bool_],
+    kept: Flags,
     held: Integers,
     context: Mapping[str, Array],
     settings: Section,

@@ -25,8 +25,6 @@ the nuisances' columns,
 never be dropped, which would give it none.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -19,17 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judged, Judgement
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.answer import HandEye
-from plumbline.optim.hand_eye.planes import least_median_plane
-from plumbline.optim.hand_eye.readings import Beam
+from plumbline.optim.hand_eye.readings import Beam, least_median_plane
 from plumbline.optim.hand_eye.scan_recording import ScanRecording, load_scan
 from plumbline.optim.hand_eye.surface import open_motions, register_surface, rows_of
 
@@ -177,7 +175,7 @@ def _block(
     return angles, np.array([face.sigma for face in found]), left_out
 
 
-def _good(points: Array, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+def _good(points: Array, rows: Indices) -> Indices:
     """Those rows of a face whose points lie within reach of its plane of least median."""
     if len(rows) < constants.LEAST_ROBUST:
         return rows

@@ -11,8 +11,6 @@ an STL file gives points even over its area (Osada et al. 2002),
 .. math:: p = (1 - \sqrt{u})\, a + \sqrt{u} (1 - w)\, b + \sqrt{u}\, w\, c, \qquad u, w \sim U(0, 1)
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,9 +30,8 @@ from plumbline.optim.hand_eye.constants import (
 from plumbline.optim.hand_eye.readings import Beam
 from plumbline.optim.hand_eye.recording import labelled, open_ranges
 from plumbline.optim.recording.loading import read_bytes
-from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.settings import Section
-from plumbline.optim.recording.table import Table, read_table
+from plumbline.optim.recording.table import Array, Integers, Table, read_table
 
 
 def surface_points(place: Path, metres: float) -> Array | None:

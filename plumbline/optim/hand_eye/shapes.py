@@ -17,15 +17,12 @@ flange as another r would, which no reading shows and no smooth field of small r
 the five columns of r and v, each over its span on a plane, are shapes of the same variance.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import constants
-from plumbline.optim.hand_eye.planes import Frames, marks_of_planes
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Frames, Readings, marks_of_planes
 
 
 def shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Array:

@@ -20,8 +20,6 @@ The loop rebuilds all points, drops the reading whose point lies farthest from t
 and solves again, until there are too few; the iterate of least repeatability on marks is kept.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -30,11 +28,10 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Integers
 from plumbline.optim.hand_eye.accuracy import Marks, repeatability
 from plumbline.optim.hand_eye.constants import ALIKE, FLAT, LEAST_GROUP, LEAST_GROUPS
-from plumbline.optim.hand_eye.planes import principal_plane
-from plumbline.optim.hand_eye.readings import Beam, Integers, Readings
+from plumbline.optim.hand_eye.readings import Beam, Readings, principal_plane
 
 
 def height(n: cs.SX, r: cs.SX, v: cs.SX, pose: cs.SX) -> cs.SX:

@@ -11,8 +11,6 @@ Quaternions turned round, or inverses, leave scatter of centimetres about the pl
 to read the poses is tried where the scatter is suspicious, and refused if one of them fits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import product
@@ -23,8 +21,7 @@ import scipy
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import constants, direct
-from plumbline.optim.hand_eye.planes import Frames, least_median_plane
-from plumbline.optim.hand_eye.readings import Beam, Readings, mean_beam
+from plumbline.optim.hand_eye.readings import Beam, Frames, Readings, least_median_plane, mean_beam
 from plumbline.optim.hand_eye.reweighting import robust_fit
 from plumbline.optim.hand_eye.single_plane import closed_form
 

@@ -35,7 +35,7 @@ from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye import constants
 from plumbline.optim.hand_eye.accuracy import moved
-from plumbline.optim.hand_eye.planes import principal_plane
+from plumbline.optim.hand_eye.readings import principal_plane
 from plumbline.optim.rigid import rigid_match
 
 

@@ -12,22 +12,26 @@ principal plane of their own (`own_planes`), so that groups of one board need no
 source's alpha and beta are lost but for beta > alpha; lengths in the cost are in mm, as there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.judged import Solution
+from plumbline.optim.core.problem import Array, Indices, Problem
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye.constants import MILLIMETRES, PARALLEL
-from plumbline.optim.hand_eye.planes import Frames, Plane, marks_of_planes, unit
-from plumbline.optim.hand_eye.readings import Beam, Readings, mean_beam
+from plumbline.optim.hand_eye.readings import (
+    Beam,
+    Frames,
+    Plane,
+    Readings,
+    marks_of_planes,
+    mean_beam,
+    unit,
+)
 from plumbline.optim.hand_eye.single_plane import SinglePlane, slope
 
 SCALES = {"r": 1e-2, "slope": 1e-1, "offset": 1e-2}  # m, 1, m
@@ -173,9 +177,7 @@ def _constraints(
     return cs.vertcat(symbols.spheres, *ahead), low, high
 
 
-def _mains(
-    readings: Readings, frames: Frames, own_planes: bool
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _mains(readings: Readings, frames: Frames, own_planes: bool) -> tuple[Indices, Indices]:
     """Which principal plane each reading has (N,), and which frame each of those has (G,)."""
     index = frames.index(readings)
     if not own_planes:
@@ -242,7 +244,7 @@ def solve_three_planes(
 
 
 def _read(
-    x: Array, frames: Frames, on_spheres: bool, of_main: NDArray[np.intp]
+    x: Array, frames: Frames, on_spheres: bool, of_main: Indices
 ) -> tuple[Beam, tuple[Plane, ...]]:
     d, k, g = (2 if on_spheres else 3), len(frames.c), len(of_main)
     v = np.append(x[3:5], 1.0) if on_spheres else x[3:6]

@@ -5,8 +5,6 @@ the planes of the points that it makes. Where poses are given in place of joint 
 slides and three turns stand in for the arm, and nothing is blamed on them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -15,14 +13,13 @@ import numpy as np
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.hand_eye.constants import LEAST_ON_PLANE, MOST_MISFIT, SPARE
-from plumbline.optim.hand_eye.planes import Frames
-from plumbline.optim.hand_eye.readings import Beam, Readings
+from plumbline.optim.hand_eye.readings import Beam, Frames, Readings
 from plumbline.optim.hand_eye.recording import OBSERVATION, EveryRow, RangeRecording
 from plumbline.optim.hand_eye.start import refuse_misread, robust_start
 from plumbline.optim.recording import checks
-from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.stand_in import numbered, pose_readings, poses_robot
+from plumbline.optim.recording.table import Array, Origin
 
 
 def ranges_to_diagnose(ranges: RangeRecording) -> Recording:

@@ -8,8 +8,6 @@ so that :math:`\Sigma^{-1/2} r` has the one noise :math:`\sigma` again, and with
 :math:`s = |v|^2 \tau^2 / \sigma^2` :math:`\log\det \Sigma / \sigma^2 = \log (1 + s)`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 

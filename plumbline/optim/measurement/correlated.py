@@ -12,10 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.optim.core.mapped import less_foretold
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.recording.constants import SAME_POSTURE
 from plumbline.optim.recording.recording import Recording
 
@@ -46,7 +45,7 @@ def follows_of(
     return follows
 
 
-def trust(recording: Recording, bad: NDArray[np.bool_] | None = None) -> Array:
+def trust(recording: Recording, bad: Flags | None = None) -> Array:
     """Weights (N,) of the rows: none for those distrusted, less than 1 for readings alike."""
     weights = np.ones(len(recording)) if bad is None else np.where(bad, 0.0, 1.0)
     if not recording.alike:
@@ -64,12 +63,12 @@ class Whitening:
     follows: Array  # correlation (N,) of each row's noise with that of the row before it; or empty
 
     @classmethod
-    def of(cls, recording: Recording, bad: NDArray[np.bool_]) -> Whitening:
+    def of(cls, recording: Recording, bad: Flags) -> Whitening:
         """As a recording's noise is correlated; rows taken for gross (N,) follow none."""
         weights = trust(recording, bad)
         return cls(np.sqrt(np.where(bad, 1.0, weights)), follows_of(recording, weights))
 
-    def count(self, live: NDArray[np.bool_]) -> float:
+    def count(self, live: Flags) -> float:
         """How many independent residuals those that there are (N, m) count as, by weight."""
         return float(self.root**2 @ live.sum(axis=1))
 
@@ -83,7 +82,7 @@ class Whitening:
         return np.moveaxis(less_foretold(by_row, np.zeros_like(by_row[:1]), self.follows), 0, 1)
 
 
-def postures(recording: Recording) -> NDArray[np.intp]:
+def postures(recording: Recording) -> Indices:
     """Which posture (N,) each row is a reading of, numbered in the order of their first rows.
 
     Readings are repeated where angles, side of approach and payload are the same.

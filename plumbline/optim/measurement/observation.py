@@ -24,8 +24,12 @@ from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.measurement.clock import along, rates
 from plumbline.optim.measurement.constants import MASS_PER_METRE
 from plumbline.optim.measurement.correlated import follows_of
-from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
-from plumbline.optim.measurement.parts import on_its_plane, spans_of_parts
+from plumbline.optim.measurement.nuisance import (
+    Nuisance,
+    nuisances_of,
+    on_its_plane,
+    spans_of_parts,
+)
 from plumbline.optim.measurement.pose_noise import residual_in_one_noise
 from plumbline.optim.measurement.session import (
     equations_of_rows,
@@ -153,16 +157,9 @@ def _scope_of(recording: Recording) -> Scope:
     if recording.several:
         return merged_scope([scope_of(part) for part in apart(recording)[0].parts])
     scalars = {name: getattr(recording, name) for name in ("time", "temperature", "payload")}
-    vectors = {
-        "direction": recording.direction,
-        "velocity": recording.velocity,
-        "effort": recording.effort,
-        "force": recording.force,
-        "group": recording.group,
-    }
-    if recording.kind.efforts:
-        vectors |= {"acceleration": recording.acceleration}
-    present = {k for k, v in {**scalars, **vectors}.items() if v is not None}
+    vectors = ["direction", "velocity", "effort", "force", "group"]
+    vectors += ["acceleration"] if recording.kind.efforts else []
+    present = {k for k in (*scalars, *vectors) if getattr(recording, k) is not None}
     span = {k: (float(v.min()), float(v.max())) for k, v in scalars.items() if v is not None}
     chain = loaded_chain(recording.chain)
     span |= spans_of_parts(recording) | _spans("q", recording.q)

@@ -1,19 +1,25 @@
-"""Known effects on other rows: what always is fitted is fitted again, the effects are held."""
+"""Known effects on other rows: what always is fitted is fitted again, the effects are held.
 
-from collections.abc import Collection, Mapping, Sequence
+Which effects a recording could show; of several recordings, in which of them each may be.
+
+What moves the readings in units of one noise, and back: see :class:`.recording.Recording`.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from plumbline.kinematics.effects import REGISTRY, Effect
-from plumbline.kinematics.effects.confined import confined
-from plumbline.optim.core.judged import Judged, judged
-from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
+from plumbline.kinematics.effects import REGISTRY, Effect, Scope
+from plumbline.kinematics.effects.confined import confined, parts_of
+from plumbline.optim.core.judged import Judged, Solution, judged
+from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.core.solvers import LevenbergMarquardt
-from plumbline.optim.measurement.observation import build_model, scope_of
-from plumbline.optim.recording.recording import Recording
+from plumbline.optim.measurement.clock import along, less_smeared, rates, smeared
+from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
+from plumbline.optim.measurement.pose_noise import as_read, in_one_noise
+from plumbline.optim.measurement.session import merged_scope
+from plumbline.optim.recording.recording import Recording, Session
 from plumbline.optim.recording.session import apart
 
 
@@ -32,7 +38,7 @@ def gap_unit(recording: Recording) -> tuple[str, bool]:
     return ("rad" if turning else "m"), False
 
 
-def rows_of_gap(recording: Recording) -> NDArray[np.bool_]:
+def rows_of_gap(recording: Recording) -> Flags:
     """Rows (N,) that the gap is of: all, or of several kinds those that say where the tip is."""
     every = np.ones(len(recording), dtype=bool)
     if not recording.several:
@@ -101,3 +107,91 @@ def refit(
             lower[term.columns] = upper[term.columns] = start[term.columns]
     pinned = replace(p, lower=lower, upper=upper)
     return LevenbergMarquardt().solve(pinned, start)
+
+
+ONCE = {"time", "group"}  # columns that only one recording's own clock and sessions give a meaning
+
+
+def candidates_of(recording: Recording, library: Sequence[type[Effect]]) -> list[Effect]:
+    """The variants of a library that a recording could show, or several together.
+
+    What is always fitted is none. A cause is one for all recordings that could show it, and
+    confined to those. What follows a clock or a group is each one's own. What one recording alone
+    made suspect may be there only.
+    """
+    if not recording.several:
+        scope = scope_of(recording)
+        free = [cls for cls in library if not _is_always(recording, cls)]
+        return [v for cls in free for v in cls.candidates(scope)]
+    session = apart(recording)[0]
+    scopes = [scope_of(part) for part in session.parts]
+    found = [v for cls in library for v in _of_class(session, scopes, cls)]
+    names = {cls.name for cls in library}
+    return [*found, *(e for e in session.suspects if e.name in names)]
+
+
+def _of_class(session: Session, scopes: Sequence[Scope], cls: type[Effect]) -> Iterator[Effect]:
+    free = [k for k, part in enumerate(session.parts) if not _is_always(part, cls)]
+    each = {k: list(cls.candidates(scopes[k])) for k in free}
+    able = tuple(k for k in free if each[k])
+    if not able:
+        return
+    for v in cls.candidates(merged_scope([scopes[k] for k in able])):
+        if not runs_once(v):
+            yield v if len(able) == len(session) else confined(v, able)
+    for k in able:
+        said = f"in {session.parts[k].name}"
+        yield from (confined(v, (k,), said) for v in each[k] if runs_once(v))
+
+
+def _is_always(part: Recording, cls: type[Effect]) -> bool:
+    """Whether a recording fits it always, so that it is no cause there."""
+    of_tool = cls.name == "tool_offset" and "tool" in part.always
+    return cls.name in part.always or of_tool
+
+
+def runs_once(effect: Effect) -> bool:
+    """Whether it belongs to one recording: it tells moments of a clock, or groups."""
+    return bool(ONCE & {*(effect.needs or effect.needs_one_of)})
+
+
+def scope_for(effect: Effect, recording: Recording) -> Scope:
+    """What the recordings offer that an effect is confined to."""
+    parts = parts_of(effect)
+    if parts is None or not recording.several:
+        return scope_of(recording)
+    return merged_scope([scope_of(apart(recording)[0].parts[k]) for k in parts])
+
+
+def _smear(recording: Recording) -> Array:
+    """Along what its clock smears each row (N, m), see :func:`.clock.along`."""
+    return along(rates(recording, rotation_lever(recording)), recording.jitter)
+
+
+def in_noise(recording: Recording, values: Array) -> Array:
+    """What moves the readings (..., N, m), in units of one noise."""
+    shape = recording.noise_shape
+    if shape is not None:
+        whole = values.shape[-1] == shape.shape[1]
+        values = values / (shape if whole else shape[:, list(recording.measured_joints)])
+    if recording.pose_spread is not None:
+        values = in_one_noise(recording, values)
+    return less_smeared(values, _smear(recording)) if recording.jitter else values
+
+
+def as_measured(recording: Recording, residuals: Array) -> Array:
+    """Residuals (N, m) as they were measured, not in units of one noise."""
+    if recording.jitter:
+        residuals = smeared(residuals, _smear(recording))
+    if recording.pose_spread is not None:
+        residuals = as_read(recording, residuals)
+    shape = recording.noise_shape if recording.several else None
+    return residuals if shape is None else np.asarray(residuals * shape)
+
+
+def smear(recording: Recording, components: int) -> float:
+    """RMS of the noise of some first components of a row as measured, over that of one."""
+    if not recording.jitter:
+        return 1.0
+    moved = recording.jitter * rates(recording, rotation_lever(recording))[:, :components]
+    return float(np.sqrt(1.0 + np.mean(moved**2)))

@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Scope, State
 from plumbline.kinematics.effects.confined import PART
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.recording.recording import Recording, Session, socket_labels
 from plumbline.optim.recording.session import apart
 
@@ -34,7 +33,7 @@ class Own:
     R_tip_tool: cs.SX  # the tool's orientation in that frame (3, 3)
     sockets: cs.SX  # places of its sockets in the base frame (3, s) [m]
     # which of the session's unknowns its own nuisances are, in their order (p,)
-    columns: NDArray[np.intp]
+    columns: Indices
 
 
 def hot_columns(recording: Recording) -> dict[str, Array]:
@@ -49,7 +48,7 @@ def hot_columns(recording: Recording) -> dict[str, Array]:
     return found
 
 
-def _hot_of(recording: Recording, k: int, mine: NDArray[np.bool_]) -> Array:
+def _hot_of(recording: Recording, k: int, mine: Flags) -> Array:
     """Sockets of the rows of recording k (n, s), in the order in which that one has them."""
     session, _ = apart(recording)
     assert recording.socket is not None

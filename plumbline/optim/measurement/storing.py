@@ -13,9 +13,9 @@ from typing import Any
 from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.kinematics.effects import REGISTRY, Effect
 from plumbline.kinematics.effects.confined import NAMED, confined_kind
+from plumbline.optim.core.answer import register, restored
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
-from plumbline.optim.core.stored import register, restored
 from plumbline.optim.measurement.nuisance import Anchor, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording

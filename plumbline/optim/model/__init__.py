@@ -9,7 +9,7 @@ motions.
 from plumbline.optim.model.apply import Applied, Change, apply
 from plumbline.optim.model.command import Command
 from plumbline.optim.model.drives import Drives
-from plumbline.optim.model.known import Known
+from plumbline.optim.model.fitted import Known
 from plumbline.optim.model.model import Model
 
 __all__ = ["Applied", "Change", "Command", "Drives", "Known", "Model", "apply"]

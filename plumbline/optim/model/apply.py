@@ -15,27 +15,24 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import fault, listed
 from plumbline.kinematics.effects import EFFECTS, REGISTRY, Effect
-from plumbline.optim.core.judged import Judgement, judged
+from plumbline.optim.core.judged import Judgement, Solution, judged
 from plumbline.optim.core.mapped import Gram
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.core.quantities import counted, percent, quantity
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.posterior.robust import far_off
 from plumbline.optim.diagnosis.prior import ROUNDS
-from plumbline.optim.measurement.candidates import candidates_of
 from plumbline.optim.measurement.observation import build_model, scope_of
-from plumbline.optim.measurement.refit import always_fitted, figure, gap_unit, refit
+from plumbline.optim.measurement.refit import always_fitted, candidates_of, figure, gap_unit, refit
 from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.model.constants import CHANGED, MARGIN, NAMED, STILL_HOLDS, WORTH
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.constants import ONE_ROBOT
-from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.table import row_numbers
 
 NUISANCES = (
     "frame ",
@@ -113,7 +110,6 @@ class Applied:
         return " ".join([*said, f"It leaves {more}, and no single cause explains that."])
 
     def __repr__(self) -> str:
-        """The figures on one line."""
         before, after = (quantity(v, self.unit) for v in (self.before, self.after))
         state = "holds" if self.holds else "does not hold"
         return f"<Applied to {self.recording[:40]}: {before} -> {after}; {state}>"
@@ -184,7 +180,7 @@ def apply(model: Fitted, other: Recording) -> Applied:
 
 def _robust(
     other: Recording, effects: Sequence[Effect], values: Array, free: Sequence[Effect]
-) -> tuple[Solution, NDArray[np.bool_]]:
+) -> tuple[Solution, Flags]:
     """The fit without gross rows, and which these are (N,)."""
     bad = np.zeros(len(other), dtype=bool)
     solution = refit(other, effects, values, free=free)
@@ -240,7 +236,7 @@ def refuse_another_robot(model: Fitted, other: Recording) -> None:
         raise fault(f"{other.name}, robot", found, model.robot.name, mend)
 
 
-def outside_range(model: Fitted, other: Recording) -> tuple[NDArray[np.bool_], dict[str, float]]:
+def outside_range(model: Fitted, other: Recording) -> tuple[Flags, dict[str, float]]:
     """Rows (N,) outside of the range that was fitted, and the share of them by column.
 
     Joints count always; what else was recorded only where one of the effects reads it.
@@ -327,8 +323,8 @@ def _changes(
 
 def _change(
     label: str,
-    own: NDArray[np.intp],
-    fitted: NDArray[np.intp],
+    own: Indices,
+    fitted: Indices,
     gram: Gram,
     covariance: Array,
     other: Recording,

@@ -2,22 +2,35 @@ r"""An arm as it was found: where its tip is, how that moves with the joints, ho
 
 .. math:: p = T_{base,tool}(q, row;\ \hat x)\, 0, \qquad
           \operatorname{cov} p = J_x C J_x^T
+
+What the drives of an arm should read, in symbols of one row.
+
+.. math:: \tau = \tau(q, \dot q, \ddot q;\ \hat\theta), \qquad
+          \operatorname{cov} \tau = J_\theta C J_\theta^T
+
+Friction goes with the sign of the velocity, which is 0 at rest.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import fault
+from plumbline.kinematics.effects import Effect, State
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.kinematics.frames import by_columns
+from plumbline.kinematics.frames import by_columns, constant
+from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.core.problem import Array
+from plumbline.optim.measurement.observation import apply_effects
+from plumbline.optim.measurement.torque import BODIES, moved
 from plumbline.optim.model.fitted import Fitted
 from plumbline.optim.model.rows import CONTEXT, completed, postures
 from plumbline.optim.model.statement import ModelFunctions
+from plumbline.optim.recording.kinds import EFFORTS
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,3 +111,112 @@ class Arm(Fitted):
     @cached_property
     def _slopes(self) -> dict[bool, cs.Function]:
         return {}
+
+
+MOTION = ("q", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, eq=False)
+class Efforts:
+    """Functions of an arm's efforts, made when first asked for."""
+
+    arm: Arm  # the arm
+    symbols: dict[str, cs.SX]  # A row's symbols by column
+
+    @cached_property
+    def used(self) -> tuple[str, ...]:
+        """Columns that the efforts depend on, those of the motion first."""
+        tau = self.torque_of(self.arm.values)
+        more = [name for name, symbol in self.symbols.items()
+                if name not in MOTION and any(cs.which_depends(tau, symbol, 1, False))]  # fmt: skip
+        return (*MOTION, *more)
+
+    @cached_property
+    def row(self) -> cs.SX:
+        """The row (k,) of all used columns."""
+        return cs.vertcat(*[self.symbols[name] for name in self.used])
+
+    @cached_property
+    def torque(self) -> cs.Function:
+        """``row -> tau (n,)`` [N m or N]."""
+        return cs.Function("torque", [self.row], [self.torque_of(self.arm.values)])
+
+    @cached_property
+    def slope(self) -> cs.Function:
+        """``row -> d tau / d theta`` (n, P)."""
+        theta = cs.SX.sym("theta", len(self.arm.values))
+        slope = cs.jacobian(self.torque_of(cs.vertsplit(theta)), theta)
+        at = cs.substitute(slope, theta, cs.DM(self.arm.values))
+        return cs.Function("slope", [self.row], [cs.densify(at)])
+
+    def torque_of(self, values: Sequence[cs.SX] | Array) -> cs.SX:
+        """Efforts (n,) with other values of the parameters (P,)."""
+        return cs.densify(moved(self.state, self._effects(values), apply_effects).torque)
+
+    def bodies(self) -> State:
+        """The state with the ten parameters of every body and gravity as they are."""
+        dynamics = dynamics_of_chain(self.arm.chain)
+        weighed = replace(
+            self.state, inertial=constant(dynamics.inertial), gravity=constant(dynamics.gravity)
+        )
+        return apply_effects(weighed, self._effects(self.arm.values), BODIES)
+
+    @cached_property
+    def state(self) -> State:
+        """The nominal chain at the row."""
+        row = {**self.symbols, "turning": cs.sign(self.symbols["velocity"])}
+        if "payload" not in self.arm.samples:
+            del row["payload"]
+        return State.ideal(self.arm.chain, row, constant(self.arm.tool))
+
+    def _effects(self, values: Sequence[cs.SX] | Array) -> list[tuple[Effect, list[cs.SX]]]:
+        left = [cs.SX(value) for value in values]
+        found = []
+        for effect in self.arm.effects:
+            size = len(effect.parameters)
+            found.append((effect, left[:size]))
+            left = left[size:]
+        return found
+
+
+@lru_cache(maxsize=8)
+def efforts_of(arm: Arm) -> Efforts:
+    """The efforts of an arm in symbols (PlumblineError: it was not fitted to efforts)."""
+    if arm.observation != EFFORTS:
+        raise fault(f"{arm.recording}, tau", f"a model of {arm.observation}",
+                    f"one of {EFFORTS}", "diagnose efforts, and take their model")  # fmt: skip
+    columns = arm.columns(np.zeros((1, arm.chain.n)), {})
+    return Efforts(arm, {name: cs.SX.sym(name, v.shape[1]) for name, v in columns.items()})
+
+
+def tau(
+    arm: Arm, q: ArrayLike, v: ArrayLike, a: ArrayLike, context: Mapping[str, ArrayLike]
+) -> Array:
+    """Efforts (N, n) [N m or N]; see :meth:`plumbline.optim.model.model.Model.tau`.
+
+    Raises:
+        PlumblineError: Rows that cannot be used, or a model of something else.
+    """
+    return over_rows(efforts_of(arm).torque, _rows(arm, q, v, a, context))[0][:, 0]
+
+
+def tau_covariance(
+    arm: Arm, q: ArrayLike, v: ArrayLike, a: ArrayLike, context: Mapping[str, ArrayLike]
+) -> Array:
+    """Covariance (N, n, n) [(N m)^2] of these efforts, from that of all that was fitted.
+
+    Raises:
+        PlumblineError: Rows that cannot be used, or a model of something else.
+    """
+    made = over_rows(efforts_of(arm).slope, _rows(arm, q, v, a, context))[0]
+    slope = made.transpose(0, 2, 1)
+    first = len(arm.nuisance_names)
+    return np.asarray(slope @ arm.covariance[first:, first:] @ made)
+
+
+def _rows(
+    arm: Arm, q: ArrayLike, v: ArrayLike, a: ArrayLike, context: Mapping[str, ArrayLike]
+) -> Array:
+    given = {"effort": 0.0, **context, "velocity": v, "acceleration": a}
+    columns = arm.columns(postures(arm.chain, q), given)
+    return np.hstack([columns[name] for name in efforts_of(arm).used])

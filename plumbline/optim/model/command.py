@@ -14,15 +14,14 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model import constants
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.near import Context, near
-from plumbline.optim.model.pathed import pathed
+from plumbline.optim.model.near import Context, near, pathed
 from plumbline.optim.model.rows import of_rows, postures
 
 
@@ -33,15 +32,14 @@ class Command:
     q: Array  # the commands (N, n) [rad or m]
     missed: Array  # how far the tip then stays from where it should be (N,) [m]
     turned: Array  # how far the tool then stays from its orientation (N,) [rad]
-    limited: NDArray[np.bool_]  # which joints rest on a limit (N, n)
+    limited: Flags  # which joints rest on a limit (N, n)
 
     @property
-    def reached(self) -> NDArray[np.bool_]:
+    def reached(self) -> Flags:
         """Whether the tip arrives (N,), within a micrometre."""
         return self.missed <= constants.REACHED
 
     def __repr__(self) -> str:
-        """How many, and how many of them arrive."""
         worst = quantity(float(self.missed.max(initial=0.0)), "m")
         return (
             f"<Command of {len(self.q)} postures: {int(self.reached.sum())} arrive, worst {worst}>"
@@ -104,7 +102,7 @@ def _placed(arm: Arm, goal: Array, starts: list[Array], context: Context, best: 
     return best
 
 
-def _better(best: Command, found: Command, rows: NDArray[np.intp]) -> Command:
+def _better(best: Command, found: Command, rows: Indices) -> Command:
     """The best so far with those rows exchanged that came nearer."""
     badness, found_bad = (c.missed + constants.NEAR_LEVER * c.turned for c in (best, found))
     nearer = found_bad < badness[rows]

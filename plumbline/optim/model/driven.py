@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.motion.rollout import played
 from plumbline.optim.diagnosis.motion.signals import signals_of, spread
 from plumbline.optim.model.apply import Applied
 from plumbline.optim.model.constants import LOAD_ROUNDS, MARGIN
-from plumbline.optim.model.known import Known
+from plumbline.optim.model.fitted import Known
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,6 @@ class Driven:
     after: float  # the same with the causes [rad]
 
     def __repr__(self) -> str:
-        """The robot, how many causes of how many drives, and the gap."""
         count = sum(len(servo.effects) for servo in self.servos.values())
         gap = f"{quantity(self.before, self.unit)} -> {quantity(self.after, self.unit)}"
         return f"<Drives of {self.robot.name[:40]!r}: {count} causes, {gap}>"

@@ -4,6 +4,12 @@ r"""A model from a fit: its unknowns brought to small changes of frame and tool.
 
 with the fit's precision P and a width D so large (a thousand times what is usual) that it matters
 only to what the rows do not tell, which stays finite.
+
+One recording's part of a joint fit: its own frame and tool, with the causes at work in it.
+
+.. math:: P' = P_{aa} - P_{ab} P_{bb}^{-1} P_{ba}
+
+is the inverse covariance of the unknowns a that are of one recording, whatever the others b are.
 """
 
 from collections.abc import Sequence
@@ -12,16 +18,17 @@ from dataclasses import dataclass, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.errors import best_matches, fault, shown
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.confined import parts_of, plain
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.nuisance import Nuisance
 from plumbline.optim.model.constants import WIDE
-from plumbline.optim.model.fitted import Held
-from plumbline.optim.model.known import left_jacobian
+from plumbline.optim.model.fitted import Held, left_jacobian
 from plumbline.optim.model.model import Model
 from plumbline.optim.model.rows import columns_of, ranges_of, some_rows
-from plumbline.optim.recording.recording import Recording, socket_labels
+from plumbline.optim.recording.recording import Recording, Session, socket_labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,3 +106,37 @@ def _found(n: Nuisance, x: Array) -> tuple[Array, ...]:
     made = cs.Function("found", [n.x], [cs.densify(part) for part in parts])
     R, t, turned, tool, sockets = (part.full() for part in made.call([cs.DM(x)]))
     return R, t.ravel(), turned, tool.ravel(), sockets
+
+
+def number_of(session: Session, name: str) -> int:
+    """Number of the recording of a name; the first that says where the tip is, without one.
+
+    Raises:
+        PlumblineError: There is none of that name.
+    """
+    names = [part.name for part in session.parts]
+    if not name:
+        places = [k for k, part in enumerate(session.parts) if part.kind.places]
+        return (places or [0])[0]
+    if name not in names:
+        near = best_matches(name, names)
+        raise fault("recording", shown(name), "one of the session", f"best matches: {near}")
+    return names.index(name)
+
+
+def of_part(fit: FitEnd, k: int) -> FitEnd:
+    """The fit as recording k has it."""
+    own = fit.nuisance.own[k]
+    sizes = np.cumsum([fit.nuisance.size, *(len(e.parameters) for e in fit.effects)])
+    columns, effects = [own.columns], []
+    for effect, first, last in zip(fit.effects, sizes[:-1], sizes[1:], strict=True):
+        if k in (parts_of(effect) or (k,)):
+            columns.append(np.arange(first, last))
+            effects.append(plain(effect))
+    mine = np.concatenate(columns)
+    rest = np.setdiff1d(np.arange(len(fit.x)), mine)
+    P = fit.precision
+    cross = P[np.ix_(mine, rest)]
+    back = np.linalg.pinv(P[np.ix_(rest, rest)], hermitian=True)
+    precision = P[np.ix_(mine, mine)] - cross @ back @ cross.T
+    return FitEnd(fit.nuisance.parts[k], effects, fit.x[mine], fit.scale[mine], precision)

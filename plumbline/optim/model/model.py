@@ -16,15 +16,13 @@ from numpy.typing import ArrayLike
 from plumbline.errors import fault
 from plumbline.kinematics.files import new_file
 from plumbline.optim.core.problem import Array
-from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.arm import Arm, tau, tau_covariance
 from plumbline.optim.model.command import Command, beyond, command, command_for
-from plumbline.optim.model.efforts import tau, tau_covariance
 from plumbline.optim.model.export.code import as_c, c_code, function
-from plumbline.optim.model.export.dh import dh
 from plumbline.optim.model.export.exported import Exported
 from plumbline.optim.model.export.geometry import fixed_part
 from plumbline.optim.model.export.mjcf import mjcf
-from plumbline.optim.model.export.table import table
+from plumbline.optim.model.export.table import dh, table
 from plumbline.optim.model.export.urdf import urdf
 from plumbline.optim.model.reading import read
 from plumbline.optim.model.rows import postures

@@ -8,6 +8,15 @@ step of place and orientation, then the shortest one that brings the place all t
 found turns that slope by some thousandths, and what each step has done betters it without touching
 it (Broyden 1965, Math. Comp. 19, p. 577; by its steps alone: Kelley 1995, Iterative Methods for
 Linear and Nonlinear Equations, sec. 7.3).
+
+Commands along a path, where a joint remembers the way that it came.
+
+.. math:: r = q + a\,\lambda_w(q) \quad\Rightarrow\quad q = r - a\,\lambda_{w - a}(r)
+
+A play of width w that moves the link by a times its lag is undone by the lag of a narrower play
+along the link's own path r (Brokate and Sprekels 1996, Hysteresis and Phase Transitions, ch. 2).
+So lags are told by where the links shall be: with them held every posture stands alone, and where
+the links shall be is told anew by what was commanded.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,12 +26,14 @@ from types import MappingProxyType
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.model import constants
 from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.constants import LAG_ROUNDS, NARROWEST, PLACED
 from plumbline.optim.model.rows import Columns, of_rows
 from plumbline.optim.model.statement import ModelFunctions
 
@@ -37,7 +48,7 @@ def near(
     *,
     placed: bool,
     held: Columns = MappingProxyType({}),
-) -> tuple[Array, Array, NDArray[np.intp]]:
+) -> tuple[Array, Array, Indices]:
     """Joints (N, n), what they miss (N, 6) [m, rad], and which of them did not get there.
 
     Args:
@@ -130,3 +141,41 @@ def _away(model: ModelFunctions, placed: bool) -> cs.Function:
     turn = cs.if_else(cs.trace(R) > 0.0, turn, np.inf) if placed else cs.SX.zeros(3)
     away = cs.densify(cs.vertcat(goal[9:] - pose[9:], turn))
     return cs.Function("away", [cs.vertcat(model.row, goal)], [away])
+
+
+def pathed(
+    arm: Arm, wanted: Array, goal: Array, context: Context, *, placed: bool
+) -> tuple[Array, Array, Indices]:
+    """As :func:`.near` for an arm some of whose joints remember their path, to twice as much."""
+    columns, plays = arm.columns(wanted, context), _plays(arm)
+    q, moved = wanted, np.zeros((len(plays), len(wanted)))
+    for _ in range(LAG_ROUNDS):
+        before = moved
+        lags = [_lag(play, size, {**columns, "q": q}, own)
+                for (play, size), own in zip(plays, moved, strict=True)]  # fmt: skip
+        held = {name: lag[:, None] for name, lag in lags}
+        moved = np.array([size * lag for (_, size), (_, lag) in zip(plays, lags, strict=True)])
+        q, miss, rest = near(arm, wanted, goal, context, placed=placed, held=held)
+        if not len(rest) and np.abs(moved - before).max() <= PLACED:
+            break
+    miss = missing(arm, q, goal, context, placed=placed)
+    return q, miss, np.flatnonzero(np.linalg.norm(miss[:, :3], axis=1) > 2 * PLACED)
+
+
+def _lag(play: Hysteresis, size: float, columns: Columns, moved: Array) -> tuple[str, Array]:
+    """A play's column and its lag (N,) where it and its reading together move its link so."""
+    links = columns["q"].copy()
+    links[:, play.joint - 1] += moved
+    scale = 1.0 / max(1.0 - size / play.width, NARROWEST)
+    ((name, lag),) = play.derive({**columns, "q": scale * links}).items()
+    return name, lag
+
+
+def _plays(arm: Arm) -> Sequence[tuple[Hysteresis, float]]:
+    """The plays and how far each moves its link."""
+    found, first = [], 0
+    for effect in arm.effects:
+        if isinstance(effect, Hysteresis):
+            found.append((effect, float(arm.values[first])))
+        first += len(effect.parameters)
+    return found

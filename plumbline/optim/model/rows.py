@@ -9,13 +9,13 @@ from functools import lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.model.constants import LARGEST, SAMPLES
 from plumbline.optim.recording.recording import Recording
 
@@ -94,9 +94,7 @@ def completed(
     return found
 
 
-def of_rows(
-    context: Mapping[str, ArrayLike], rows: NDArray[np.intp], count: int
-) -> Mapping[str, ArrayLike]:
+def of_rows(context: Mapping[str, ArrayLike], rows: Indices, count: int) -> Mapping[str, ArrayLike]:
     """The context of some of so many rows: a column for each row, or what all of them share."""
     found: dict[str, ArrayLike] = {}
     for name, values in context.items():

@@ -12,8 +12,7 @@ import numpy as np
 
 from plumbline.errors import fault, one_line
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.model.fitted import Fitted
-from plumbline.optim.model.known import Known
+from plumbline.optim.model.fitted import Fitted, Known
 
 FORMAT = "plumbline model"
 VERSION = 2

@@ -7,6 +7,9 @@ localisation and omnidirectional needle pointing with a UR3.
 
 from plumbline.errors import PlumblineError as PlumblineError
 from plumbline.optim.pointing.aim import Aim as Aim
+from plumbline.optim.pointing.aim import Needle as Needle
+from plumbline.optim.pointing.aim import pointed as pointed
+from plumbline.optim.pointing.aim import tip_and_top as tip_and_top
 from plumbline.optim.pointing.angle_map import AngleMap as AngleMap
 from plumbline.optim.pointing.angle_map import safe_angle_map as safe_angle_map
 from plumbline.optim.pointing.body import Box as Box
@@ -15,12 +18,9 @@ from plumbline.optim.pointing.body import Cylinder as Cylinder
 from plumbline.optim.pointing.body import HalfSpace as HalfSpace
 from plumbline.optim.pointing.body import Sphere as Sphere
 from plumbline.optim.pointing.mesh import Mesh as Mesh
-from plumbline.optim.pointing.needle import Needle as Needle
-from plumbline.optim.pointing.needle import pointed as pointed
-from plumbline.optim.pointing.needle import tip_and_top as tip_and_top
+from plumbline.optim.pointing.mesh import Scene as Scene
+from plumbline.optim.pointing.mesh import Solid as Solid
 from plumbline.optim.pointing.options import PointingOptions as PointingOptions
-from plumbline.optim.pointing.scene import Scene as Scene
-from plumbline.optim.pointing.scene import Solid as Solid
 from plumbline.optim.pointing.statement import SweepWeights as SweepWeights
 from plumbline.optim.pointing.status import Status as Status
 from plumbline.optim.pointing.surroundings import Clearance as Clearance

@@ -5,8 +5,6 @@ singularity that is clear of the body is kept. Angles left over are tried again 
 neighbours' postures. Whether one motion joins the angles is what a sweep says.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,11 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judged, Judgement
-from plumbline.optim.core.problem import Array
-from plumbline.optim.pointing.aim import Aim
+from plumbline.optim.core.problem import Array, Flags, Indices
+from plumbline.optim.pointing.aim import Aim, checked_angles
 from plumbline.optim.pointing.constants import LARGEST_RCM_ERROR, MAP_ROUNDS, STARTS, TRIES
 from plumbline.optim.pointing.judge import Found, judged, why_not
-from plumbline.optim.pointing.needle import checked_angles
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import settled, solved, starts
 from plumbline.optim.pointing.status import Status
@@ -57,7 +54,7 @@ class AngleMap(Answer):
     too_near: tuple[Clearance, ...]
 
     @property
-    def safe(self) -> NDArray[np.bool_]:
+    def safe(self) -> Flags:
         """Which angles are safe (T, B)."""
         return np.asarray(self.status == Status.SAFE)
 
@@ -171,7 +168,7 @@ def _candidates(
     return flat.reshape(best.shape), cost.reshape(len(rows), -1).min(axis=1)
 
 
-def _best(task: NeedleTask, q: Array, found: NDArray[np.bool_], rows: Array, count: int) -> Array:
+def _best(task: NeedleTask, q: Array, found: Flags, rows: Array, count: int) -> Array:
     """Of each angle's tries the TRIES best postures (count, TRIES, n), no two of them alike."""
     sigma = np.where(found, smallest_singular_values(task, q, rows), -1.0).reshape(count, -1)
     tries = q.reshape(count, sigma.shape[1], -1)
@@ -185,7 +182,7 @@ def _best(task: NeedleTask, q: Array, found: NDArray[np.bool_], rows: Array, cou
     return best
 
 
-def _neighbours(cells: NDArray[np.intp], shape: tuple[int, int]) -> NDArray[np.intp]:
+def _neighbours(cells: Indices, shape: tuple[int, int]) -> Indices:
     """Indices (N, 4) of the cells below, above, before and behind; azimuths go round."""
     i, j = np.divmod(cells, shape[1])
     around = [

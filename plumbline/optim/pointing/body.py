@@ -5,8 +5,6 @@ threshold, which spoils metres), all else is in metres. A needle may have to com
 cylinder from outside: where their boundary lies along a ray is worked out here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -4,8 +4,6 @@ What is named "rounding" lies so far from what arms do that an order of magnitud
 "effort" is how hard is looked, and shows where something is missed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # The task

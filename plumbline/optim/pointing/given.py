@@ -1,7 +1,5 @@
 """What is wrong with a pointing task: one line with the value, the limit and the way out."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

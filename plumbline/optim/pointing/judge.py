@@ -3,23 +3,19 @@
 Nothing of a plan's quality is taken from its solver.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.pointing import constants
 from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.collision import pointed
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
-from plumbline.optim.pointing.task import NeedleTask
+from plumbline.optim.pointing.task import NeedleTask, pointed
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +117,7 @@ def judged(
     )  # fmt: skip
 
 
-def _shortest(
-    around: Surroundings, values: Array, k: int, which: NDArray[np.bool_]
-) -> Clearance | None:
+def _shortest(around: Surroundings, values: Array, k: int, which: Flags) -> Clearance | None:
     """Of some pairs of one angle the one that falls shortest of its limit, if any does."""
     short = np.where(which, values - around.limits, np.inf)
     p = int(short.argmin()) if short.size else -1
@@ -197,7 +191,7 @@ def best_of_starts(task: NeedleTask, rows: Array, lower: Array, upper: Array) ->
 
 
 def settled_status(
-    found: Found, options: PointingOptions, steps: Array, missing: NDArray[np.intp],
+    found: Found, options: PointingOptions, steps: Array, missing: Indices,
     why: list[tuple[Status, str]],
 ) -> tuple[tuple[Status, ...], tuple[str, ...]]:  # fmt: skip
     """Statuses with the reasons of missing angles, and with the leaps along the path."""

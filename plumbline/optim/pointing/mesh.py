@@ -9,10 +9,16 @@ Kavan, Sorkine-Hornung 2013, eq. 5), the solid angle of all triangles seen from 
 
 (Van Oosterom and Strackee 1983), with a, b, c from p to the corners: :math:`\pm 1` inside, 0
 outside, provided that the surface has no border.
+
+What is around a needle: organs, vessels and bones in CT, table and stands in the robot's frame.
+
+Every solid has a name, by which answers speak of it, and says how near it may be come to. A solid
+that the needle may enter still keeps the arm out, and the needle as long as it stands off.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,13 +26,15 @@ from typing import Any
 
 import coal
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
-from plumbline.optim.core.problem import Array
-from plumbline.optim.pointing.constants import CHUNK, LARGEST_FILE, LEAST_VOLUME, MM
-from plumbline.optim.pointing.given import array
+from plumbline.optim.core.answer import register_kinds
+from plumbline.optim.core.problem import Array, Flags, Integers
+from plumbline.optim.pointing.body import Body, Box, Capsule, Cylinder, HalfSpace, Shape, Sphere
+from plumbline.optim.pointing.constants import CHUNK, LARGEST, LARGEST_FILE, LEAST_VOLUME, MM, POINT
+from plumbline.optim.pointing.given import array, number
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +42,7 @@ class Mesh:
     """A closed surface of triangles, all turned alike."""
 
     vertices: Array  # corners (V, 3) [m]
-    triangles: NDArray[np.int64]  # indices of three corners each (F, 3)
+    triangles: Integers  # indices of three corners each (F, 3)
 
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
         """Check that the surface is closed.
@@ -119,7 +127,7 @@ class Mesh:
         """Coal's tree of triangles [mm]; made once."""
         return self._coal
 
-    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+    def contains(self, points: ArrayLike) -> Flags:
         """Which points (N, 3) [m] lie inside, in the coordinates of the vertices."""
         asked = np.atleast_2d(np.asarray(points, dtype=float))
         inside = ((asked >= self.vertices.min(axis=0)) & (asked <= self.vertices.max(axis=0))).all(
@@ -165,7 +173,7 @@ def _checked_vertices(vertices: ArrayLike) -> Array:
     return array(vertices, "mesh vertices", (np.shape(vertices)[0], 3), hint)
 
 
-def _checked_triangles(triangles: ArrayLike, count: int) -> NDArray[np.int64]:
+def _checked_triangles(triangles: ArrayLike, count: int) -> Integers:
     if np.ndim(triangles) != 2 or np.shape(triangles)[0] < 4:
         raise PlumblineError(
             f"mesh triangles: shape {np.shape(triangles)}, at least (4, 3) expected; a closed "
@@ -180,7 +188,7 @@ def _checked_triangles(triangles: ArrayLike, count: int) -> NDArray[np.int64]:
     return found.astype(np.int64)
 
 
-def _closed(points: Array, faces: NDArray[np.int64]) -> None:
+def _closed(points: Array, faces: Integers) -> None:
     """Every edge must be run through as often one way as the other: no border, one sense."""
     edges = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     sense = np.where(edges[:, 0] < edges[:, 1], 1, -1)
@@ -207,3 +215,94 @@ def _winding(points: Array, corners: Array) -> Array:
     top = np.vecdot(a, np.cross(b, c))
     low = la * lb * lc + np.vecdot(a, b) * lc + np.vecdot(b, c) * la + np.vecdot(c, a) * lb
     return np.arctan2(top, low).sum(axis=1) / (2 * np.pi)
+
+
+SHAPES = (Box, Cylinder, Sphere, Capsule, HalfSpace, Mesh)
+RESERVED = ("body", "needle", "needle path")
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A named shape.
+
+    Attributes:
+        name: What answers call it, such as "aorta".
+        shape: Box, Cylinder, Sphere, Capsule, HalfSpace or Mesh.
+        margin: Least clearance from it [m]; None takes the one of the options.
+        enter: Whether the needle may be driven through it.
+    """
+
+    name: str
+    shape: Shape
+    margin: float | None = None
+    enter: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip() or "\n" in self.name:
+            raise PlumblineError(f"solid named {self.name!r}: one line of text expected; name it")
+        if self.name in RESERVED or self.name.startswith("link "):
+            raise PlumblineError(f"solid named {self.name!r}: the name is taken; choose another")
+        if not isinstance(self.shape, SHAPES):
+            known = ", ".join(shape.__name__ for shape in SHAPES)
+            raise PlumblineError(
+                f"{self.name}: shape {type(self.shape).__name__}, one of {known} expected"
+            )
+        if np.isfinite(self.shape.half_size) and self.shape.half_size > LARGEST:
+            raise PlumblineError(
+                f"{self.name}: {self.shape.half_size:g} m about its middle, at most {LARGEST:g} m; "
+                "give metres, not mm"
+            )
+        if self.margin is not None and number(self.margin, f"{self.name}: margin [m]") < 0.0:
+            raise PlumblineError(f"{self.name}: margin = {self.margin:g} m: at least 0 expected")
+
+    def holds(self, point: Array) -> bool:
+        """Whether a point (3,) [m], in the coordinates of the shape, lies inside."""
+        if isinstance(self.shape, Mesh):
+            return bool(self.shape.contains(point)[0])
+        T = self.shape.placement
+        body = coal.CollisionObject(self.shape.shape(), T[:3, :3], MM * T[:3, 3])
+        ball = coal.CollisionObject(coal.Sphere(POINT), np.eye(3), MM * point)
+        return float(coal.distance(body, ball, coal.DistanceRequest(), coal.DistanceResult())) < 0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Named solids around a needle.
+
+    Attributes:
+        anatomy: What the CT shows, in CT coordinates [m].
+        room: Table, gantry, stands, in the robot's base frame [m].
+    """
+
+    anatomy: tuple[Solid, ...] = ()
+    room: tuple[Solid, ...] = ()
+
+    def __init__(self, anatomy: Iterable[Solid] = (), room: Iterable[Solid] = ()) -> None:
+        """Check that names are told apart.
+
+        Raises:
+            PlumblineError: A name twice, or something that is no solid.
+        """
+        for field, given in (("anatomy", anatomy), ("room", room)):
+            listed = [given] if isinstance(given, Solid) or not np.iterable(given) else given
+            solids = tuple(listed)
+            for solid in solids:
+                if not isinstance(solid, Solid):
+                    raise PlumblineError(
+                        f"{field}: {type(solid).__name__} found, Solid(name, shape) expected"
+                    )
+            object.__setattr__(self, field, solids)
+        names = [solid.name for solid in (*self.anatomy, *self.room)]
+        for name in names:
+            if names.count(name) > 1:
+                raise PlumblineError(
+                    f"solid {name!r} is given {names.count(name)} times; rename it"
+                )
+
+    def __repr__(self) -> str:
+        names = ", ".join(solid.name for solid in (*self.anatomy, *self.room))
+        return f"<Scene of {names or 'nothing'}>"
+
+
+register_kinds(Shape, *SHAPES)
+register_kinds(Body, Box, Cylinder, Mesh)

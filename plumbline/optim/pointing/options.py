@@ -1,7 +1,5 @@
 """What counts as safe, and how hard to look."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -11,14 +11,11 @@ found at some anchor angles is followed to both ends by Newton steps of least mo
 are where the planner starts from.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.pointing import constants
 from plumbline.optim.pointing.task import NeedleTask
 
@@ -38,7 +35,7 @@ def starts(task: NeedleTask, count: int) -> Array:
 
 def solved(
     task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
-) -> tuple[Array, NDArray[np.bool_], Array]:
+) -> tuple[Array, Flags, Array]:
     """Postures (N, n) that hold the needle, which do (N,), and the sums of squares (N,)."""
     x = np.clip(q, lower, upper)
     r, J = task.seek(x, rows)
@@ -97,7 +94,7 @@ def unwound(task: NeedleTask, q: Array, lower: Array, upper: Array) -> Array:
     return np.where((less >= lower) & (less <= upper), less, q)
 
 
-def distinct(task: NeedleTask, q: Array) -> NDArray[np.intp]:
+def distinct(task: NeedleTask, q: Array) -> Indices:
     """Indices of postures (N, n) of which none repeats another, whole turns aside."""
     turning = np.array(task.chain.kinds) == "revolute"
     kept: list[int] = []
@@ -114,7 +111,7 @@ class Tracks:
     """Branches along a sweep."""
 
     q: Array  # postures (B, K, n) [rad or m]
-    reached: NDArray[np.bool_]  # where the needle is held (B, K)
+    reached: Flags  # where the needle is held (B, K)
 
 
 def follow(task: NeedleTask, rows: Array, lower: Array, upper: Array) -> Tracks:
@@ -156,8 +153,8 @@ def _anchored(
 
 
 def _reachable(
-    task: NeedleTask, rows: Array, unheld: NDArray[np.intp], lower: Array, upper: Array
-) -> NDArray[np.intp]:
+    task: NeedleTask, rows: Array, unheld: Indices, lower: Array, upper: Array
+) -> Indices:
     """Those of some angles that a few starts reach; of many, a few are asked."""
     some = unheld[
         np.linspace(0, len(unheld) - 1, min(constants.ASKED, len(unheld))).round().astype(int)
@@ -172,7 +169,7 @@ def _reachable(
 
 def _both_ways(
     task: NeedleTask, q: Array, rows: Array, anchor: int, lower: Array, upper: Array
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Flags]:
     K = len(rows)
     path, held = np.empty((len(q), K, q.shape[1])), np.zeros((len(q), K), dtype=bool)
     for order in (range(anchor, K), range(anchor, -1, -1)):
@@ -191,7 +188,7 @@ def _both_ways(
 
 def _newton(
     task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Flags]:
     """Steps of least motion from postures (B, n)."""
     x = q.copy()
     for left in range(constants.NEWTON_STEPS, -1, -1):
@@ -208,7 +205,7 @@ def _newton(
 
 def _sought(
     task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Flags]:
     """Damped steps where Newton's fail, as beside a singularity; far ways off do not count."""
     x, found, _ = solved(task, q, rows, lower, upper)
     return x, found & (np.abs((x - q) / task.steps).max(axis=1) < 2 * constants.LONGEST_STEP)

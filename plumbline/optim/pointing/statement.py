@@ -11,24 +11,21 @@ r"""A whole sweep of a needle as one problem in symbols; compiled once, solved f
 The first sum asks for a smooth path, the logarithm keeps the needle's task away from
 singularities, the last term decides what is left free. Joints are counted in radians, slides in
 arm lengths. Angles that cannot be reached are released: their equations get infinite bounds. The
-rows g are planes that the arm is to stay in front of (:mod:`plumbline.optim.pointing.planes`),
+rows g are planes that the arm is to stay in front of (:mod:`plumbline.optim.pointing.between`),
 there only if a path without them came too near something; one that cannot be kept has a slack of
 its own, by an exact penalty (Nocedal and Wright 2006, sec. 17.2).
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
-from plumbline.optim.core.problem import Array, Problem
+from plumbline.optim.core.problem import Array, Flags, Problem
 from plumbline.optim.core.solvers import Ipopt, Solver
+from plumbline.optim.pointing.between import Planes, kept, points
 from plumbline.optim.pointing.constants import EQUATIONS, PENALTY, ROW, SLOTS
-from plumbline.optim.pointing.planes import Planes, kept, points
 from plumbline.optim.pointing.task import NeedleTask, across
 
 DATA = ROW + 6  # and two directions across the needle
@@ -160,7 +157,7 @@ class SweepStatement:
         return cs.Function("curvature", [z, p, sigma, forces], [whole])
 
     def at(
-        self, rows: Array, held: NDArray[np.bool_], lower: Array, upper: Array,
+        self, rows: Array, held: Flags, lower: Array, upper: Array,
         longest_step: float, planes: Planes | None = None,
     ) -> Problem:  # fmt: skip
         """The problem of one lesion's rows (K, 7), of which those ``held`` (K,) are.

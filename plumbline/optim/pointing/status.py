@@ -1,7 +1,5 @@
 """What becomes of an angle, in words."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 

@@ -1,6 +1,6 @@
 r"""Every pair that must not meet, its limit, and its distance by coal.
 
-Capsules move (:mod:`plumbline.optim.pointing.collision`), solids stand. What is known of a pair
+Capsules move (:mod:`plumbline.optim.pointing.task`), solids stand. What is known of a pair
 without asking coal is a lower bound, from the spheres of half sizes R about two middles,
 
 .. math:: d_{ij} \ge |c_i - c_j| - R_i - R_j
@@ -10,27 +10,22 @@ Coal is asked for every pair that could be a posture's nearest, or over all post
 its solid; both of these are therefore coal's own numbers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
+from plumbline.kinematics.capsules import nearest
 from plumbline.kinematics.chain import Chain
-from plumbline.kinematics.segments import nearest
-from plumbline.optim.core.problem import Array
-from plumbline.optim.pointing.aim import Aim
+from plumbline.optim.core.problem import Array, Flags, Indices
+from plumbline.optim.pointing.aim import Aim, Needle
 from plumbline.optim.pointing.body import Shape, turning_z_to
-from plumbline.optim.pointing.collision import link_names, moving, radii
 from plumbline.optim.pointing.constants import MM, ROUNDING, SAMPLES, SHORTEST, STILL
 from plumbline.optim.pointing.mesh import Mesh
-from plumbline.optim.pointing.needle import Needle
 from plumbline.optim.pointing.postures import starts
-from plumbline.optim.pointing.task import needle_task
+from plumbline.optim.pointing.task import link_names, moving, needle_task, radii
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +110,7 @@ class Distances:
     """Clearances of N postures."""
 
     values: Array  # of every pair (N, P) [m]; infinite where a capsule has no length or no place
-    exact: NDArray[np.bool_]  # which of them are coal's (N, P); the others are lower bounds
+    exact: Flags  # which of them are coal's (N, P); the others are lower bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +129,13 @@ class Surroundings:
         return np.array([pair.limit for pair in self.pairs])
 
     @cached_property
-    def on_path(self) -> NDArray[np.bool_]:
+    def on_path(self) -> Flags:
         """Which pairs (P,) are of the needle's path and a standing thing: no posture mends them."""
         last = len(self.radii) - 1
         return np.array([p.capsule == last and p.thing >= 0 for p in self.pairs], dtype=bool)
 
     @cached_property
-    def of_arm(self) -> NDArray[np.bool_]:
+    def of_arm(self) -> Flags:
         """Which pairs (P,) depend on the posture that holds the needle."""
         arm = len(self.radii) - 2
         return np.array([p.capsule < arm or p.link >= 0 for p in self.pairs], dtype=bool)
@@ -165,7 +160,7 @@ class Surroundings:
         return np.where(absent[:, one] | (absent[:, link] & ~stands), np.inf, found)
 
     @cached_property
-    def indices(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    def indices(self) -> tuple[Indices, Indices, Indices]:
         """Of every pair its capsule, its thing and its link (P,) each."""
         found = np.array([(p.capsule, p.thing, p.link) for p in self.pairs], dtype=np.intp)
         return found[:, 0], found[:, 1], found[:, 2]
@@ -192,7 +187,7 @@ class Surroundings:
             return -found - 2 * float(self.radii[pair.capsule]), point, -normal
         return found, point, normal
 
-    def clear(self, segments: Array) -> NDArray[np.bool_]:
+    def clear(self, segments: Array) -> Flags:
         """Which postures (N,) keep all limits: coal is asked where the bounds do not say so."""
         found = np.ones(len(segments), dtype=bool)
         short = self.bounds(segments) < self.limits if len(self.pairs) else np.zeros((0, 0))
@@ -209,9 +204,7 @@ class Surroundings:
             self._asked(segments, values, exact, pairs_too)
         return Distances(values, exact)
 
-    def _asked(
-        self, segments: Array, values: Array, exact: NDArray[np.bool_], pairs_too: bool
-    ) -> None:
+    def _asked(self, segments: Array, values: Array, exact: Flags, pairs_too: bool) -> None:
         rows, columns = np.arange(len(values)), np.arange(len(self.pairs))
         nowhere = np.asarray(np.isnan(segments).any(axis=(1, 2, 3)))[:, None]
         while True:

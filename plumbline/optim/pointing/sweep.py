@@ -5,31 +5,32 @@ the whole path (:mod:`plumbline.optim.pointing.statement`); Pinocchio and coal j
 it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.optim.core.answer import Answer
-from plumbline.optim.core.judged import JudgedByResidual, Judgement
+from plumbline.optim.core.judged import JudgedByResidual, Judgement, Solution
 from plumbline.optim.core.judged import judged as judged_path
-from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
-from plumbline.optim.pointing.aim import Aim
-from plumbline.optim.pointing.between import Between, between, whole_way, with_ways
-from plumbline.optim.pointing.collision import pointed
+from plumbline.optim.core.problem import Array, Flags
+from plumbline.optim.pointing.aim import Aim, checked_angles, tip_and_top
+from plumbline.optim.pointing.between import (
+    Between,
+    Planes,
+    before_planes,
+    between,
+    whole_way,
+    with_ways,
+)
 from plumbline.optim.pointing.constants import HELD_WITHIN, LOOKS, PATIENCE, ROUNDS, SPARE
 from plumbline.optim.pointing.judge import drift, judged, settled_status, why_not
-from plumbline.optim.pointing.needle import checked_angles, tip_and_top
 from plumbline.optim.pointing.options import PointingOptions
-from plumbline.optim.pointing.planes import Planes, before_planes
 from plumbline.optim.pointing.postures import Tracks, follow
 from plumbline.optim.pointing.statement import sweep_statement
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
-from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
+from plumbline.optim.pointing.task import NeedleTask, needle_task, pointed, smallest_singular_values
 
 NO_SOLVE = JudgedByResidual("no solve: the track that the path starts from", False, float("nan"))
 
@@ -83,7 +84,7 @@ class Sweep(Answer):
         return Judgement.of([self.solve])
 
     @property
-    def safe(self) -> NDArray[np.bool_]:
+    def safe(self) -> Flags:
         """Which angles are safe (K,)."""
         return np.array([status == Status.SAFE for status in self.status])
 
@@ -147,7 +148,7 @@ def plan_sweep(
 
 def _planned(
     aim: Aim, around: Surroundings, options: PointingOptions, track: Array,
-    held: NDArray[np.bool_], theta: Array, beta: Array,
+    held: Flags, theta: Array, beta: Array,
 ) -> Sweep:  # fmt: skip
     """A track's path; planned again in front of planes while the arm comes too near something."""
     task, rows = needle_task(aim.chain, aim.needle.axis), aim.rows(theta, beta)
@@ -174,7 +175,7 @@ def _nearness(sweep: Sweep) -> tuple[float, float]:
     return (float(sweep.safe.mean()), min(spare, default=np.inf))
 
 
-def _released(solved: _Path, held: NDArray[np.bool_]) -> _Path:
+def _released(solved: _Path, held: Flags) -> _Path:
     """The same with no postures where the needle is not held."""
     return replace(solved, q=np.where(held[:, None], solved.q, np.nan))
 
@@ -204,7 +205,7 @@ def _ranked(
 
 def _path(
     task: NeedleTask, options: PointingOptions, track: Array, rows: Array,
-    held: NDArray[np.bool_], planes: Planes | None = None,
+    held: Flags, planes: Planes | None = None,
 ) -> _Path:  # fmt: skip
     """The path from a track; without bounds on the steps, or the track itself, if that fails."""
     statement = sweep_statement(task, len(rows), options.weights, planes is not None)

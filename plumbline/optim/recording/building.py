@@ -17,16 +17,13 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.recording import checks, units
-from plumbline.optim.recording.columns import JOINTWISE
+from plumbline.optim.recording.columns import JOINTWISE, with_noise_shape
 from plumbline.optim.recording.constants import LARGEST
-from plumbline.optim.recording.disagreement import counted_from_one_turn, far_from_base
+from plumbline.optim.recording.disagreement import counted_from_one_turn, far_from_base, normalised
 from plumbline.optim.recording.efforts import with_motion
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
-from plumbline.optim.recording.noise_shape import with_noise_shape
-from plumbline.optim.recording.origin import Array, Flags, Origin
-from plumbline.optim.recording.quaternions import normalised
 from plumbline.optim.recording.recording import Recording, hash_of
-from plumbline.optim.recording.table import as_integers
+from plumbline.optim.recording.table import Array, Flags, Origin, as_integers
 
 SCALAR = ("time", "temperature", "payload")
 WHOLE = ("socket", "group")

@@ -17,7 +17,7 @@ from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording.constants import BETTER_ROWS, COARSE, SAME_POSTURE
 from plumbline.optim.recording.kinds import ALWAYS
-from plumbline.optim.recording.origin import Array, Origin
+from plumbline.optim.recording.table import Array, Origin
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.special import erf
 
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.optim.recording import constants
-from plumbline.optim.recording.origin import Array, Origin
+from plumbline.optim.recording.table import Array, Flags, Indices, Origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +116,7 @@ def noise_gain(step: float, half: int, order: int) -> float:
     return float(np.linalg.norm(derivative) / np.sqrt(1.0 - plain[half]))
 
 
-def stretches(time: Array, step: float) -> list[NDArray[np.intp]]:
+def stretches(time: Array, step: float) -> list[Indices]:
     """Rows of each run, in order: up to a gap in time, or to where the clock begins anew.
 
     Groups are no runs: they may be blocks of one that are left out together.
@@ -127,7 +126,7 @@ def stretches(time: Array, step: float) -> list[NDArray[np.intp]]:
     return [np.asarray(rows) for rows in np.split(np.arange(len(time)), cuts)]
 
 
-def elsewhere(places: Array) -> NDArray[np.bool_]:
+def elsewhere(places: Array) -> Flags:
     """Rows (N - 1,) after which places (N, n) are as far as no other steps are by far."""
     step = np.abs(np.diff(places, axis=0))
     size = np.max(step / np.maximum(np.quantile(step, constants.USUAL, axis=0), 1e-12), axis=1)

@@ -1,24 +1,31 @@
-"""Do the rows meet the model at all? No gap of a robot is as wide as a joint in the wrong column.
+r"""Do the rows meet the model at all? No gap of a robot is as wide as a joint in the wrong column.
 
 What another simple set-up mends is named (:mod:`plumbline.optim.recording.set_up`); where the
 misfit is a good part of the spread of the tips and nothing simple mends it, the model is another
 robot's.
+
+In which order and sense are quaternions written? The positions and the model tell.
+
+The frame R that carries predicted tips onto the measured ones also turns the predicted rotations,
+so that :math:`R_{tip,i}^T R^T R_i` is one fixed rotation, the tool's, in the right convention and
+in no other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plumbline.optim.recording.constants import FEWEST, HUGE, MOUNTED, OUT_OF_BASE, UNMET
-from plumbline.optim.recording.origin import Origin
+from plumbline.errors import fault
+from plumbline.optim.recording import constants
 from plumbline.optim.recording.set_up import missed as misfit_of
 from plumbline.optim.recording.set_up import wrong_set_up
 from plumbline.optim.recording.slips import whole_turns
-from plumbline.optim.rigid import some_of, spread
+from plumbline.optim.recording.table import Array, Origin
+from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of, spread
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
@@ -29,13 +36,13 @@ def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
     wrong = wrong_set_up(r)
     if wrong is not None:
         yield f"{origin.file}: {wrong.words}: mend this; diagnose refuses it unless forced"
-    elif said := unmet(r, HUGE):
+    elif said := unmet(r, constants.HUGE):
         yield f"{origin.file}: {said}"
 
 
-def unmet(r: Recording, share: float = UNMET) -> str:
+def unmet(r: Recording, share: float = constants.UNMET) -> str:
     """What to doubt where tips miss the model by a share of their spread; empty if they do not."""
-    if not r.kind.device or len(r) < FEWEST:
+    if not r.kind.device or len(r) < constants.FEWEST:
         return ""
     some = r.select(some_of(len(r)))
     missed, wide = misfit_of(some), spread(some.measured[:, :3])
@@ -67,7 +74,7 @@ def zeros_by_mounting(r: Recording) -> Recording:
     if not r.kind.encoders or "joint_offset" in r.always:
         return r
     off = {j + 1: float(np.median(r.measured[:, j] - r.q[:, j])) for j in r.measured_joints}
-    far = {j: zero for j, zero in off.items() if abs(zero) > MOUNTED}
+    far = {j: zero for j, zero in off.items() if abs(zero) > constants.MOUNTED}
     if not far:
         return r
     units = {j: "m" if r.chain.kinds[j - 1] == "prismatic" else "rad" for j in far}
@@ -88,4 +95,95 @@ def far_from_base(r: Recording) -> float:
     tips = r.measured[some, :3]
     off = r.chain.tips(r.q[some], r.tool_offset) - tips
     missed = float(np.median(np.linalg.norm(off, axis=1)))
-    return missed if missed > OUT_OF_BASE * spread(tips) else 0.0
+    return missed if missed > constants.OUT_OF_BASE * spread(tips) else 0.0
+
+
+# Where w, x, y, z stand among the columns qw, qx, qy, qz, the sense of the turn, and the way out.
+CONVENTIONS: Mapping[str, tuple[tuple[int, int, int, int], int]] = {
+    "x, y, z, w: put w first": ((3, 0, 1, 2), 1),
+    "inverse rotations: turn the signs of qx, qy, qz": ((0, 1, 2, 3), -1),
+    "x, y, z, w of inverse rotations: put w first and turn the other signs": ((3, 0, 1, 2), -1),
+    "w, x, z, y: swap qy and qz": ((0, 1, 3, 2), 1),
+    "w, y, x, z: swap qx and qy": ((0, 2, 1, 3), 1),
+    "w, z, y, x: swap qx and qz": ((0, 3, 2, 1), 1),
+    "w, y, z, x: put x second": ((0, 3, 1, 2), 1),
+    "w, z, x, y: put z last": ((0, 2, 3, 1), 1),
+    "z, y, x, w: turn their order round": ((3, 2, 1, 0), 1),
+}
+
+
+def quaternions_are_unit(r: Recording, origin: Origin) -> Iterator[str]:
+    """Quaternions have norm one."""
+    yield from ()
+    if not r.kind.oriented:
+        return
+    norm = np.linalg.norm(r.measured[:, 3:], axis=1)
+    broken = np.flatnonzero(np.abs(norm - 1.0) > constants.UNIT_TOLERANCE)
+    if len(broken):
+        mend = "write unit quaternions, w first"
+        found = f"a quaternion of norm {norm[broken[0]]:.6g}"
+        raise fault(
+            origin.at("qw", broken[0]), found, f"1 within {constants.UNIT_TOLERANCE:g}", mend
+        )
+
+
+def quaternions_are_in_order(r: Recording, origin: Origin) -> Iterator[str]:
+    """Quaternions turn with the model as they stand, w first."""
+    yield from ()
+    if not r.kind.oriented:
+        return
+    some = some_of(len(r))
+    predicted = r.chain.placement(r.q[some])[:, :3, :3]
+    frame = _frame(r.chain.tips(r.q[some], r.tool_offset), r.measured[some, :3])
+    quaternions = normalised(r.measured)[some, 3:]
+    as_given = _misfit(predicted, rotations(quaternions), frame)
+    if as_given <= constants.ODD:
+        return
+    left = {
+        words: _misfit(predicted, rotations(_read(quaternions, *order)), frame)
+        for words, order in CONVENTIONS.items()
+    }
+    least = min(left.values())
+    if least < constants.BETTER * as_given:
+        near = [words for words, value in left.items() if value < max(2.0 * least, constants.ALIKE)]
+        found = f"rotations {as_given:.2g} rad from the predicted ones, {least:.2g} if reordered"
+        mend = f"looks like {' -- or like '.join(near)}"
+        raise fault(origin.at("qw", 0), found, "qw, qx, qy, qz", mend)
+
+
+def normalised(measured: Array) -> Array:
+    """Poses (N, 7) with their quaternions' norms made one."""
+    q = measured[:, 3:]
+    return np.hstack([measured[:, :3], q / np.linalg.norm(q, axis=1, keepdims=True)])
+
+
+def _read(quaternions: Array, places: tuple[int, int, int, int], sense: int) -> Array:
+    read = quaternions[:, list(places)]
+    return np.hstack([read[:, :1], sense * read[:, 1:]])
+
+
+def _frame(predicted: Array, measured: Array) -> Array | None:
+    """The frame's rotation (3, 3) by the tips; None where they lie on a line."""
+    a, b = predicted - predicted.mean(axis=0), measured - measured.mean(axis=0)
+    for cloud in (a, b):
+        sizes = np.linalg.svd(cloud, compute_uv=False)
+        if len(sizes) < 3 or not sizes[1] > constants.LINE * sizes[0]:
+            return None
+    return best_rotation(a, b)
+
+
+def _misfit(predicted: Array, measured: Array, frame: Array | None) -> float:
+    """Median angle [rad] to a tool that is fixed, in a frame that is given or fitted."""
+    # By the rotations alone where there is none: their axes turn with it.
+    R = best_rotation(_axes(predicted), _axes(measured)) if frame is None else frame
+    tools = np.swapaxes(predicted, 1, 2) @ R.T @ measured
+    mean = nearest_rotation(tools.sum(axis=0))
+    chord = np.linalg.norm(tools - mean, axis=(1, 2)) / np.sqrt(8.0)
+    return float(np.median(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0))))
+
+
+def _axes(R: Array) -> Array:
+    """Axis times sine (N, 3) of every turn since the first, in the outer frame."""
+    since = R @ R[0].T
+    half = 0.5 * (since - since.transpose(0, 2, 1))
+    return np.stack([half[:, 2, 1], half[:, 0, 2], half[:, 1, 0]], axis=1)

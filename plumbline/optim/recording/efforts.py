@@ -32,8 +32,8 @@ from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
-from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.settings import Section
+from plumbline.optim.recording.table import Array, Origin
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording

@@ -12,19 +12,16 @@ probable than that it is not, whichever joint is not asked: one alone may have f
 memory.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import stretches
-from plumbline.optim.recording.origin import Array
+from plumbline.optim.recording.table import Array, Flags, Indices
 
-Rows = NDArray[np.intp]
+Rows = Indices
 
 
 def late_by(time: Array, read: Array, designs: Callable[[Rows], Sequence[Array]]) -> float:
@@ -64,7 +61,7 @@ def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> 
     return late if sure else 0.0
 
 
-def at_other_time(time: Array, columns: Array, by: float) -> tuple[Array, NDArray[np.bool_]]:
+def at_other_time(time: Array, columns: Array, by: float) -> tuple[Array, Flags]:
     """Columns (N, k) so much later [s], and which rows (N,) have any."""
     found, there = columns.copy(), np.zeros(len(columns), bool)
     for s in stretches(time, usual_step(time)):

@@ -20,19 +20,19 @@ from plumbline.kinematics.robot import LARGEST_URDF, Robot, refuse_xacro
 from plumbline.optim.recording.building import build, chain_to, check_observation
 from plumbline.optim.recording.columns import (
     context_columns,
+    coupled,
     elsewhere_columns,
     joint_columns,
     measured_columns,
     numbered,
+    with_mimics,
 )
 from plumbline.optim.recording.constants import LARGEST_SETTINGS, LARGEST_TWIST
-from plumbline.optim.recording.couplings import coupled, with_mimics
 from plumbline.optim.recording.efforts import by_joint, torque_constants
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
-from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.settings import Section, read_settings
-from plumbline.optim.recording.table import Table, decode, read_table
+from plumbline.optim.recording.table import Array, Origin, Table, decode, read_table
 from plumbline.optim.recording.urdf import check_urdf
 
 SETTINGS, SAMPLES = "dataset.toml", "samples.csv"

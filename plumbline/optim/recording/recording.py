@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
@@ -21,7 +21,7 @@ from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.constants import SOCKETS
 from plumbline.optim.recording.kinds import ROWS, Kind
-from plumbline.optim.recording.origin import Array, Flags, Integers
+from plumbline.optim.recording.table import Array, Flags, Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,6 @@ class Recording:
         return self.session is not None
 
     def __len__(self) -> int:
-        """Number of rows."""
         return len(self.q)
 
     def select(self, rows: ArrayLike) -> Recording:
@@ -183,7 +182,6 @@ class Recording:
         return {}
 
     def __repr__(self) -> str:
-        """Name, kind, rows and robot; :meth:`describe` says more."""
         robot = f"{self.robot.name[:40]} to {self.tip_frame[:40]!r}"
         return f"<Recording {self.name[:60]!r}: {self.observation}, {len(self)} rows, {robot}>"
 
@@ -261,11 +259,9 @@ class Session:
     suspects: tuple[Effect, ...] = ()
 
     def __len__(self) -> int:
-        """Number of recordings."""
         return len(self.parts)
 
     def __repr__(self) -> str:
-        """Names and numbers of rows."""
         listed = ", ".join(f"{p.name[:40]}: {len(p)} rows of {p.observation}" for p in self.parts)
         return f"<Session {self.name[:60]!r}: {listed}>"
 
@@ -289,7 +285,7 @@ class Session:
         joints = len(self.encoders) if part.kind.encoders else part.chain.n
         return part.kind.equations or joints
 
-    def live(self, k: int) -> NDArray[np.bool_]:
+    def live(self, k: int) -> Flags:
         """Which of the residuals (m,) a row of recording k has."""
         part = self.parts[k]
         if part.kind.encoders:
@@ -332,7 +328,7 @@ def socket_labels(recording: Recording) -> tuple[int, ...]:
     return tuple(int(k) for k in np.unique(recording.socket))
 
 
-def one_hot_sockets(recording: Recording) -> NDArray[np.float64]:
+def one_hot_sockets(recording: Recording) -> Array:
     """One column a socket, 1 where the row rests in it (N, s)."""
     assert recording.socket is not None
     return (recording.socket[:, None] == np.array(socket_labels(recording))).astype(float)

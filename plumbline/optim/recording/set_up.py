@@ -26,7 +26,6 @@ from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.recording import constants
-from plumbline.optim.recording.origin import Array, Integers
 from plumbline.optim.recording.slips import (
     TURNED,
     counted_from_others,
@@ -41,6 +40,7 @@ from plumbline.optim.recording.slips import (
     whole_turns,
     zeros,
 )
+from plumbline.optim.recording.table import Array, Integers
 from plumbline.optim.rigid import nearest_rotation, rotations, some_of
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ import numpy as np
 from plumbline.errors import PlumblineError, Spot, did_you_mean, fault, shown
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.recording import constants
-from plumbline.optim.recording.origin import Array
-from plumbline.optim.recording.table import decode
+from plumbline.optim.recording.table import Array, decode
 
 PARTED = re.compile(r"[=,\[\]{}]")
 QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")

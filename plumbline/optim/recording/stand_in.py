@@ -10,7 +10,7 @@ import scipy
 from plumbline.errors import shown
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.constants import MOST_NAMED, SLIDE
-from plumbline.optim.recording.origin import Array
+from plumbline.optim.recording.table import Array
 
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 

@@ -13,7 +13,7 @@ from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
-from plumbline.optim.core.stored import parts_of, register, restored, restored_parts
+from plumbline.optim.core.answer import parts_of, register, restored, restored_parts
 from plumbline.optim.recording.recording import Recording, Session
 
 

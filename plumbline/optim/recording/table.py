@@ -2,6 +2,8 @@
 
 Rows count as an editor counts lines, the header being row 1. Blank lines, a byte order mark and
 either kind of line end are no fault; everything that would have to be guessed at is.
+
+Where rows and settings came from: what is found wrong with them later still names the place.
 """
 
 import csv
@@ -9,7 +11,7 @@ import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,8 +25,42 @@ from plumbline.errors import (
     listed,
     shown,
 )
-from plumbline.optim.recording.constants import LARGEST, MOST_COLUMNS, MOST_ROWS
-from plumbline.optim.recording.origin import Array, Integers, Origin
+from plumbline.kinematics.evaluate import Array as Array
+from plumbline.kinematics.evaluate import Flags as Flags
+from plumbline.kinematics.evaluate import Indices as Indices
+from plumbline.kinematics.evaluate import Integers as Integers
+from plumbline.optim.recording.constants import FIRST_ROW, LARGEST, MOST_COLUMNS, MOST_ROWS
+
+HEADER = "the header being row 1"
+
+
+def row_numbers(chosen: Flags) -> tuple[int, ...]:
+    """Numbers of the rows that a mask (N,) picks, as an editor counts: the header is row 1."""
+    return tuple((FIRST_ROW + np.flatnonzero(chosen)).tolist())
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where rows came from, so that a fault found late can still name the place."""
+
+    file: str = "arrays"  # name of the file, or ``"arrays"``
+    # line number (N,) of each row in the file; None for arrays, counted from 0
+    lines: Integers | None = None
+    # where each setting stands, by its name: ``{"noise_std": "dataset.toml, row 3, ..."}``
+    keys: Mapping[str, str] = field(default_factory=dict)
+
+    def key(self, name: str) -> str:
+        """Where a setting stands, or just its name."""
+        return self.keys.get(name, name)
+
+    def at(self, column: str, index: int | np.integer | None = None) -> Spot:
+        """``samples.csv, row 17, column 'q3'`` for the row of that index."""
+        if index is None:
+            return Spot.at(self.file, None, column)
+        if self.lines is None:
+            words = f"{self.file}, row {int(index)} (from 0), column {shown(column)}"
+            return Spot(words, self.file, int(index), column)
+        return Spot.at(self.file, int(self.lines[index]), column)
 
 
 @dataclass(frozen=True)
@@ -36,11 +72,9 @@ class Table:
     notes: tuple[str, ...] = ()  # what is odd about the file but no fault
 
     def __len__(self) -> int:
-        """Number of rows."""
         return 0 if self.origin.lines is None else len(self.origin.lines)
 
     def __contains__(self, name: str) -> bool:
-        """Whether there is a column of that name."""
         return name in self.columns
 
     def require(self, names: Iterable[str]) -> None:

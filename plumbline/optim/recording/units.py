@@ -16,9 +16,12 @@ import numpy as np
 
 from plumbline.errors import fault, shown
 from plumbline.optim.recording import constants as at
-from plumbline.optim.recording.disagreement import rows_meet_the_model
-from plumbline.optim.recording.origin import Array, Flags, Origin
-from plumbline.optim.recording.quaternions import quaternions_are_in_order, quaternions_are_unit
+from plumbline.optim.recording.disagreement import (
+    quaternions_are_in_order,
+    quaternions_are_unit,
+    rows_meet_the_model,
+)
+from plumbline.optim.recording.table import Array, Flags, Origin
 from plumbline.optim.rigid import misfit, some_of, spread
 
 if TYPE_CHECKING:

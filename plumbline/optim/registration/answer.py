@@ -17,18 +17,15 @@ square of the markers' misfits; what is called calculation error is their mean (
 al., eq. 16, rebuilt).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.optim.core.answer import Answer
+from plumbline.optim.core.answer import Answer, plain
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.stored import plain
 from plumbline.optim.registration.checks import Condition
 from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.target import TargetError, Unstated, arc, lever, point_of

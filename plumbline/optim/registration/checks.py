@@ -18,19 +18,16 @@ deviations along their own axes: the second one is the lever that holds the rota
 line (Fitzpatrick, West, Maurer 1998, IEEE TMI 17(5), eq. 46).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, permutations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from plumbline.errors import fault
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.registration import constants
 from plumbline.optim.registration.least_squares import best_fit
 from plumbline.optim.registration.markers import Markers
@@ -126,7 +123,7 @@ def misfits(ct: Array, robot: Array) -> Array:
     return rms
 
 
-def _any_orders(apart: Array, wanted: Array) -> NDArray[np.intp]:
+def _any_orders(apart: Array, wanted: Array) -> Indices:
     """The few orders (N, n), other than the given one, with the nearest distances (n, n)."""
     orders = _orders(len(apart))
     there = apart[orders[:, :, None], orders[:, None, :]]
@@ -135,12 +132,12 @@ def _any_orders(apart: Array, wanted: Array) -> NDArray[np.intp]:
 
 
 @lru_cache(maxsize=8)
-def _orders(n: int) -> NDArray[np.intp]:
+def _orders(n: int) -> Indices:
     """Orders (N, n) other than the given one."""
     return np.array(list(permutations(range(n)))[1:])
 
 
-def _exchanges(apart: Array, wanted: Array) -> NDArray[np.intp]:
+def _exchanges(apart: Array, wanted: Array) -> Indices:
     r"""The few exchanges of two (N, n) with the nearest distances (n, n).
 
     An exchange of i and j adds :math:`2 \sum_{k \ne i, j} (D_{ik} - D_{jk})(W_{ik} - W_{jk})`.
@@ -156,7 +153,7 @@ def _exchanges(apart: Array, wanted: Array) -> NDArray[np.intp]:
     return orders
 
 
-def _turned(ct: Array, robot: Array, apart: Array, wanted: Array) -> NDArray[np.intp]:
+def _turned(ct: Array, robot: Array, apart: Array, wanted: Array) -> Indices:
     """Orders (N, n), other than the given one, with a triple of CT's on one of the robot's."""
     corners = list(combinations(well_spread(ct), 3))
     sides = ct[corners][:, 1:] - ct[corners][:, :1]
@@ -172,7 +169,7 @@ def _turned(ct: Array, robot: Array, apart: Array, wanted: Array) -> NDArray[np.
     return np.array(sorted(orders), dtype=np.intp).reshape(-1, len(ct))
 
 
-def _triples(sides: Array, wanted: Array) -> NDArray[np.intp]:
+def _triples(sides: Array, wanted: Array) -> Indices:
     """Triples (N, 3) of points at distances (n, n) that are as far apart as three others (3, 3)."""
     n, first = len(wanted), (wanted - sides[0, 1]) ** 2
     np.fill_diagonal(first, np.inf)

@@ -4,8 +4,6 @@ What names no source was chosen; the grades of a target and what they are worth 
 ``plumbline.experiments.benches.registration_coverage``.
 """
 
-from __future__ import annotations
-
 from math import log
 
 import numpy as np

@@ -26,9 +26,8 @@ from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.recording.columns import elsewhere_columns
 from plumbline.optim.recording.kinds import FIDUCIALS
 from plumbline.optim.recording.loading import PROVENANCE, open_folder
-from plumbline.optim.recording.origin import Array
 from plumbline.optim.recording.settings import Section
-from plumbline.optim.recording.table import Table, read_table
+from plumbline.optim.recording.table import Array, Table, read_table
 from plumbline.optim.registration.constants import COARSEST, FEWEST, LARGEST
 from plumbline.optim.registration.markers import MarkerNoise, Markers
 from plumbline.optim.registration.target import point_of

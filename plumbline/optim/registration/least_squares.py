@@ -13,13 +13,13 @@ weights of the second do, too. From the first on, damped Newton steps find it,
 for one or many draws at once: each has a damping of its own, and only steps that lower its sum of
 squares are kept (Madsen, Nielsen, Tingleff 2004, sec. 2.4). Derivatives are those of the symbolic
 statement (:mod:`.statement`).
+
+What every method of registration offers, and what it hands to the report.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import scipy
@@ -31,9 +31,41 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.registration import constants
 from plumbline.optim.registration.markers import MarkerNoise, Markers, rows_of
-from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import derivatives, problem, sensitivity
 from plumbline.optim.rigid import rigid_match
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A transform and how the markers move it; the report judges it."""
+
+    T_RC: Array  # from CT to robot (4, 4) [m]
+    centre: Array  # the point (3,) of frame R that the derivatives are taken at [m]
+    # derivative (k, n, 6) of the pose by each marker's coordinates, CT first: displacement at the
+    # centre [m/m], rotation vector [rad/m] and, where k = 7, the relative scale [1/m]
+    jacobian: Array
+    used: tuple[int, ...]  # which markers (from 0) the transform rests on
+    scale: float = 1.0  # lengths in R over lengths in C
+    shifted: tuple[int, ...] = ()  # markers found to have moved
+    notes: tuple[str, ...] = ()  # what is odd, one line each
+    doubt: str = ""  # why the error of this fit cannot be predicted; empty where it can
+    # whether what was iterated converged; a closed form has nothing to judge
+    judged: Judgement = field(default_factory=Judgement)
+
+
+@runtime_checkable
+class Method(Protocol):
+    """A frozen dataclass of typed options; a new method is one file and one line in ``METHODS``."""
+
+    @property
+    def name(self) -> str:
+        """What the command line calls it."""
+
+    def fit(self, markers: Markers) -> Fit:
+        """``T_RC`` and its derivatives by the markers' coordinates."""
+
+    def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
+        """``T_RC`` (..., 4, 4) of many draws of the same markers (..., n, 3) [m], unchecked."""
 
 
 def move(T: Array, centre: Array, x: Array) -> Array:

@@ -10,8 +10,6 @@ Bayesian Data Analysis, sec. 2.6: the scaled inverse chi-square), and none where
 where none was stated. A region's limit is :math:`3 F_{3, \nu_0 + \nu}`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,16 +23,15 @@ from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.checks import check, condition_of, misfit, spread_of
 from plumbline.optim.registration.constants import DOUBTFUL, FEWEST_UNSTATED, NO_PAIR
 from plumbline.optim.registration.fiducials import Fiducials, load_fiducials
-from plumbline.optim.registration.least_squares import Anisotropic, Kabsch, best_fit
+from plumbline.optim.registration.least_squares import Anisotropic, Fit, Kabsch, Method, best_fit
 from plumbline.optim.registration.markers import MarkerNoise, Markers
-from plumbline.optim.registration.method import Fit, Method
 from plumbline.optim.registration.robust import Robust
 from plumbline.optim.registration.target import Unstated
-from plumbline.optim.registration.three_point import ThreePoint
 from plumbline.optim.registration.triples import (
     BestTriple,
     CombinedTriples,
     Frames,
+    ThreePoint,
     Triple,
     usable_triples,
 )

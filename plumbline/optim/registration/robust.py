@@ -25,8 +25,6 @@ by their n - m smallest squares, and the best are refitted to the markers that t
 those stay the same (Rousseeuw and Van Driessen 2006, Data Min. Knowl. Discov. 12: concentration).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import combinations
 from math import comb
@@ -34,15 +32,14 @@ from typing import ClassVar
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import betaincinv, chdtri
 
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.registration import constants
 from plumbline.optim.registration.checks import condition_of
-from plumbline.optim.registration.least_squares import judged_fit, minimise
+from plumbline.optim.registration.least_squares import Fit, judged_fit, minimise
 from plumbline.optim.registration.markers import UPPER, MarkerNoise, Markers, rows_of
-from plumbline.optim.registration.method import Fit
 from plumbline.optim.registration.statement import sensitivity
 from plumbline.optim.rigid import rigid_match
 
@@ -103,14 +100,14 @@ def _trimmed(rows: Array, most: int) -> Array:
     return T[_smallest_sums(whitened_squares(rows, T), size)[: constants.KEPT]]
 
 
-def _triples(n: int) -> NDArray[np.intp]:
+def _triples(n: int) -> Indices:
     """All triples (K, 3) of n markers, or a draw of them."""
     if comb(n, 3) <= constants.TRIPLES:
         return np.array(list(combinations(range(n), 3)))
     return np.random.default_rng(0).random((constants.TRIPLES, n)).argsort(axis=1)[:, :3]
 
 
-def _smallest_sums(squares: Array, size: int) -> NDArray[np.intp]:
+def _smallest_sums(squares: Array, size: int) -> Indices:
     """Which of some poses have the smallest sums of so many smallest squares (K, n), in order."""
     sums = np.partition(squares, size - 1, axis=1)[:, :size].sum(axis=1)
     return np.argsort(sums, kind="stable")

@@ -12,8 +12,6 @@ ECCV, sec. 2; Balachandran and Fitzpatrick 2009, SPIE 7261). With :math:`\Sigma_
 rotation vector w [rad] and, if wanted, a relative scale s, all zero at the pose (A, t) of the row.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, lru_cache
 

@@ -13,8 +13,6 @@ and a marker is read in CT once: its touches share the CT's part, so that they c
 The CT's pitch is no noise but a cause of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -28,10 +26,9 @@ from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import checks
 from plumbline.optim.recording.building import held_flags
 from plumbline.optim.recording.loading import open_folder
-from plumbline.optim.recording.origin import Array, Integers, Origin
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.stand_in import numbered, points_robot
-from plumbline.optim.recording.table import Table, as_integers
+from plumbline.optim.recording.table import Array, Integers, Origin, Table, as_integers
 from plumbline.optim.registration import constants
 from plumbline.optim.registration.checks import check
 from plumbline.optim.registration.fiducials import KIND, Fiducials, Stated, stated_of, touches_of

@@ -1,35 +1,13 @@
 """An answer in words: how far to trust it at a target, and what is odd about it but no fault."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
 
+from plumbline.optim.registration import checks, constants
 from plumbline.optim.registration.answer import Registration
-from plumbline.optim.registration.checks import (
-    Relabelling,
-    best_relabelling,
-    condition_of,
-    doubtful,
-    exchange,
-    misfit,
-    relabellings,
-)
-from plumbline.optim.registration.constants import (
-    ASIDE,
-    COARSE,
-    DOUBTFUL,
-    ENOUGH_FREEDOMS,
-    FINE,
-    FLAT,
-    MUCH,
-    NEARLY_ON_A_LINE,
-    SURPRISING,
-    WIDE_TURN,
-)
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.target import TargetError
 from plumbline.optim.rigid import rigid_match
@@ -56,12 +34,12 @@ def _elsewhere(answer: Registration, error: TargetError, markers: Markers) -> st
     """Where labels exchanged unseen would put the target, if that is out of its region."""
     at = answer.T_RC[:3, :3] @ error.ct + answer.T_RC[:3, 3]
     worst, words = error.reach, ""
-    for other in relabellings(markers.ct, markers.robot):
+    for other in checks.relabellings(markers.ct, markers.robot):
         if _unseen(markers, other):
             T = rigid_match(markers.ct[list(other.order)], markers.robot)
             away = float(np.linalg.norm(T[:3, :3] @ error.ct + T[:3, 3] - at))
             if away > worst:
-                worst, found = away, exchange(markers, other)
+                worst, found = away, checks.exchange(markers, other)
                 words = f": were labels exchanged ({found}), none would notice, and it would lie "
                 words += f"{away * 1e3:.2g} mm from there; check one more point"
     return words
@@ -69,12 +47,20 @@ def _elsewhere(answer: Registration, error: TargetError, markers: Markers) -> st
 
 def _grade(answer: Registration, far: float) -> str:
     """What the region's reach [m] is worth; misfits that belie what was stated make it doubtful."""
-    if answer.surprise < DOUBTFUL:
+    if answer.surprise < constants.DOUBTFUL:
         return "doubtful"
     unsure = (
-        _freedoms(answer) < ENOUGH_FREEDOMS or _unchecked(answer) or answer.surprise < SURPRISING
+        _freedoms(answer) < constants.ENOUGH_FREEDOMS
+        or _unchecked(answer)
+        or answer.surprise < constants.SURPRISING
     )
-    return "good" if far <= FINE and not unsure else "fair" if far <= COARSE else "poor"
+    return (
+        "good"
+        if far <= constants.FINE and not unsure
+        else "fair"
+        if far <= constants.COARSE
+        else "poor"
+    )
 
 
 def _freedoms(answer: Registration) -> float:
@@ -112,14 +98,14 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
         )
     if _unchecked(answer):
         found.append("three markers cannot show that one of them moved")
-    elif answer.unstated is None and _freedoms(answer) < ENOUGH_FREEDOMS:
+    elif answer.unstated is None and _freedoms(answer) < constants.ENOUGH_FREEDOMS:
         found.append(f"{_kept(answer)} markers hardly check what was stated of the noise")
-    if answer.surprise < DOUBTFUL:
+    if answer.surprise < constants.DOUBTFUL:
         found.append("the markers misfit more than the stated noise allows, so it may be worse")
-    elif answer.surprise < SURPRISING:
+    elif answer.surprise < constants.SURPRISING:
         found.append(
-            f"fewer than {SURPRISING:.0%} of markers misfit so much under the stated noise: it is "
-            f"taken for {answer.noise_scale:.2g} times as large; check what was stated"
+            f"fewer than {constants.SURPRISING:.0%} of markers misfit so much under the stated "
+            f"noise: it is taken for {answer.noise_scale:.2g} times as large; check what was stated"
         )
     return found
 
@@ -130,7 +116,7 @@ def remarks(markers: Markers, answer: Registration) -> Iterator[str]:
     yield from _flat(markers, answer)
     yield from _stretched(markers)
     yield from _unsure_labels(markers)
-    if answer.rotation_std > WIDE_TURN:
+    if answer.rotation_std > constants.WIDE_TURN:
         yield (
             f"the rotation is known to {np.degrees(answer.rotation_std):.2g} deg (1 sigma) only: "
             "predicted errors, which are first order, are rough"
@@ -139,28 +125,28 @@ def remarks(markers: Markers, answer: Registration) -> Iterator[str]:
 
 def _nearly_on_a_line(answer: Registration) -> Iterator[str]:
     shape = answer.condition
-    if shape.angle >= NEARLY_ON_A_LINE:
+    if shape.angle >= constants.NEARLY_ON_A_LINE:
         return
     names = ", ".join(answer.labels[k] for k in answer.used)
     line = answer.T_RC[:3, :3] @ shape.axis / answer.scale
-    aside = np.linalg.svd(line[None])[2][1:] * ASIDE  # two arms square to the line
+    aside = np.linalg.svd(line[None])[2][1:] * constants.ASIDE  # two arms square to the line
     inverse = np.linalg.inv(answer.T_RC)
     ct = (answer.centre + aside) @ inverse[:3, :3].T + inverse[:3, 3]
     worst = float(answer.tre_rms(ct).max())
     yield (
         f"markers {names} are nearly on one line ({shape.angle:.1f} deg, sine at the first "
-        f"{shape.sine:.3f}): a point {ASIDE * 1e3:.0f} mm off it is found to {worst * 1e3:.2g} mm "
-        "RMS; move one marker off the line"
+        f"{shape.sine:.3f}): a point {constants.ASIDE * 1e3:.0f} mm off it is found to "
+        f"{worst * 1e3:.2g} mm RMS; move one marker off the line"
     )
 
 
 def _flat(markers: Markers, answer: Registration) -> Iterator[str]:
-    shape = condition_of(markers.ct)
+    shape = checks.condition_of(markers.ct)
     if len(markers) == 3:
         yield (
             "three markers lie in one plane: a mirrored CT would go unnoticed; check one more point"
         )
-    elif shape.thickness < FLAT * shape.spread[1]:
+    elif shape.thickness < constants.FLAT * shape.spread[1]:
         yield (
             f"the markers lie in one plane within {shape.thickness * 1e3:.2g} mm: a mirrored CT "
             "would go unnoticed; put one marker higher"
@@ -169,13 +155,13 @@ def _flat(markers: Markers, answer: Registration) -> Iterator[str]:
 
 def _stretched(markers: Markers) -> Iterator[str]:
     """Distances that differ by a common factor, where the noise is known to be smaller."""
-    if not (markers.known and doubtful(markers)):
+    if not (markers.known and checks.doubtful(markers)):
         return
     scaled = rigid_match(markers.ct, markers.robot, scale=True)
     scale = float(np.cbrt(np.linalg.det(scaled[:3, :3])))
     left = markers.ct @ scaled[:3, :3].T + scaled[:3, 3] - markers.robot
     after = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
-    if after * MUCH < misfit(markers):
+    if after * constants.MUCH < checks.misfit(markers):
         yield (
             f"distances are {abs(scale - 1) * 100:.2g} % {'longer' if scale > 1 else 'shorter'} by "
             "the robot than in CT: check CT's pitch"
@@ -184,28 +170,28 @@ def _stretched(markers: Markers) -> Iterator[str]:
 
 def _unsure_labels(markers: Markers) -> Iterator[str]:
     """Labels that could be exchanged unseen, or seem to be."""
-    other = best_relabelling(markers.ct, markers.robot)
-    plain = misfit(markers)
-    if other.misfit * MUCH < plain and doubtful(markers):
+    other = checks.best_relabelling(markers.ct, markers.robot)
+    plain = checks.misfit(markers)
+    if other.misfit * constants.MUCH < plain and checks.doubtful(markers):
         yield (
             f"other labels fit better ({other.misfit * 1e3:.2g} mm against {plain * 1e3:.2g} mm): "
-            f"perhaps {exchange(markers, other)}"
+            f"perhaps {checks.exchange(markers, other)}"
         )
     elif _unseen(markers, other):
         yield (
-            f"nearly symmetric markers: that {exchange(markers, other)} would go unnoticed "
+            f"nearly symmetric markers: that {checks.exchange(markers, other)} would go unnoticed "
             f"({other.misfit * 1e3:.2g} mm against {plain * 1e3:.2g} mm)"
         )
 
 
-def _unseen(markers: Markers, other: Relabelling) -> bool:
+def _unseen(markers: Markers, other: checks.Relabelling) -> bool:
     """Whether exchanged labels, too, agree with the noise: as stated, or as misfits tell it."""
     if not markers.known:
-        return other.misfit <= MUCH * misfit(markers)
+        return other.misfit <= constants.MUCH * checks.misfit(markers)
     order = list(other.order)
     largest = np.linalg.eigvalsh(markers.ct_cov + markers.robot_cov)[:, -1].max()
     least = len(markers) * other.misfit**2 / (2 * largest)
-    if least > chdtri(3 * len(markers) - 6, DOUBTFUL):
+    if least > chdtri(3 * len(markers) - 6, constants.DOUBTFUL):
         return False
     exchanged = replace(markers, ct=markers.ct[order], ct_cov=markers.ct_cov[order])
-    return not doubtful(exchanged)
+    return not checks.doubtful(exchanged)

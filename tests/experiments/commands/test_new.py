@@ -14,7 +14,7 @@ from plumbline import Robot, load
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.importing.templates import TEMPLATES, header, robot_lines, settings
-from plumbline.optim.core.stored import restored, stored
+from plumbline.optim.core.answer import restored, stored
 from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
 from tests.experiments.commands.test_command_line import contents, refused
 from tests.recording_folders import URDF, columns, csv_text

@@ -28,7 +28,7 @@ from plumbline.experiments.withheld.picture import page, write_picture
 from plumbline.experiments.withheld.scoring import error_words, median, score, score_run
 from plumbline.experiments.withheld.sealing import LEDGER, read_ledger, seal_folder
 from plumbline.experiments.withheld.truth import Sort, Truth, read_truth
-from plumbline.optim.core.shares import Median, Share
+from plumbline.optim.core.quantities import Median, Share
 from tests.simulated_cases import contents
 
 QUICK = Design(seed=5, kind="mixed", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))

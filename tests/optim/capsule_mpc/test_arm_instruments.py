@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from plumbline.experiments.mpc.arm_loop import BEND, POSTURE, Watch, arm_task, make_arm, run_arms
-from plumbline.kinematics.link_capsules import bones
+from plumbline.kinematics.capsules import bones
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.capsule_mpc import (
     Noise,

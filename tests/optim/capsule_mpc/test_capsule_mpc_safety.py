@@ -22,8 +22,8 @@ from plumbline.optim.capsule_mpc import (
     Statement,
     TipInstrument,
     Trouble,
-    banded_qp,
 )
+from plumbline.optim.capsule_mpc import planning as banded_qp
 from tests.in_mm import Controller
 
 BODIES = (TipInstrument((-0.04, 0.0, 0.0)), TipInstrument((0.04, 0.0, 0.0)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plumbline.kinematics.segments import nearest
+from plumbline.kinematics.capsules import nearest
 from plumbline.optim.capsule_mpc import (
     Obstacle,
     OneStep,

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from plumbline.experiments.reality.touch import Touch, all_pairs
-from plumbline.kinematics.capsules import Segment, squared_distance
-from plumbline.kinematics.segments import nearest
+from plumbline.kinematics.capsules import Segment, nearest, squared_distance
 from plumbline.optim.capsule_mpc import (
     Mode,
     Noise,

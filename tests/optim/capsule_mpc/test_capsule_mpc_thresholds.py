@@ -4,7 +4,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from plumbline.kinematics.segments import nearest
+from plumbline.kinematics.capsules import nearest
 from plumbline.optim.capsule_mpc import (
     EndsInstrument,
     Obstacle,

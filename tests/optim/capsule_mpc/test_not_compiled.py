@@ -17,10 +17,10 @@ from plumbline.optim.capsule_mpc import (
     Settings,
     Statement,
     TipInstrument,
-    banded_qp,
     compiled,
     linearised,
 )
+from plumbline.optim.capsule_mpc import planning as banded_qp
 from tests.in_mm import Controller
 
 NEEDED = pytest.mark.skipif(compiled.compiler() is None, reason="no C compiler here")

@@ -13,10 +13,9 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core import mapped as mapping
-from plumbline.optim.core.judged import judged
+from plumbline.optim.core.judged import Solution, judged
 from plumbline.optim.core.mapped import Gram, Mapped, less_foretold
 from plumbline.optim.core.problem import Problem
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import (
     ALL,
     Fatrop,

@@ -7,8 +7,7 @@ import pytest
 
 from plumbline.optim.core import judged as judging
 from plumbline.optim.core.constants import STILL
-from plumbline.optim.core.judged import judged, judged_by_gram, the_worst
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.judged import Solution, judged, judged_by_gram, the_worst
 from plumbline.optim.core.solvers import ALL, Ipopt, LevenbergMarquardt
 from tests.optim.core.test_every_solver import calibration, linear, model_of
 

@@ -3,7 +3,7 @@
 import pytest
 
 from plumbline.optim.core.constants import SIDES
-from plumbline.optim.core.shares import Share
+from plumbline.optim.core.quantities import Share
 
 
 def test_a_share_has_wilson_s_interval_of_95_percent():

@@ -10,9 +10,9 @@ import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import EFFECTS, Effect
 from plumbline.kinematics.effects.joint_offset import JointOffset
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.answer import restored, stored
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt
-from plumbline.optim.core.stored import restored, stored
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of

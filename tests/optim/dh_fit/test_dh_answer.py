@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.answer import restored, stored
 from plumbline.optim.core.solvers import Ipopt, TrustRegion
-from plumbline.optim.core.stored import restored, stored
 from plumbline.optim.dh_fit import BY_NAME, DHFit, DHOptions, Norms, Squares, fit_dh
 from plumbline.optim.dh_fit.solvers import GaussNewton
 from tests.answer_contract import keeps_the_contract, same

@@ -23,7 +23,7 @@ from plumbline.optim.dh_fit import (
 from plumbline.optim.dh_fit.export import as_toml, as_urdf
 from plumbline.optim.dh_fit.local import Space, local_and_global
 from plumbline.optim.dh_fit.registration import Registered, spread_rows, steps_needed
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import Pass
 from tests.dh_sessions import BH7, four, recording, session, simulated_recording, stated
 
 PUBLISHED = DHOptions(frame="registration", parameters="all", hayati=False)

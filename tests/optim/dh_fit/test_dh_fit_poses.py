@@ -11,8 +11,7 @@ from plumbline.optim.dh_fit import DHOptions, Status, fit_dh
 from plumbline.optim.dh_fit.identify import Why, identify, noise_free
 from plumbline.optim.dh_fit.local import Space
 from plumbline.optim.dh_fit.poses import Criterion, reachable
-from plumbline.optim.dh_fit.statement import frame_unknowns, link_unknowns, tool_unknowns
-from plumbline.optim.dh_fit.sums import Pass
+from plumbline.optim.dh_fit.statement import Pass, frame_unknowns, link_unknowns, tool_unknowns
 from tests.dh_sessions import BH7, four, recording, session
 
 SPACE = Space.about([0.33, 0.0, -0.03], [0.30, 0.40, 0.25])

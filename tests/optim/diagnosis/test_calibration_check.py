@@ -14,10 +14,14 @@ from plumbline.experiments.reality.joint_effects import JointScale
 from plumbline.kinematics.effects import EFFECTS, JointCoupling
 from plumbline.kinematics.effects import JointScale as Scale
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.diagnosis.calibrate.check import check_calibration
-from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
+from plumbline.optim.diagnosis.calibrate.check import (
+    Recalibration,
+    check_calibration,
+    histogram,
+    ranks,
+    threshold,
+)
 from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
-from plumbline.optim.diagnosis.calibrate.truth_set import histogram, ranks, threshold
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Estimate
 from plumbline.optim.diagnosis.options import DiagnosisOptions

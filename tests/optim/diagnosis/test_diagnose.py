@@ -24,7 +24,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.verdict.staircase import always_words
+from plumbline.optim.diagnosis.verdict.causes import always_words
 from plumbline.optim.diagnosis.verdict.words import estimate_words, gap_words, shrink_words
 from plumbline.optim.model import apply
 from plumbline.optim.recording.building import build_recording

@@ -19,8 +19,8 @@ from plumbline.optim.diagnosis.predict.held_out import Evaluation
 from plumbline.optim.diagnosis.verdict.confounding import _of_another_world
 from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.constants import LEAST_HALF
+from plumbline.optim.measurement.nuisance import half_widths
 from plumbline.optim.measurement.observation import scope_of
-from plumbline.optim.measurement.parts import half_widths
 from plumbline.optim.recording.stand_in import points_robot, pose_readings, poses_robot
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 from tests.benches import bench
@@ -123,13 +123,13 @@ def test_a_marker_touched_once_that_moved_is_a_cause_and_no_gross_row():
 def test_causes_whose_choice_foretells_worse_than_none_are_not_named(monkeypatch):
     """Chosen anew without each fold; rows that a recording keeps back only test."""
     folder, truth = fiducials("marker_shift")
-    whole = held_out.held_out_residuals
+    whole = held_out.shrink.held_out_residuals
 
     def misled(*given):
         after, fits = whole(*given)
         return 30.0 * after, fits
 
-    monkeypatch.setattr(held_out, "held_out_residuals", misled)
+    monkeypatch.setattr(held_out.shrink, "held_out_residuals", misled)
     found = diagnose(folder)
     assert not found.verdict.causes
     assert found.verdict.gap.after == found.verdict.gap.before

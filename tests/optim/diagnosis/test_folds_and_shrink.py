@@ -11,8 +11,8 @@ from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.tool_slip import ToolByGroup
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.diagnose import Explained, _in_between, diagnose, task_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tests.optim.diagnosis.test_negligible_effects as negligible
-from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
+from plumbline.optim.diagnosis.calibrate.check import Recalibration
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.verdict.confounding import rivals, unobservable

@@ -12,7 +12,7 @@ from plumbline.optim.diagnosis.constants import POINTS
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.verdict.curves import _angles
+from plumbline.optim.diagnosis.verdict.causes import _angles
 from tests.benches import bench, readings
 
 LIBRARY = tuple(REGISTRY[name] for name in ("transmission_ripple", "joint_offset"))

@@ -13,9 +13,8 @@ from plumbline.kinematics.tree import tree_of
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.of_recordings import Carries, OfRecording
 from plumbline.optim.diagnosis.proof import proofs
-from plumbline.optim.diagnosis.several.motions import joined_motions
+from plumbline.optim.diagnosis.several.motions import beyond_its_noise, joined_motions
 from plumbline.optim.diagnosis.several.sections import refuse_unlike
-from plumbline.optim.diagnosis.several.together import beyond_its_noise
 from plumbline.optim.diagnosis.verdict.words import left_over
 from plumbline.optim.recording.session import build_session, joined
 from tests.motions import ROWS, arm, recorded

@@ -14,9 +14,8 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, TrustRegion
 from plumbline.optim.hand_eye import direct, single_plane
 from plumbline.optim.hand_eye.accuracy import Marks, repeatability
-from plumbline.optim.hand_eye.baselines import METHODS, opencv_hand_eye, scipy_direct
-from plumbline.optim.hand_eye.planes import Frames, principal_plane
-from plumbline.optim.hand_eye.readings import Beam, Readings, mean_beam
+from plumbline.optim.hand_eye.direct import METHODS, opencv_hand_eye, scipy_direct
+from plumbline.optim.hand_eye.readings import Beam, Frames, Readings, mean_beam, principal_plane
 from plumbline.optim.hand_eye.single_plane import closed_form, select, slope
 from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement
 from tests.ranging_scenes import CLEAN, PAPER, marked, surveyed, truth

@@ -18,8 +18,7 @@ from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.accuracy import leave_one_out, moved, repeatability
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions, _student, calibrate
 from plumbline.optim.hand_eye.design import _equations, candidates, greedy, next_poses, point_std
-from plumbline.optim.hand_eye.planes import Frames
-from plumbline.optim.hand_eye.readings import Readings
+from plumbline.optim.hand_eye.readings import Frames, Readings
 from plumbline.optim.hand_eye.reweighting import fit_variance
 from plumbline.optim.hand_eye.single_plane import closed_form
 from plumbline.optim.hand_eye.surface import face_angles, register_surface

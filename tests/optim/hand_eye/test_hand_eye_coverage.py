@@ -12,7 +12,7 @@ from plumbline.experiments.reality.ranging.scene import as_built
 from plumbline.optim.hand_eye import direct
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.constants import BIAS_STD
-from plumbline.optim.hand_eye.planes import Frames
+from plumbline.optim.hand_eye.readings import Frames
 from plumbline.optim.hand_eye.shapes import arm_shapes
 from tests.ranging_scenes import CLEAN, surveyed, truth
 

@@ -11,7 +11,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.scene import calibration, marks
 from plumbline.experiments.reality.ranging.writing import write_survey
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.hand_eye.answer import HandEye, hand_eye
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.design import next_poses

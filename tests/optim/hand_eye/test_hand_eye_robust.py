@@ -11,7 +11,7 @@ from plumbline.experiments.commands.app import run
 from plumbline.optim.hand_eye import start
 from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.constants import SUSPECT
-from plumbline.optim.hand_eye.planes import least_median_plane, principal_plane
+from plumbline.optim.hand_eye.readings import least_median_plane, principal_plane
 from plumbline.optim.hand_eye.start import OTHER_WAYS
 from tests.ranging_scenes import PAPER, pose_lines, spoilt, surveyed, truth
 

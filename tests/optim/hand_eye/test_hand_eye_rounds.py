@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.hand_eye import baselines, calibrate, design, reweighting, start
+from plumbline.optim.hand_eye import calibrate, design, reweighting, start
+from plumbline.optim.hand_eye import direct as baselines
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions
 from plumbline.optim.hand_eye.design import _ball
-from plumbline.optim.hand_eye.planes import Frames
+from plumbline.optim.hand_eye.readings import Frames
 from plumbline.optim.hand_eye.reweighting import Variance, fit_variance, robust_fit
 from plumbline.optim.hand_eye.shapes import _field, _shapes
 from tests.ranging_scenes import CLEAN, surveyed, truth

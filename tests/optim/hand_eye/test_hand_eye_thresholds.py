@@ -30,8 +30,7 @@ from plumbline.optim.hand_eye.observability import (
     refuse_degenerate,
     turn_words,
 )
-from plumbline.optim.hand_eye.planes import Frames
-from plumbline.optim.hand_eye.readings import Beam, Readings
+from plumbline.optim.hand_eye.readings import Beam, Frames, Readings
 from plumbline.optim.hand_eye.recording import _check_angles
 from plumbline.optim.hand_eye.reweighting import Variance, _robust_sigma, fit_variance
 from plumbline.optim.hand_eye.scan_recording import _faces, _landmarks, surface_points

@@ -15,7 +15,7 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.prior import JITTERS
 from plumbline.optim.measurement.clock import along, less_smeared, may_jitter, rates, smeared
 from plumbline.optim.measurement.observation import build_model
-from plumbline.optim.measurement.one_noise import smear
+from plumbline.optim.measurement.refit import smear
 from plumbline.optim.recording.building import build_recording
 from tests.benches import bench, residuals
 from tests.scanned import scanned_as_modelled

@@ -13,9 +13,9 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import make_pool
-from plumbline.optim.measurement.candidates import candidates_of
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.measurement.refit import candidates_of
 from plumbline.optim.recording.session import joined, named_row
 from tests.several import recorded
 

@@ -25,7 +25,7 @@ from plumbline.optim.model import Drives
 from plumbline.optim.model.driven import Servo
 from plumbline.optim.model.export import drives_mjcf, mjcf
 from plumbline.optim.model.export.drives_mjcf import actuator_of
-from plumbline.optim.model.export.replay import replay
+from plumbline.optim.model.export.exported import replay
 from tests.motions import ROWS, arm, multisine, servo
 
 LATE = {"delay": 0.04, "lag": 0.05, "play": 0.012}  # of joint 1 [s], [s], [rad]

@@ -20,12 +20,17 @@ from plumbline.optim.pointing import (
     safe_angle_map,
     tip_and_top,
 )
-from plumbline.optim.pointing.collision import links, pointed
 from plumbline.optim.pointing.judge import checked, judged, why_not
 from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.statement import SweepStatement, SweepWeights
 from plumbline.optim.pointing.surroundings import surroundings
-from plumbline.optim.pointing.task import across, needle_task, smallest_singular_values
+from plumbline.optim.pointing.task import (
+    across,
+    links,
+    needle_task,
+    pointed,
+    smallest_singular_values,
+)
 from tests.needle_scenes import least_at
 
 deg = np.deg2rad

@@ -28,16 +28,14 @@ from plumbline.optim.pointing import (
     plan_sweep,
     safe_angle_map,
 )
-from plumbline.optim.pointing.between import between, curvatures
-from plumbline.optim.pointing.collision import moving, pointed
+from plumbline.optim.pointing.aim import directions
+from plumbline.optim.pointing.between import Planes, between, curvatures
 from plumbline.optim.pointing.constants import LARGEST_FILE, RESOLUTION, SLOTS
-from plumbline.optim.pointing.needle import directions
-from plumbline.optim.pointing.planes import Planes
 from plumbline.optim.pointing.postures import starts
 from plumbline.optim.pointing.statement import IPOPT, SweepStatement, SweepWeights, sweep_statement
 from plumbline.optim.pointing.surroundings import surroundings
 from plumbline.optim.pointing.sweep import NO_SOLVE
-from plumbline.optim.pointing.task import needle_task
+from plumbline.optim.pointing.task import moving, needle_task, pointed
 from tests.needle_scenes import ball, gap, in_coal, least_at, shortfall
 from tests.optim.pointing.test_pointing import ARC, LESION, NEEDLE, PHANTOM, UR3, UR5, deg, placed
 

@@ -23,8 +23,8 @@ from plumbline.optim.recording import derivatives
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import BANDWIDTH, SURE_SPEED, THIRD_DIFFERENCE
 from plumbline.optim.recording.loading import load_recording
-from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.table import Origin
 from tests.random_trees import Tree
 from tests.trocars import SHAFT, SIDE, through_a_trocar
 

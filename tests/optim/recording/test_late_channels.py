@@ -14,7 +14,7 @@ from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import AT_ITS_END, ENDS_OFF, ENDS_WITHIN, LATEST
 from plumbline.optim.recording.efforts import nominal_efforts, without_saturated
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
-from plumbline.optim.recording.origin import Origin
+from plumbline.optim.recording.table import Origin
 from tests.random_trees import Tree
 
 TIME = np.arange(0.0, 8.0, 0.02)

@@ -6,7 +6,7 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.optim.diagnosis.motion.recording import build_motion
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
-from plumbline.optim.recording.origin import Origin
+from plumbline.optim.recording.table import Origin
 
 LETTERS = ("u", "q")
 ROWS = 400

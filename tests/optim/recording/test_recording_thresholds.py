@@ -9,11 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.recording import checks, disagreement, quaternions, units
+from plumbline.optim.recording import checks, disagreement, units
+from plumbline.optim.recording import disagreement as quaternions
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import LARGEST_SETTINGS, LONGEST_REASON, MOST_PARTS
-from plumbline.optim.recording.origin import Origin
 from plumbline.optim.recording.settings import read_settings
+from plumbline.optim.recording.table import Origin
 from tests.recording_folders import TOOL, poses, postures
 
 UR5 = Robot.bundled("ur5")

@@ -5,7 +5,7 @@ import pytest
 
 from plumbline import build_motion
 from plumbline.errors import PlumblineError
-from plumbline.optim.recording import repeated
+from plumbline.optim.recording import mixed_up as repeated
 from tests.motions import arm, multisine, servo
 
 TICK = 1.5e-3  # [rad] of a hobby servo's encoder

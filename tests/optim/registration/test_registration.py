@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import Transform
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.solvers import ALL
 from plumbline.optim.registration import (
     METHODS,
@@ -37,7 +37,7 @@ from plumbline.optim.registration.constants import ALPHA, LEAST_HELD
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.robust import _holds
 from plumbline.optim.registration.statement import problem
-from plumbline.optim.registration.three_point import three_point_batch
+from plumbline.optim.registration.triples import three_point_batch
 from tests.phantoms import (
     ALIKE,
     COLLINEAR,
@@ -58,7 +58,7 @@ from tests.phantoms import (
 )
 
 statement_of_three = import_module(
-    "plumbline.optim.registration.three_point"
+    "plumbline.optim.registration.triples"
 )  # the function has its name
 SYMMETRIC = [m for m in METHODS.values() if m.name != "three-point"]  # the order does not matter
 by_name = pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
 from plumbline.experiments.report.style import AFTER, GUILTY, MUTED, house_style, new_figure, says
 from plumbline.optim.budget import Budget
-from plumbline.optim.budget.answer import COLUMNS, row_of
+from plumbline.optim.budget.shares import COLUMNS, row_of
 from plumbline.optim.core.quantities import quantity
 
 LONGEST = 40  # characters of a label beside the waterfall

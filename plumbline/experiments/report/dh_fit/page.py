@@ -8,7 +8,7 @@ from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Ti
 from plumbline.optim.dh_fit import DHFit, HeldOut, Misfit, Quantity, Status
 from plumbline.optim.dh_fit.answer import UNITS
 from plumbline.optim.recording.constants import FIRST_ROW
-from plumbline.optim.recording.origin import HEADER
+from plumbline.optim.recording.table import HEADER
 
 MM = 1e3  # in a metre
 SHOWN = 12  # worst rows, and gross ones that are named one by one

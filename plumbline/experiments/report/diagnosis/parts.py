@@ -18,7 +18,7 @@ from plumbline.experiments.report.style import (
     numbered,
 )
 from plumbline.optim.core.problem import Array
-from plumbline.optim.measurement.parts import cosines_at_start, spots_at_start
+from plumbline.optim.measurement.nuisance import cosines_at_start, spots_at_start
 
 SIGNED = "RdBu_r"  # of residuals with their sign, pale where they are none
 MOST_PARTS = 12  # planes that are drawn

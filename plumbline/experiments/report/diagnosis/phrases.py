@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from plumbline.optim.core.quantities import counted, quantity
-from plumbline.optim.recording.origin import HEADER
+from plumbline.optim.recording.table import HEADER
 
 ROWS_NAMED = 40  # distrusted rows that are named one by one
 

@@ -14,8 +14,8 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import scaled
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.findings import Verdict
-from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.table import row_numbers
 
 RUNS = 24  # of rows whose middles make a line
 ENOUGH = 15  # rows that a running median takes on either side, at least

@@ -15,8 +15,8 @@ from plumbline.experiments.report.pointing.figures import COLOURS, around
 from plumbline.experiments.report.style import GUILTY, MUTED, PAPER, calm, house_style, new_figure
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import AngleMap, Mesh, Solid, Status
+from plumbline.optim.pointing.aim import directions
 from plumbline.optim.pointing.body import Shape
-from plumbline.optim.pointing.needle import directions
 
 MM = 1e3  # [mm/m]
 # Apart from the colours of the statuses.

@@ -12,7 +12,7 @@ from plumbline.experiments.report.diagnosis.arm import project
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import AngleMap, Status, Sweep
 from plumbline.optim.pointing.body import Box
-from plumbline.optim.pointing.collision import links
+from plumbline.optim.pointing.task import links
 
 MM = 1e3  # [mm/m]
 COLOURS = {

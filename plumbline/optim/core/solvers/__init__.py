@@ -5,16 +5,16 @@ the rest by name.
 """
 
 from plumbline.errors import PlumblineError as PlumblineError
-from plumbline.optim.core.solvers.fatrop import Fatrop as Fatrop
-from plumbline.optim.core.solvers.ipopt import Ipopt as Ipopt
+from plumbline.optim.core.answer import register_kinds
 from plumbline.optim.core.solvers.levenberg_marquardt import (
     LevenbergMarquardt as LevenbergMarquardt,
 )
+from plumbline.optim.core.solvers.programme import Fatrop as Fatrop
+from plumbline.optim.core.solvers.programme import Ipopt as Ipopt
+from plumbline.optim.core.solvers.programme import Sqp as Sqp
+from plumbline.optim.core.solvers.scipy_trust_region import Slsqp as Slsqp
 from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion as TrustRegion
-from plumbline.optim.core.solvers.slsqp import Slsqp as Slsqp
 from plumbline.optim.core.solvers.solver import Solver as Solver
-from plumbline.optim.core.solvers.sqp import Sqp as Sqp
-from plumbline.optim.core.stored import register_kinds
 
 register_kinds(Solver, LevenbergMarquardt, TrustRegion, Ipopt, Sqp, Slsqp, Fatrop)
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.optim.core.constants import GROWTH, KEPT, LEAST, MOST_TURN
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers.solver import OfRows, refuse
 
 

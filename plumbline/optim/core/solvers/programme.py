@@ -7,6 +7,20 @@ with S the scales, and :math:`F_0` the squares' cost at the start, 1 where there
 and products are summed up row by row: a Jacobian of all rows is never formed. Their Hessian is that
 of Gauss and Newton unless the full one is asked for: residuals of a calibration are small, and the
 full one costs second derivatives of the whole chain. That of f and g is exact.
+
+IPOPT (Waechter and Biegler 2006, Math. Programming 106) with exact derivatives.
+
+FATROP (Vanroye et al. 2023, IROS): for unknowns that are states and controls of stages.
+
+The statement must stand as it looks for it: stage by stage states, then controls; dynamics, then
+the rest of a stage.
+
+CasADi's sequential quadratic programming, its steps by the active-set solver qrqp.
+
+Andersson and Rawlings 2018, IFAC-PapersOnLine 51(20). Globalised by a line search on a merit
+function (Nocedal and Wright 2006, algorithm 18.3); with ``bfgs`` its Hessian is that of Broyden,
+Fletcher, Goldfarb and Shanno (procedure 18.2). Its quadratic programmes must have a bottom: where
+the Hessian has none, as that of a linear objective, take IPOPT.
 """
 
 from __future__ import annotations
@@ -23,9 +37,9 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.constants import LEAST_COST
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers.solver import refuse
 
 
@@ -195,3 +209,96 @@ def _hessian(plugin: str, inputs: list[cs.MX], matrix: cs.MX) -> cs.Function:
         return cs.Function("hess_lag", inputs, [cs.triu(matrix)], names, ["triu_hess_gamma_x_x"])
     even = (matrix + matrix.T) / 2
     return cs.Function("hess_lag", inputs, [even], names, ["hess_gamma_x_x"])
+
+
+@dataclass(frozen=True)
+class Ipopt(Programmed):
+    """Options of the solver."""
+
+    max_iterations: int = 200  #: iterations at most
+    tolerance: float = 1e-9  #: IPOPT's own tolerance on the scaled problem
+    exact_hessian: bool = False  #: full second derivatives of the squares instead of Gauss-Newton's
+    #: IPOPT's other options by their names there; these go before our own
+    further: tuple[tuple[str, float | str], ...] = ()
+    #: whether functions are expanded into scalar operations: faster for small ones
+    expand: bool = False
+
+    plugin: ClassVar[str] = "ipopt"
+
+    @property
+    def hessian(self) -> Hessian:
+        """What stands for the Hessian."""
+        return Hessian.EXACT if self.exact_hessian else Hessian.GAUSS_NEWTON
+
+    def settings(self, equality: list[bool]) -> dict[str, Any]:
+        """What ``nlpsol`` is given."""
+        own = {
+            "print_level": 0,
+            "sb": "yes",
+            "tol": self.tolerance,
+            # Close to the optimum rounding spoils the line search: three tries are enough.
+            "acceptable_tol": 10 * self.tolerance,
+            "acceptable_iter": 3,
+            "max_iter": self.max_iterations,
+            "bound_relax_factor": 0.0,
+            "nlp_scaling_method": "none",
+        }
+        quiet = {"show_eval_warnings": False, "error_on_fail": False, "expand": self.expand}
+        return quiet | {"ipopt": own | dict(self.further)}
+
+
+@dataclass(frozen=True)
+class Fatrop(Programmed):
+    """Options of the solver."""
+
+    max_iterations: int = 200  #: iterations at most
+    tolerance: float = 1e-8  #: its own
+    barrier: float = 1e-1  #: its first barrier parameter
+
+    rows: ClassVar[bool] = False
+    plugin: ClassVar[str] = "fatrop"
+
+    def settings(self, equality: list[bool]) -> dict[str, Any]:
+        """What ``nlpsol`` is given; ``equality`` says which constraints (c) are equations."""
+        own = {"print_level": 0, "tol": self.tolerance, "mu_init": self.barrier}
+        found = {"expand": True, "error_on_fail": False, "equality": equality}
+        return found | {
+            "structure_detection": "auto",
+            "fatrop": own | {"max_iter": self.max_iterations},
+        }
+
+
+@dataclass(frozen=True)
+class Sqp(Programmed):
+    """Options of the solver."""
+
+    max_iterations: int = 1000  #: iterations at most
+    tolerance: float = 1e-9  #: on the gradient and the constraints of the scaled problem
+    bfgs: bool = False  #: hessian by updates instead of Gauss-Newton's or the exact one
+
+    plugin: ClassVar[str] = "sqpmethod"
+
+    @property
+    def hessian(self) -> Hessian:
+        """What stands for the Hessian."""
+        return Hessian.UPDATED if self.bfgs else Hessian.GAUSS_NEWTON
+
+    def settings(self, equality: list[bool]) -> dict[str, Any]:
+        """What ``nlpsol`` is given."""
+        silent = {"print_iter": False, "print_header": False, "error_on_fail": False}
+        updates = {"hessian_approximation": "limited-memory"} if self.bfgs else {}
+        return updates | {
+            "print_header": False,
+            "print_iteration": False,
+            "print_status": False,
+            "error_on_fail": False,
+            "max_iter": self.max_iterations,
+            "tol_du": self.tolerance,
+            "tol_pr": self.tolerance,
+            "min_step_size": 1e-14,
+            "max_iter_ls": 60,
+            "beta": 0.5,
+            "merit_memory": 1,
+            "qpsol": "qrqp",
+            "qpsol_options": silent,
+        }

@@ -5,8 +5,8 @@ from typing import ClassVar, Protocol
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Problem
-from plumbline.optim.core.solution import Solution
 
 
 class Solver(Protocol):

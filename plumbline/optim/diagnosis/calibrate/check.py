@@ -1,4 +1,4 @@
-"""Simulation-based calibration: how far a verdict is to be believed, from simulated cases like it.
+r"""Simulation-based calibration: how far a verdict is to be believed, from simulated cases like it.
 
 The user's own rows, tool, noise and gross errors stay; what is wrong is drawn from the library,
 with a gap like the one that was found, as many causes at once as were named, and in one case of
@@ -7,7 +7,31 @@ was right, how often nothing was mistaken for something, and probabilities that 
 what turned out. All of it holds among the causes that the library has: nothing here speaks for or
 against something outside of it (Talts et al. 2018, arXiv:1804.06788, for posteriors; here for the
 probabilities of causes).
+
+The set of causes that holds the truth with 90 %, and where true values rank among stated ones.
+
+The score of a simulated case is the least probability :math:`p` that a true cause of it was given.
+Of n cases take the threshold
+
+.. math:: p^* = p_{(\lfloor (n + 1)(1 - 0.9) \rfloor)} \quad \text{from the least},
+
+and the causes stated at :math:`p^*` or more hold those of the next case alike with 90 % at least
+(split conformal prediction; Vovk, Gammerman and Shafer 2005, ch. 2). The rank of a true value is
+its place in the normal that was stated of it, :math:`\Phi((x^* - x) / \sigma)`: as often in each
+tenth, if values and errors are right (Talts et al. 2018, arXiv:1804.06788).
+
+Stated probabilities against how often they were right.
+
+A statement of probability p that turned out y, right or wrong, is believed to have had the
+probability q with
+
+.. math:: \operatorname{logit} q = a \operatorname{logit} p + b
+
+(Platt 1999; as a recalibration of probabilities Cox 1958). The fit is the most probable one under
+:math:`a \sim N(1, 0.5^2)`, :math:`b \sim N(0, 1)`, so that few statements change little.
 """
+
+from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,21 +39,88 @@ from functools import cached_property
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy.optimize import root
+from scipy.special import expit, logit, ndtr
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress, silent
-from plumbline.optim.core.quantities import percent
-from plumbline.optim.core.shares import Share
+from plumbline.optim.core.quantities import Share, percent
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.answer import Diagnosis
-from plumbline.optim.diagnosis.calibrate.recalibration import Recalibration
 from plumbline.optim.diagnosis.calibrate.simulation import Fault, Setting
-from plumbline.optim.diagnosis.calibrate.truth_set import histogram, ranks, threshold
+from plumbline.optim.diagnosis.constants import FLAT
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Cause, Key, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.prior import OFFSET_WIDTH, SLOPE_WIDTH, SUREST, TRUTH_HELD
 from plumbline.optim.recording.recording import Recording
+
+IDENTITY = np.array([1.0, 0.0])  # slope and offset of a line that changes nothing
+
+
+@dataclass(frozen=True)
+class Recalibration:
+    """The line in log odds; the identity unless fitted."""
+
+    slope: float = 1.0  # the a of the formula; below 1 where statements were too sure
+    offset: float = 0.0  # the b; below 0 where too much was named
+
+    @classmethod
+    def of(cls, stated: Sequence[float], right: Sequence[bool]) -> Recalibration:
+        """The most probable line of some statements."""
+        if not len(stated):
+            return cls()
+        X = np.column_stack([_log_odds(stated), np.ones(len(stated))])
+        signs = np.where(right, 1.0, -1.0)
+        widths = np.array([SLOPE_WIDTH, OFFSET_WIDTH])
+
+        def slope(line: Array) -> Array:
+            misses = signs * expit(-signs * (X @ line))
+            return np.asarray((line - IDENTITY) / widths**2 - misses @ X)
+
+        def curvature(line: Array) -> Array:
+            odds = X @ line
+            return np.asarray(np.diag(widths**-2.0) + (X.T * (expit(odds) * expit(-odds))) @ X)
+
+        # The cost is convex, with a curvature of at least 1: where its slope vanishes it is least.
+        return cls(*root(slope, IDENTITY, jac=curvature, tol=FLAT).x.tolist())
+
+    def __call__(self, stated: float) -> float:
+        """What a stated probability is worth."""
+        if self == Recalibration():
+            return stated
+        return float(expit(self.slope * _log_odds([stated])[0] + self.offset))
+
+
+def _log_odds(stated: Sequence[float]) -> Array:
+    return np.asarray(logit(np.clip(np.asarray(stated, dtype=float), SUREST, 1.0 - SUREST)))
+
+
+def threshold(scores: Sequence[float]) -> float | None:
+    """The probability from which the set takes causes; None where there are too few cases."""
+    place = int(np.floor((len(scores) + 1) * (1.0 - TRUTH_HELD) + 1e-9))
+    return sorted(scores)[place - 1] if place else None
+
+
+def ranks(causes: Sequence[Cause], fault: Fault) -> tuple[float, ...]:
+    """Where the true value of each parameter lies among what was stated of it, 0 to 1."""
+    named = {(cause.effect, cause.element): cause for cause in causes}
+    found, start = [], 0
+    for effect in fault.effects:
+        cause = named.get((effect.name, effect.element))
+        for k, parameter in enumerate(effect.parameters):
+            stated = cause.parameters.get(parameter.name) if cause else None
+            if stated is not None and not stated.at_bound and stated.std > 0.0:
+                found.append(float(ndtr((fault.values[start + k] - stated.value) / stated.std)))
+        start += len(effect.parameters)
+    return tuple(found)
+
+
+def histogram(places: Sequence[float]) -> tuple[int, ...]:
+    """How many ranks lie in each tenth."""
+    return tuple(int(n) for n in np.histogram(places, 10, (0.0, 1.0))[0])
 
 
 @dataclass(frozen=True)
@@ -50,7 +141,6 @@ class CalibrationCheck:
     cases: tuple[SimulatedCase, ...]  # the simulated cases
 
     def __repr__(self) -> str:
-        """How many cases, and in how many of them the first cause was right."""
         of = f"{self.verdict.recording[:60]}: {len(self.cases)} simulated cases"
         return f"<CalibrationCheck of {of}; first cause right in {self.first_right}>"
 

@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.prior import LEAST_TOLD, NUISANCE_WIDTH, WIDE_PRIOR
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.observation import Model, build_model
-from plumbline.optim.model.part import number_of
+from plumbline.optim.model.making import number_of
 
 NOTHING = "no effect"
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Integers
 from plumbline.optim.diagnosis.constants import DRAW_ROUNDS, NEAR, PLACES, REACHING_STEPS, RESTS
 from plumbline.optim.diagnosis.prior import WIDER
 from plumbline.optim.recording.recording import Recording
@@ -38,9 +38,9 @@ class FutureRows:
     velocity: Array | None = None
     wait: Array | None = None  # rest before the row (N,) [s], where the recording has a clock
     payload: Array | None = None  # mass carried (N,) [kg], where the recording has one
-    socket: NDArray[np.int64] | None = None  # socket that the tip rests in (N,), for fixed points
+    socket: Integers | None = None  # socket that the tip rests in (N,), for fixed points
 
-    def groups(self, recording: Recording) -> NDArray[np.int64] | None:
+    def groups(self, recording: Recording) -> Integers | None:
         """Groups (N,) of the rows: those of the recording in turn; None if it has none.
 
         Each row is a posture by itself. In a group of their own they would all be left out at once,
@@ -52,7 +52,6 @@ class FutureRows:
         return np.asarray(labels[np.arange(len(self)) % len(labels)])
 
     def __len__(self) -> int:
-        """Number of rows."""
         return len(self.q)
 
     def select(self, rows: NDArray[Any] | slice | Sequence[int]) -> FutureRows:
@@ -60,7 +59,6 @@ class FutureRows:
         return FutureRows(**{name: array[rows] for name, array in self._arrays().items()})
 
     def __add__(self, other: FutureRows) -> FutureRows:
-        """These rows, then others of the same columns."""
         mine, theirs = self._arrays(), other._arrays()
         return FutureRows(**{name: np.concatenate([mine[name], theirs[name]]) for name in mine})
 
@@ -163,7 +161,7 @@ def joint_range(recording: Recording, within: str) -> tuple[Array, Array]:
 
 def _within_reach(
     recording: Recording, q: Array, lower: Array, upper: Array, *, seen: bool
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Rows within joint ranges, and with their tips where the device has seen the tip before."""
     good = np.all((q >= lower) & (q <= upper), axis=1)
     if seen and recording.kind.device:
@@ -190,7 +188,7 @@ def _brought_to(recording: Recording, q: Array, goal: Array) -> Array:
 
 
 def _with_context(
-    recording: Recording, q: Array, number: NDArray[np.int64], rng: np.random.Generator
+    recording: Recording, q: Array, number: Integers, rng: np.random.Generator
 ) -> FutureRows:
     """Rows with what else the recording writes down."""
     side = rng.choice([-1.0, 1.0], size=q.shape)

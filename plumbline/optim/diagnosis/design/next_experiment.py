@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expecte
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
-from plumbline.optim.model.part import number_of
+from plumbline.optim.model.making import number_of
 from plumbline.optim.recording.kinds import PLACES
 from plumbline.optim.recording.recording import Recording
 
@@ -104,7 +104,6 @@ class NextExperiment:
     kinds: tuple[str, ...] = ()  # ``"revolute"`` or ``"prismatic"``, joint by joint
 
     def __repr__(self) -> str:
-        """How many rows, to tell how many explanations apart, and the forecast."""
         many = (
             f"{counted(len(self.rows), 'row')} for {counted(len(self.explanations), 'explanation')}"
         )

@@ -14,20 +14,14 @@ from functools import cached_property
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.diagnosis.constants import EXCHANGES, GLANCE, MOST_RIVALS, POOL, ROWS
+from plumbline.optim.diagnosis.design import future_rows
 from plumbline.optim.diagnosis.design.course import Course
 from plumbline.optim.diagnosis.design.explanations import Contest
-from plumbline.optim.diagnosis.design.future_rows import (
-    RECORDED,
-    FutureRows,
-    changed_in_one,
-    draw_rows,
-)
 from plumbline.optim.diagnosis.design.separation import Beliefs, Criterion, Resolution, divergences
 from plumbline.optim.diagnosis.prior import REST_PAYS
 
@@ -41,7 +35,7 @@ class DesignOptions:
     pool: int = POOL  # how many rows within reach are considered
     # ``"recorded"`` or ``"limits"``, see
     # :func:`plumbline.optim.diagnosis.design.future_rows.draw_rows`
-    within: str = RECORDED
+    within: str = future_rows.RECORDED
     criterion: Criterion = field(default_factory=Resolution)  # what makes a row good
     rivals: int = MOST_RIVALS  # how many explanations at the most
     patience: float = 1.0  # longest rest of all rows together, over the recording's length
@@ -65,7 +59,7 @@ class DesignOptions:
 class Chosen:
     """Rows that were chosen, and what is expected of them."""
 
-    rows: FutureRows  # the rows, in their order
+    rows: future_rows.FutureRows  # the rows, in their order
     beliefs: Beliefs  # what is expected after them
     gram: Array  # their Gram matrix (P, P), in units of scale and noise
     # for each row, the two models that it does most to tell apart
@@ -77,7 +71,7 @@ class Design:
     """What rows are chosen from, and for."""
 
     contest: Contest  # the explanations that compete
-    pool: FutureRows  # rows within reach
+    pool: future_rows.FutureRows  # rows within reach
     options: DesignOptions  # how to choose
 
     @classmethod
@@ -85,7 +79,7 @@ class Design:
         """Draw the pool of a contest."""
         contest = contest.of(options.recording)
         recording = contest.model.recording
-        pool = draw_rows(
+        pool = future_rows.draw_rows(
             recording, options.pool, options.seed, within=options.within, sockets=_sockets(contest)
         )
         return cls(contest, pool, options)
@@ -130,13 +124,13 @@ class Design:
         )
 
     def _exchanged(
-        self, course: Course, beliefs: Beliefs, row: FutureRows, J: Array
-    ) -> tuple[FutureRows, Array]:
+        self, course: Course, beliefs: Beliefs, row: future_rows.FutureRows, J: Array
+    ) -> tuple[future_rows.FutureRows, Array]:
         """A row and its Jacobian (m, P), changed in one thing after another while that pays."""
         recording, options = self.contest.model.recording, self.options
         for turn in range(options.exchanges):
             seed = [options.seed, 14, beliefs.gathered, turn]
-            others = changed_in_one(recording, row, seed, within=options.within)
+            others = future_rows.changed_in_one(recording, row, seed, within=options.within)
             if not len(others):
                 break
             tried = np.concatenate([J[None], self.jacobians(course.rows_next(others))])
@@ -147,8 +141,8 @@ class Design:
         return row, J
 
     def _rested(
-        self, course: Course, beliefs: Beliefs, row: FutureRows, J: Array
-    ) -> tuple[FutureRows, Array]:
+        self, course: Course, beliefs: Beliefs, row: future_rows.FutureRows, J: Array
+    ) -> tuple[future_rows.FutureRows, Array]:
         """A row and its Jacobian (m, P), without the rest before it if that adds little."""
         if row.wait is None or not row.wait.any():
             return row, J
@@ -160,12 +154,12 @@ class Design:
         return (row, J) if pays else (at_once, J_at_once)
 
     @property
-    def _at_once(self) -> NDArray[np.bool_]:
+    def _at_once(self) -> Flags:
         """Rows (N,) without a rest before them."""
         wait = self.pool.wait
         return np.ones(len(self.pool), dtype=bool) if wait is None else np.asarray(wait <= 0.0)
 
-    def _bearable(self, course: Course) -> NDArray[np.bool_]:
+    def _bearable(self, course: Course) -> Flags:
         """Rows (N,) whose rest does not make the whole too long."""
         wait, time = self.pool.wait, course.recording.time
         if wait is None or time is None or not course.is_timed:

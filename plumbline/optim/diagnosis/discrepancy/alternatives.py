@@ -46,8 +46,8 @@ from plumbline.optim.diagnosis.prior import (
     SWALLOWED,
     USUAL,
 )
-from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.table import row_numbers
 
 Names = tuple[tuple[Mechanism, ...], tuple[tuple[str, int | None], ...], tuple[str, ...]]
 GROSS: Mechanism = ("", None, "", None)  # a row on its own, which has no place

@@ -22,9 +22,9 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     steps,
 )
 from plumbline.optim.diagnosis.prior import COSINES, MOST_MOTIONS, REACHES, STEPS, WARMTH
-from plumbline.optim.measurement.parts import cosines_at_start, spots_at_start
-from plumbline.optim.recording.origin import Integers
+from plumbline.optim.measurement.nuisance import cosines_at_start, spots_at_start
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.table import Integers
 
 
 @dataclass(frozen=True, eq=False)

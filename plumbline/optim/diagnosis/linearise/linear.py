@@ -13,15 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dtrtri
 
 from plumbline.optim.core.mapped import Gram
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.diagnosis.constants import FLATTEST, JITTER
 
-Columns = NDArray[np.intp]
+Columns = Indices
 
 
 @dataclass(frozen=True, eq=False)

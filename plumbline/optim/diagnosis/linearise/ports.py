@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect, Stage, State
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.diagnosis.prior import DISPLACED
 from plumbline.optim.measurement.observation import Model, build_model
-from plumbline.optim.measurement.one_noise import in_noise
-from plumbline.optim.measurement.refit import rows_of_gap
+from plumbline.optim.measurement.refit import in_noise, rows_of_gap
 from plumbline.optim.recording.session import apart
 
 
@@ -75,9 +73,9 @@ class Ports:
     body: Array  # the base, six ways (6, N, m); none for encoders
     shift: Array  # the reading, one way a row's component (m', N, m)
     always: int  # how many of the model's unknowns are always fitted; they come first
-    gross: NDArray[np.bool_]  # which rows are distrusted (N,)
+    gross: Flags  # which rows are distrusted (N,)
     # which residuals the rows have (N, m): all, but of rows of several kinds
-    live: NDArray[np.bool_]
+    live: Flags
 
     def at(self, stage: str, element: int | None) -> Array:
         """What a mechanism at a place can move (k, N, m): all, if the place has no port.
@@ -115,9 +113,7 @@ class Ports:
         return replace(self, base=self.base / spread, target=self.target / spread)
 
     @classmethod
-    def about(
-        cls, model: Model, x: Array, rows: NDArray[np.intp], always: int | None = None
-    ) -> Ports:
+    def about(cls, model: Model, x: Array, rows: Indices, always: int | None = None) -> Ports:
         """At the fit x (P,) of a model, on some of its rows.
 
         Args:
@@ -159,7 +155,7 @@ class Ports:
         return cls(base, target, joint, link, body, shift[:size], always, gross, live)
 
 
-def _columns(model: Model, x: Array, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+def _columns(model: Model, x: Array, rows: Indices) -> tuple[Array, Array]:
     """Residuals (n, m) and transposed Jacobian (P, n, m) of some of a model's rows."""
     problem = model.problem.on(model.problem.rows[rows])
     parts = list(Mapped(problem).jacobians(x))
@@ -167,7 +163,7 @@ def _columns(model: Model, x: Array, rows: NDArray[np.intp]) -> tuple[Array, Arr
     return np.concatenate([p[1] for p in parts]), np.moveaxis(J, 2, 0)
 
 
-def _moved_by(added: Sequence[Effect], model: Model, x: Array, rows: NDArray[np.intp]) -> Array:
+def _moved_by(added: Sequence[Effect], model: Model, x: Array, rows: Indices) -> Array:
     """What one unit of more effects moves (K, n, m); what is at its null changes none of it."""
     held = [t for t in model.terms if (x[t.columns] != model.start[t.columns]).any()]
     fitted = np.concatenate([x[: model.fixed], *(x[t.columns] for t in held)])

@@ -7,7 +7,7 @@ from typing import Any
 
 from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
-from plumbline.optim.core.stored import parts_of, register, restored, restored_parts
+from plumbline.optim.core.answer import parts_of, register, restored, restored_parts
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
@@ -17,8 +17,7 @@ from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
-from plumbline.optim.model.drives import Drives
-from plumbline.optim.model.making_drives import drives_of
+from plumbline.optim.model.drives import Drives, drives_of
 from plumbline.optim.recording import storing as storing
 
 

@@ -42,10 +42,9 @@ from plumbline.optim.recording.loading import (
     open_folder,
     read_robot,
 )
-from plumbline.optim.recording.origin import Array, Flags, Integers, Origin
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section
-from plumbline.optim.recording.table import Table, as_integers
+from plumbline.optim.recording.table import Array, Flags, Integers, Origin, Table, as_integers
 
 OBSERVATION, TRACKING = "motion", "tracking"
 OPTIONAL = ("velocity", "effort")  # read by other programs: positions alone are fitted

@@ -25,9 +25,8 @@ from plumbline.optim.recording.constants import (
     ROUNDING,
     TURNS,
 )
-from plumbline.optim.recording.mixed_up import latest_cosine, refuse_mixed_up
-from plumbline.optim.recording.origin import Array, Origin
-from plumbline.optim.recording.repeated import refuse_repeated
+from plumbline.optim.recording.mixed_up import latest_cosine, refuse_mixed_up, refuse_repeated
+from plumbline.optim.recording.table import Array, Origin
 
 Motion = Any  # a MotionRecording, whose own module asks this one
 

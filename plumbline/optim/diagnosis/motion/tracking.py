@@ -27,8 +27,8 @@ from plumbline.optim.diagnosis.motion.recording import (
 )
 from plumbline.optim.recording.columns import numbered
 from plumbline.optim.recording.loading import KEYS, PROVENANCE, open_folder
-from plumbline.optim.recording.origin import Array, Origin
 from plumbline.optim.recording.recording import hash_of
+from plumbline.optim.recording.table import Array, Origin
 
 
 def build_tracking(

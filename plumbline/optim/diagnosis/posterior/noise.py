@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Gram
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.findings import NoiseLevel
 from plumbline.optim.diagnosis.prior import ALARM, FEWEST_REPEATS, FINEST, ROUNDING
 from plumbline.optim.measurement.correlated import postures

@@ -20,8 +20,8 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
 from plumbline.optim.diagnosis.prior import IN_ONE
-from plumbline.optim.measurement.candidates import candidates_of, scope_for
 from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.refit import candidates_of, scope_for
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.special import betaln, chdtri, gammaincinv, logit, logsumexp
 
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.linearise.linear import cholesky, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (

@@ -32,7 +32,7 @@ from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
 from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS
 from plumbline.optim.measurement.observation import Model, build_model
-from plumbline.optim.measurement.one_noise import in_noise
+from plumbline.optim.measurement.refit import in_noise
 from plumbline.optim.recording.recording import Recording
 
 PORTS = (Stage.JOINT, Stage.BASE, Stage.TOOL)  # that a model has columns of

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from plumbline.kinematics.effects import EFFECTS, Effect
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.tool_slip import ToolSlip
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.diagnosis.constants import LISTED
 from plumbline.optim.diagnosis.linearise.linear import Linear

@@ -23,8 +23,8 @@ from plumbline.optim.diagnosis.prior import (
     MOST_REFINED,
     NO_EVIDENCE,
 )
-from plumbline.optim.measurement.candidates import scope_for
 from plumbline.optim.measurement.observation import Model
+from plumbline.optim.measurement.refit import scope_for
 from plumbline.optim.recording.recording import Recording
 
 STEP_STAGES = (Stage.BASE, Stage.TOOL)  # where what is scanned is the moment of a step

@@ -26,8 +26,8 @@ from scipy.linalg import cho_factor, cho_solve
 from plumbline.kinematics.effects import EFFECTS, Effect, Stage
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
 from plumbline.optim.diagnosis.prior import (
     HIGHEST_ORDER,
     ROUNDS,
@@ -36,9 +36,8 @@ from plumbline.optim.diagnosis.prior import (
     VARIANCE_ROUNDS,
     WIDE_PRIOR,
 )
-from plumbline.optim.measurement.candidates import candidates_of, runs_once
 from plumbline.optim.measurement.observation import Model, build_model
-from plumbline.optim.measurement.refit import always_fitted
+from plumbline.optim.measurement.refit import always_fitted, candidates_of, runs_once
 from plumbline.optim.recording.recording import Recording
 
 

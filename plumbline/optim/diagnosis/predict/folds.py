@@ -4,12 +4,10 @@ Rows of one trajectory resemble each other, so leaving out some of them proves n
 sessions or blocks do. Separate postures without a session may be left out one by one.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.evaluate import Array, Indices
 from plumbline.optim.diagnosis.prior import FEWEST_ROWS, LEAST_LEFT, MOST_FOLDS
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import scope_of
@@ -19,7 +17,7 @@ from plumbline.optim.recording.session import apart
 KINDS = ("auto", "groups", "time", "workspace", "rows")
 
 
-def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDArray[np.intp]:
+def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> Indices:
     """Fold (N,) of every row, counted from 0.
 
     Args:
@@ -63,7 +61,7 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> NDA
     return folds
 
 
-def _of_each(recording: Recording, kind: str, seed: int) -> NDArray[np.intp]:
+def _of_each(recording: Recording, kind: str, seed: int) -> Indices:
     """Every fold leaves out rows of all recordings, of each as it would be on its own."""
     session, own = apart(recording)
     folds = np.empty(len(recording), dtype=np.intp)
@@ -75,7 +73,7 @@ def _of_each(recording: Recording, kind: str, seed: int) -> NDArray[np.intp]:
     return folds
 
 
-def blocks_of(recording: Recording) -> NDArray[np.intp]:
+def blocks_of(recording: Recording) -> Indices:
     """Blocks (N,) of rows that may err alike for want of something in the model, from 0.
 
     Recordings of several; else stretches of a motion, or of what has a clock, or of the workspace.
@@ -88,7 +86,7 @@ def blocks_of(recording: Recording) -> NDArray[np.intp]:
     return _workspace_blocks(_places(recording), count)
 
 
-def blocks_of_each(recording: Recording) -> NDArray[np.intp]:
+def blocks_of_each(recording: Recording) -> Indices:
     """Blocks (N,) of rows as :func:`blocks_of` has them, of several recordings each one's own."""
     if not recording.several:
         return blocks_of(recording)
@@ -119,7 +117,7 @@ def _has_motions(recording: Recording) -> bool:
     return recording.motion is not None and len(np.unique(recording.motion)) > 1
 
 
-def folds_of_motions(recording: Recording) -> NDArray[np.intp]:
+def folds_of_motions(recording: Recording) -> Indices:
     """Whole motions (N,), on each plane so that other motions say where it stands, if it has any.
 
     The plane of a single motion is left out with it, and placed by its own rows.
@@ -137,7 +135,7 @@ def folds_of_motions(recording: Recording) -> NDArray[np.intp]:
     return np.asarray(np.unique(folds, return_inverse=True)[1], dtype=np.intp)
 
 
-def folds_of_touches(recording: Recording) -> NDArray[np.intp]:
+def folds_of_touches(recording: Recording) -> Indices:
     """Single rows (N,), no two of one marker or plane in a fold as far as there are folds enough.
 
     Of markers that are touched once few are left out at a time: what holds the frame is scarce.
@@ -162,11 +160,11 @@ def _well_grouped(recording: Recording) -> bool:
     return len(rows) > 1 and bool(rows.max() <= (1.0 - LEAST_LEFT) * rows.sum())
 
 
-def _places(recording: Recording) -> NDArray[np.float64]:
+def _places(recording: Recording) -> Array:
     return np.asarray(recording.chain.placement(recording.q)[:, :3, 3])
 
 
-def _workspace_blocks(points: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+def _workspace_blocks(points: Array, count: int) -> Indices:
     """Equal blocks: each part is cut across its longest side, in the ratio of its blocks."""
     folds = np.empty(len(points), dtype=np.intp)
     parts = [(np.arange(len(points)), 0, count)]

@@ -1,38 +1,31 @@
 """Figures on rows that the fit has not seen: by folds, or on rows that the recording keeps back."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
 from plumbline.kinematics.effects import Effect
-from plumbline.optim.core.judged import Judged, Judgement, judged, the_worst
+from plumbline.optim.core.judged import Judged, Judgement, Solution, judged, the_worst
 from plumbline.optim.core.mapped import Gram, Mapped
-from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.robust import far_off
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.predict.shrink import (
-    BY_MARKER,
-    FoldModel,
-    blocks_of_rows,
-    fitted_without,
-    fold_models,
-    held_out_residuals,
-    nominal_residuals,
-    shrink_interval,
-)
+from plumbline.optim.diagnosis.predict import shrink
 from plumbline.optim.diagnosis.prior import ALARM
 from plumbline.optim.measurement.observation import build_model
-from plumbline.optim.measurement.one_noise import as_measured, smear
-from plumbline.optim.measurement.refit import figure, gap_unit, refitted, rows_of_gap
+from plumbline.optim.measurement.refit import (
+    as_measured,
+    figure,
+    gap_unit,
+    refitted,
+    rows_of_gap,
+    smear,
+)
 from plumbline.optim.measurement.torque import own_units
 from plumbline.optim.recording.recording import Recording
 
@@ -45,8 +38,8 @@ class Evaluation:
 
     before: Array  # of the nuisances alone (N, m)
     after: Array  # of the model with the causes (N, m)
-    rows: NDArray[np.bool_]  # rows that the figures are about, gross errors left out (N,)
-    trusted: NDArray[np.bool_]  # rows that are no gross errors (N,)
+    rows: Flags  # rows that the figures are about, gross errors left out (N,)
+    trusted: Flags  # rows that are no gross errors (N,)
     by: str  # what was left out together
     interval: tuple[float, float]  # 95 % interval of the shrink
     told: tuple[float, float]  # the same of what was measured, each joint's efforts in its own unit
@@ -54,7 +47,7 @@ class Evaluation:
     per_row: bool  # whether the RMS is of rows' norms, or of single readings
     # how the fits behind the residuals ended; of those without each fold the worst
     fits: tuple[Judged, ...] = ()
-    models: tuple[FoldModel, ...] = ()  # what was chosen and fitted without each fold
+    models: tuple[shrink.FoldModel, ...] = ()  # what was chosen and fitted without each fold
     smear: float = 1.0  # RMS of noise as measured, over that of one that is alike in all rows
 
     @property
@@ -84,8 +77,8 @@ class Evaluation:
 def evaluate(
     recording: Recording,
     selected: SelectedModel,
-    folds: NDArray[np.intp],
-    trusted: NDArray[np.bool_],
+    folds: Indices,
+    trusted: Flags,
     by: str,
     seed: int,
 ) -> Evaluation:
@@ -100,14 +93,14 @@ def evaluate(
         seed: Of the bootstrap.
     """
     pool = selected.pool
-    before = nominal_residuals(pool, selected.nominal, folds)
-    after, fits, models = before, list[Judged](), list[FoldModel]()
+    before = shrink.nominal_residuals(pool, selected.nominal, folds)
+    after, fits, models = before, list[Judged](), list[shrink.FoldModel]()
     if selected.chosen:
-        models = fold_models(pool, without=selected.barred, kept=selected.chosen)
-        after, each = held_out_residuals(pool, folds, models, selected.best)
+        models = shrink.fold_models(pool, without=selected.barred, kept=selected.chosen)
+        after, each = shrink.held_out_residuals(pool, folds, models, selected.best)
         fits = list(filter(None, [the_worst(each)]))
     separate = by in ("rows", "touches")
-    blocks = blocks_of_rows(folds, separate=separate)
+    blocks = shrink.blocks_of_rows(folds, separate=separate)
     rows, all_trusted = trusted & rows_of_gap(selected.pool.model.recording), trusted
     if recording.held_out is not None:
         kept = recording.held_out
@@ -122,14 +115,14 @@ def evaluate(
         all_trusted = np.ones(len(recording), dtype=bool)
         all_trusted[~kept], all_trusted[kept] = trusted, ~gross
         rows = kept & all_trusted & rows_of_gap(recording)
-        blocks = blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=separate)
+        blocks = shrink.blocks_of_rows(np.zeros(len(recording), dtype=np.intp), separate=separate)
         by = BY_COLUMN
     before, after = (as_measured(recording, r) for r in (before, after))
     unit, per_row = gap_unit(recording)
     size = 3 if per_row else before.shape[1]
     own = own_units(recording)[:size]
     interval, told = (
-        shrink_interval(before[rows, :size] * k, after[rows, :size] * k, blocks[rows], seed)
+        shrink.shrink_interval(before[rows, :size] * k, after[rows, :size] * k, blocks[rows], seed)
         for k in (np.ones_like(own), own)
     )
     found = Evaluation(before, after, rows, all_trusted, by, interval, told, unit, per_row)
@@ -137,7 +130,7 @@ def evaluate(
     return replace(found, fits=tuple(fits), models=tuple(models), smear=wide)
 
 
-def _merged(kept: NDArray[np.bool_], train: Array, test: Array) -> Array:
+def _merged(kept: Flags, train: Array, test: Array) -> Array:
     whole = np.empty((len(kept), train.shape[1]), dtype=train.dtype)
     whole[~kept], whole[kept] = train, test
     return whole
@@ -161,9 +154,9 @@ def square_with(
     parts = pool.folds if rows is None else rows
     kept_back = len(parts) == 1
     models = (
-        [fitted_without(pool, terms, None, variance)]
+        [shrink.fitted_without(pool, terms, None, variance)]
         if kept_back
-        else fold_models(pool, terms, variance=variance)
+        else shrink.fold_models(pool, terms, variance=variance)
     )
     values = [np.concatenate([m.nuisances, m.values]) for m in models]
     squares = [part.square_at(columns, z) for part, z in zip(parts, values, strict=True)]
@@ -205,7 +198,7 @@ def squares_without(
 
 def _has_own(pool: Pool, terms: Sequence[SelectedTerm]) -> bool:
     """Whether rows of one fold alone determine any nuisance, or any marker's place."""
-    markers = any(pool.candidates[t.index].effect.depends_on == BY_MARKER for t in terms)
+    markers = any(pool.candidates[t.index].effect.depends_on == shrink.BY_MARKER for t in terms)
     return markers or any(len(own) for own in pool.own_nuisances)
 
 
@@ -286,9 +279,7 @@ def _kept_back(recording: Recording, pool: Pool, evaluation: Evaluation) -> Gram
     return Gram(J.T @ J, J.T @ r, float(r @ r), float(len(r)))
 
 
-def _in_known_sockets(
-    recording: Recording, counted: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], NDArray[np.intp], Recording]:
+def _in_known_sockets(recording: Recording, counted: Flags) -> tuple[Flags, Indices, Recording]:
     """Rows (N,) for a model of the training's sockets, and the rows in a socket of their own (N,).
 
     These, numbered from 0 where the others are -1, are put into one that is known.

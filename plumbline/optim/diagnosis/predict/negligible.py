@@ -4,8 +4,6 @@ With many rows everything is significant. A cause that changes the held-out figu
 stated share is there, perhaps, but is not why the robot misses: it is listed, not named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 from plumbline.optim.diagnosis import prior

@@ -6,21 +6,17 @@ is :math:`1 - \mathrm{after}/\mathrm{before}`, its interval a paired bootstrap o
 (Efron and Tibshirani 1993, ch. 8).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.constants import STILL
-from plumbline.optim.core.judged import Judged, judged_by_gram
+from plumbline.optim.core.judged import Judged, Solution, judged_by_gram
 from plumbline.optim.core.mapped import Gram, Mapped
-from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.core.solution import Solution
+from plumbline.optim.core.problem import Array, Flags, Indices, Problem
 from plumbline.optim.core.solvers.levenberg_marquardt import LevenbergMarquardt
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
@@ -159,7 +155,7 @@ def _refitted(fold: Linear, together: Columns, z: Array, own: Columns) -> Array:
 
 
 def held_out_residuals(
-    pool: Pool, folds: NDArray[np.intp], models: Sequence[FoldModel], best: Solution
+    pool: Pool, folds: Indices, models: Sequence[FoldModel], best: Solution
 ) -> tuple[Array, list[Judged]]:
     """Residuals (N, m) of every row under the model made without its fold, and how each fit ended.
 
@@ -188,7 +184,7 @@ def held_out_residuals(
 def _settled(
     pool: Pool,
     union: Model,
-    left_out: NDArray[np.bool_],
+    left_out: Flags,
     model: FoldModel,
     start: Array,
     x: Array,
@@ -220,7 +216,7 @@ def _settled(
 
 
 def _without_fold(
-    pool: Pool, union: Model, model: FoldModel, free: Columns, others: NDArray[np.bool_], x: Array
+    pool: Pool, union: Model, model: FoldModel, free: Columns, others: Flags, x: Array
 ) -> Problem:
     """A fold's fit to all other rows (N,) in some unknowns, under its priors; the others stay."""
     problem, held = union.problem, np.ones(len(x), dtype=bool)
@@ -282,7 +278,7 @@ def _own(pool: Pool, model: FoldModel, rest: Linear, together: Columns) -> Colum
 def _one_step(
     pool: Pool,
     problem: Problem,
-    folds: NDArray[np.intp],
+    folds: Indices,
     models: Sequence[FoldModel],
     columns: Sequence[Columns],
     at: Array,
@@ -316,14 +312,14 @@ def _precisions(linear: Linear, always: int, model: FoldModel) -> Array:
     return np.concatenate([flat_prior(linear, always), np.repeat(model.ridge, sizes) ** 2])
 
 
-def nominal_residuals(pool: Pool, nominal: Solution, folds: NDArray[np.intp]) -> Array:
+def nominal_residuals(pool: Pool, nominal: Solution, folds: Indices) -> Array:
     """Residuals (N, m) of every row under the nuisances alone, fitted without its fold."""
     none = [FoldModel((), np.empty(0), np.empty(0), fold=f) for f in range(len(pool.grams))]
     always = [np.arange(pool.always)] * len(none)
     return _one_step(pool, nominal.problem, folds, none, always, nominal.x)[0]
 
 
-def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
+def blocks_of_rows(folds: Indices, separate: bool) -> Indices:
     """Blocks (N,) for the bootstrap: single rows, or stretches of successive rows of one fold."""
     count = len(folds)
     if separate:
@@ -333,9 +329,7 @@ def blocks_of_rows(folds: NDArray[np.intp], separate: bool) -> NDArray[np.intp]:
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.intp)
 
 
-def shrink_interval(
-    before: Array, after: Array, blocks: NDArray[np.intp], seed: int
-) -> tuple[float, float]:
+def shrink_interval(before: Array, after: Array, blocks: Indices, seed: int) -> tuple[float, float]:
     """95 % interval of the shrink from residuals (N, m) before and after, and their blocks (N,)."""
     blocks = np.unique(blocks, return_inverse=True)[1]  # a block without rows would shrink wholly
     count = int(blocks.max(initial=0)) + 1

@@ -12,18 +12,21 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
+from plumbline.optim.core.answer import register, restored
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress, silent
-from plumbline.optim.core.stored import register, restored
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Outcome, Verdict
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.several.motions import diagnose_motions, joined_motions
-from plumbline.optim.diagnosis.several.together import diagnose_session
+from plumbline.optim.diagnosis.several.motions import (
+    diagnose_motions,
+    diagnose_session,
+    joined_motions,
+)
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model import Applied, Drives, Model
 from plumbline.optim.recording.constants import ONE_ROBOT

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.effects.confined import parts_of
 from plumbline.optim.core.mapped import Gram, Mapped
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Indices, Integers
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.constants import FLATTEST_TOLD
 from plumbline.optim.diagnosis.findings import Key
@@ -33,9 +32,9 @@ from plumbline.optim.measurement.observation import Term
 from plumbline.optim.measurement.refit import figure, gap_unit
 from plumbline.optim.measurement.torque import own_units
 from plumbline.optim.model.constants import CHANGED
-from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Session
 from plumbline.optim.recording.session import apart
+from plumbline.optim.recording.table import row_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,7 @@ class Each:
 
     selected: SelectedModel  # the joint fit
     session: Session  # the recordings
-    part: NDArray[np.int64]  # which of them each row of the fit is of (N,)
+    part: Integers  # which of them each row of the fit is of (N,)
 
     @property
     def always(self) -> int:
@@ -118,7 +117,7 @@ class Each:
         return np.concatenate([flat, effects])
 
     def says(
-        self, linear: Linear, own: NDArray[np.intp], absent: NDArray[np.intp] | None = None,
+        self, linear: Linear, own: Indices, absent: Indices | None = None,
         share: float = 1.0,
     ) -> tuple[Array, Array]:  # fmt: skip
         """Precision (p, p) of a cause's unknowns, and that times their estimate (p,).
@@ -181,7 +180,7 @@ def _against_others(each: Each, key: Key, k: int, terms: list[Term], more: list[
     return Transfer(*key, each.session.parts[k].name, carries, z, values)
 
 
-def _columns(terms: Sequence[Term]) -> NDArray[np.intp]:
+def _columns(terms: Sequence[Term]) -> Indices:
     """Unknowns of some terms."""
     parts = [np.arange(t.columns.start, t.columns.stop) for t in terms]
     return np.concatenate([np.empty(0, dtype=np.intp), *parts])

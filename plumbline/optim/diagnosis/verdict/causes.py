@@ -1,35 +1,160 @@
-"""The causes of a verdict: their estimates, held-out figures and confounded effects."""
+r"""The causes of a verdict: their estimates, held-out figures and confounded effects.
+
+A ripple as one curve with its band, whatever orders it was fitted by.
+
+.. math:: e(q) = B(q)\, \theta, \qquad \mathrm{std}\, e(q) = \sigma \sqrt{B(q)\, G^{-1} B(q)^T}
+
+with the sines and cosines B of all orders of one joint, their estimates and the normal matrix G of
+the whole fit: what orders share, as neighbouring ones do, is in the band.
+
+The held-out gap as the causes go into the model one by one: the staircase of a verdict.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
+import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects import Effect, State
 from plumbline.kinematics.effects.backlash import Backlash
+from plumbline.kinematics.effects.confined import plain
 from plumbline.kinematics.effects.friction import Friction
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.optim.core.constants import NEAR
+from plumbline.optim.core.judged import standard_errors
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.solution import standard_errors
-from plumbline.optim.diagnosis.findings import (
-    Blame,
-    Cause,
-    Estimate,
-    Key,
-    NoiseLevel,
-)
+from plumbline.optim.diagnosis.constants import A_PERIOD, POINTS
+from plumbline.optim.diagnosis.findings import Blame, Cause, Curve, Estimate, Key, NoiseLevel, Step
+from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.posterior.pool import Pool, settled
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
+from plumbline.optim.diagnosis.predict.held_out import Evaluation, counted_rows, square_with
 from plumbline.optim.diagnosis.verdict.confounding import rivals, worth_more_than_nothing
-from plumbline.optim.diagnosis.verdict.curves import curve_of
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
-from plumbline.optim.diagnosis.verdict.staircase import Stairs
 from plumbline.optim.diagnosis.verdict.where import explained_by
-from plumbline.optim.diagnosis.verdict.words import parameter_name, variants_words
+from plumbline.optim.diagnosis.verdict.words import blame_of, parameter_name, variants_words
+from plumbline.optim.measurement.observation import loaded_chain
+from plumbline.optim.recording.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Stairs:
+    """Held-out figures of some of the causes, by the linear problem about the final fit.
+
+    That of all causes is the gap's own, of true residuals; what the linear problem says of fewer is
+    told by its ratio to what it says of all.
+    """
+
+    pool: Pool  # the chosen effects alone
+    terms: list[SelectedTerm]  # the terms in it
+    variance: float  # noise variance that weighs their priors
+    # the rows that the figures are of, fold by fold; only what the gap is counted in
+    rows: list[Linear]
+    after: float  # held-out RMS with all causes, the gap's
+
+    @classmethod
+    def of(cls, recording: Recording, selected: SelectedModel, evaluation: Evaluation) -> Stairs:
+        """Linearised about the final fit, once."""
+        pool, terms = settled(selected.pool, selected.chosen, selected.best.x)
+        rows = counted_rows(recording, pool, evaluation)
+        variance = selected.selection.variance(selected.chosen)
+        return cls(pool, terms, variance, rows, evaluation.rms_after)
+
+    def figure(self, keys: Sequence[Key]) -> float:
+        """Held-out RMS with these causes and no others."""
+        some = [c for c in self.terms if self.pool.candidates[c.index].key in keys]
+        square, least = (
+            square_with(self.pool, t, self.variance, self.rows) for t in (some, self.terms)
+        )
+        return self.after * float(np.sqrt(square / least)) if least > 0.0 else self.after
+
+    @property
+    def keys(self) -> list[Key]:
+        """All causes."""
+        return list(dict.fromkeys(c.key for c in self.pool.candidates))
+
+
+def staircase(
+    stairs: Stairs, keys: Sequence[Key], evaluation: Evaluation, first: str
+) -> tuple[Step, ...]:
+    """The held-out gap before any cause, then with each cause added to those before it."""
+    steps = [Step(first, evaluation.rms_before)]
+    for k, key in enumerate(keys, start=1):
+        label = blame_of(key, stairs.pool.candidates).label
+        steps.append(Step(label, stairs.figure(keys[:k])))
+    return tuple(steps)
+
+
+def always_words(recording: Recording) -> str:
+    """What is fitted before any cause, as the first bar of the staircase says it."""
+    if recording.kind.efforts:
+        return "before"
+    if recording.element is not None and not set(recording.always) - {"frame", "tool"}:
+        ranges = recording.kind.ranges
+        return "beam and planes alone" if ranges else "rigid transform alone"
+    effects = set(recording.always) - {"frame", "tool"}
+    if recording.kind.encoders:
+        return "zeros of the encoders alone" if effects == {"joint_offset"} else "before"
+    sockets = recording.kind.sockets  # which no frame is needed for
+    fitted = {"tool"} if sockets else {"frame", "tool"}
+    if effects or not fitted <= set(recording.always):
+        return "before"
+    return "sockets and tool alone" if sockets else "frame and tool alone"
+
+
+def curve_of(selected: SelectedModel, key: Key, noise: NoiseLevel) -> Curve | None:
+    """The curve of a cause's ripples over the joint's recorded range; none of other causes.
+
+    Of a ripple too fast for so many points, the middle of that range is shown.
+    """
+    terms = [t for t in selected.model.terms if (t.effect.name, t.effect.element) == key]
+    ripples = [t for t in terms if isinstance(t.effect, TransmissionRipple)]
+    if not ripples or len(ripples) < len(terms):
+        return None
+    readings = selected.model.recording.q[:, int(key[1] or 1) - 1]
+    fastest = max(_fastest(t.effect) for t in ripples)
+    angle = _angles(float(readings.min()), float(readings.max()), fastest)
+    q = np.zeros((len(angle), selected.model.recording.chain.n))
+    q[:, int(key[1] or 1) - 1] = angle
+    basis = np.hstack([_basis(selected, t.effect, q) for t in ripples])
+    columns = np.concatenate([np.arange(t.columns.start, t.columns.stop) for t in ripples])
+    value = basis @ selected.best.x[columns]
+    matrix, sigma = selected.best.gram.matrix, noise.sigma * max(noise.ratio, 1.0)
+    covariance = np.linalg.pinv(matrix, rcond=1e-13, hermitian=True)[np.ix_(columns, columns)]
+    std = sigma * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", basis, covariance, basis), 0.0))
+    return Curve(tuple(angle.tolist()), tuple(value.tolist()), tuple(std.tolist()))
+
+
+def _fastest(effect: Effect) -> float:
+    assert isinstance(effect, TransmissionRipple)
+    return float(effect.order) * (len(effect.parameters) // 2)
+
+
+def _angles(low: float, high: float, fastest: float) -> Array:
+    """Angles (K,) [rad] that show a sine of that order, evenly over the range or its middle."""
+    wanted = int(np.ceil((high - low) * fastest / (2 * np.pi) * A_PERIOD)) + 1
+    if wanted <= POINTS:
+        return np.linspace(low, high, max(wanted, POINTS // 6))
+    half = 0.5 * (high - low) * POINTS / wanted
+    return np.linspace(-half, half, POINTS) + (low + high) / 2
+
+
+def _basis(selected: SelectedModel, effect: Effect, q: Array) -> Array:
+    """What each parameter of a ripple, at one, adds to the joint's angle (K, p)."""
+    chain = loaded_chain(selected.model.recording.chain)
+    reading, theta = cs.SX.sym("q", chain.n), cs.SX.sym("theta", len(effect.parameters))
+    moved = plain(effect).apply(
+        State.ideal(chain, {"q": reading}, cs.SX(3, 1)), *cs.vertsplit(theta)
+    )
+    slope = cs.densify(cs.jacobian(moved.q[int(effect.element or 1) - 1], theta))
+    function = cs.Function("basis", [reading], [slope.T]).map(len(q))
+    return np.asarray(function(q.T).full().T)
 
 
 def causes_of(

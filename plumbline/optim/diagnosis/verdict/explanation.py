@@ -9,9 +9,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from plumbline.optim.core.problem import Array
+from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     Alternatives,
     Unlisted,
@@ -45,7 +44,7 @@ from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
 from plumbline.optim.measurement.clock import may_jitter, rates
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
-from plumbline.optim.measurement.one_noise import as_measured
+from plumbline.optim.measurement.refit import as_measured
 from plumbline.optim.measurement.torque import stated_noise
 
 
@@ -362,7 +361,7 @@ def with_terms(
     selected: SelectedModel,
     terms: Sequence[SelectedTerm],
     task: Task,
-    bad: NDArray[np.bool_],
+    bad: Flags,
     tried: Sequence[SelectedTerm] = (),
 ) -> SelectedModel:
     """The model of these terms, fitted; causes that it lacks of those tried are excluded from it.
@@ -378,7 +377,7 @@ def with_terms(
     named = {candidates[t.index].key for t in terms}
     gone = {candidates[t.index].key for t in (*selected.chosen, *tried)} - named
     excluded = (selected.excluded | gone) - named
-    banned: NDArray[np.bool_] = np.array([c.key in excluded for c in candidates], dtype=bool)
+    banned: Flags = np.array([c.key in excluded for c in candidates], dtype=bool)
     selection = restricted(selected.pool.selection, selected.pool.selection.allowed & ~banned)
     if {t.index for t in terms} == {t.index for t in selected.chosen}:
         return replace(selected, selection=selection, excluded=frozenset(excluded))

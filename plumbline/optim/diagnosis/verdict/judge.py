@@ -1,10 +1,16 @@
-"""From fits to a verdict: which kind it is, with what probability, and with which figures."""
+"""From fits to a verdict: which kind it is, with what probability, and with which figures.
 
-from __future__ import annotations
+A verdict on efforts in newton metres, whose residuals are fitted in units of each joint's noise.
+
+The gap is the root mean square over all joints of what was measured, as the noise is, so that
+some joint misses by as much or more. What a linear problem says of fewer causes keeps its ratio.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.judged import Judgement
@@ -20,36 +26,37 @@ from plumbline.optim.diagnosis.findings import (
     Place,
     Verdict,
 )
-from plumbline.optim.diagnosis.of_recordings import TurnGap
+from plumbline.optim.diagnosis.of_recordings import JointGap, TurnGap
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.predict.held_out import (
-    Evaluation,
-    by_chance,
-    judgement_of,
+from plumbline.optim.diagnosis.predict.held_out import Evaluation, by_chance, judgement_of
+from plumbline.optim.diagnosis.verdict.causes import (
+    Stairs,
+    always_words,
+    by_importance,
+    causes_of,
+    staircase,
 )
-from plumbline.optim.diagnosis.verdict.block_errors import block_errors
-from plumbline.optim.diagnosis.verdict.causes import by_importance, causes_of
 from plumbline.optim.diagnosis.verdict.confounding import odds_moved, unobservable
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
-from plumbline.optim.diagnosis.verdict.friction import friction_curves
 from plumbline.optim.diagnosis.verdict.lack_of_fit import (
+    block_errors,
     implausible_noise,
     is_far,
     is_noisier,
     lack_of_fit,
     noisiest_joint,
 )
-from plumbline.optim.diagnosis.verdict.staircase import Stairs, always_words, staircase
+from plumbline.optim.diagnosis.verdict.parts import friction_curves
 from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.pose_noise import correlation_of_ways
 from plumbline.optim.measurement.refit import figure
-from plumbline.optim.measurement.torque import newton_metres
+from plumbline.optim.measurement.torque import newton_metres, own_units
 from plumbline.optim.recording.constants import ASKED
-from plumbline.optim.recording.origin import row_numbers
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible
+from plumbline.optim.recording.table import row_numbers
 
 
 def judge(
@@ -342,3 +349,44 @@ def _correlated(recording: Recording, sigma: float) -> Iterator[str]:
             f"readings of one posture correlate by {recording.alike:.2g}: together they count for "
             "little more than one"
         )
+
+
+def in_own_unit(verdict: Verdict, recording: Recording, evaluation: Evaluation) -> Verdict:
+    """The verdict with its gap, its causes' gaps and its noise in the unit that was measured."""
+    if not recording.kind.efforts:
+        return verdict
+    by, own = newton_metres(recording), own_units(recording)
+    sides = (evaluation.before * own / by, evaluation.after * own / by)
+    measured = replace(evaluation, before=sides[0], after=sides[1], interval=evaluation.told)
+    gap, least = gap_of(measured, verdict.noise), max(evaluation.rms_after, 1e-300)
+    per = by * measured.rms_after / least  # of what the linear problem says of fewer causes
+    first, *steps = verdict.staircase
+    return replace(
+        verdict,
+        gap=replace(
+            gap, before=by * gap.before, after=by * gap.after, noise_floor=by * gap.noise_floor
+        ),
+        noise=replace(verdict.noise, sigma=by * verdict.noise.sigma),
+        causes=tuple(_scaled(cause, per) for cause in verdict.causes),
+        candidates=tuple(_scaled(cause, per) for cause in verdict.candidates),
+        staircase=(
+            replace(first, gap=by * gap.before),
+            *(replace(step, gap=per * step.gap) for step in steps),
+        ),
+        joints=tuple(_joints(recording, evaluation)),
+    )
+
+
+def _joints(recording: Recording, evaluation: Evaluation) -> Iterator[JointGap]:
+    """What is left of every joint's efforts on rows that were left out [N m], [N] if it slides."""
+    rows, own = evaluation.rows, own_units(recording)
+    pairs = zip(evaluation.before[rows].T, evaluation.after[rows].T, strict=True)
+    for j, (kind, sides) in enumerate(zip(recording.chain.kinds, pairs, strict=True)):
+        before, after = (float(own[j] * np.sqrt(np.mean(side**2))) for side in sides)
+        yield JointGap(
+            j + 1, f"joint {j + 1}", before, after, "N" if kind == "prismatic" else "N m"
+        )
+
+
+def _scaled(cause: Cause, by: float) -> Cause:
+    return replace(cause, before=by * cause.before, after=by * cause.after)

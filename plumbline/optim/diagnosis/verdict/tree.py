@@ -1,7 +1,5 @@
 """The tree of a verdict: place, dependence, mechanism."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -5,16 +5,14 @@ how much the residual square drops when its turn comes (Lindeman, Merenda, Gold 
 Cholesky factor an order gives all drops at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import permutations
 from math import ceil, factorial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from plumbline.kinematics.evaluate import Indices
 from plumbline.optim.diagnosis.findings import Place
 from plumbline.optim.diagnosis.linearise.linear import Linear, cholesky
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
@@ -94,7 +92,7 @@ def explained_by(
     return dict(zip(names, np.maximum(drops / len(ranks), floor).tolist(), strict=True))
 
 
-def _orders(count: int, seed: int, most: int = DRAWS) -> NDArray[np.intp]:
+def _orders(count: int, seed: int, most: int = DRAWS) -> Indices:
     """Orders of few elements: all of them; of many: so many, drawn."""
     if factorial(count) <= DRAWS:
         return np.array(list(permutations(range(count))), dtype=np.intp)

@@ -1,7 +1,5 @@
 """Findings in words: causes, ripples, places, and the sentences of a verdict."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -17,18 +15,8 @@ from plumbline.optim.core.quantities import (
     quantity,
     significant,
 )
+from plumbline.optim.diagnosis import findings
 from plumbline.optim.diagnosis.constants import LISTED, MOST_PLACES, SHOWN
-from plumbline.optim.diagnosis.findings import (
-    NOUNS,
-    Blame,
-    Cause,
-    Estimate,
-    Gap,
-    Key,
-    NoiseLevel,
-    Outcome,
-    Verdict,
-)
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.prior import PART_OF_UNLISTED
 
@@ -55,7 +43,7 @@ class Ripple:
     unit: str  # the unit
 
 
-def blame_of(key: Key, candidates: Iterable[Candidate] = ()) -> Blame:
+def blame_of(key: findings.Key, candidates: Iterable[Candidate] = ()) -> findings.Blame:
     """A cause by its key; its ``label`` is for example ``backlash of joint 2``.
 
     Args:
@@ -63,12 +51,12 @@ def blame_of(key: Key, candidates: Iterable[Candidate] = ()) -> Blame:
         candidates: Where to look for an effect that is not in the package's own library.
     """
     if key[0] in REGISTRY:
-        return Blame(key[0], str(REGISTRY[key[0]].stage), key[1])
+        return findings.Blame(key[0], str(REGISTRY[key[0]].stage), key[1])
     stages = (str(c.effect.stage) for c in candidates if c.key == key)
-    return Blame(key[0], next(stages, ""), key[1])
+    return findings.Blame(key[0], next(stages, ""), key[1])
 
 
-def estimate_words(estimate: Estimate) -> str:
+def estimate_words(estimate: findings.Estimate) -> str:
     """Value, standard error and unit of a parameter, and whether it rests on its bound."""
     if estimate.at_bound:
         return f"{quantity(estimate.value, estimate.unit)}, at its bound"
@@ -98,7 +86,7 @@ def _listed(words: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
-def without_words(cause: Cause) -> str:
+def without_words(cause: findings.Cause) -> str:
     """How much more of the gap is left without a cause, all else kept."""
     ratio = cause.before / cause.after if cause.after > 0.0 else math.nan
     if not math.isfinite(ratio):
@@ -106,14 +94,14 @@ def without_words(cause: Cause) -> str:
     return f"without it {significant(ratio, 3 if ratio < 2.0 else 2)} times as much is left"
 
 
-def cause_words(cause: Cause) -> str:
+def cause_words(cause: findings.Cause) -> str:
     """What a cause means, and which of its forms it is where the sentence does not say so."""
     return f"{cause.words} ({cause.variant})" if cause.variant else cause.words
 
 
-def ripples(cause: Cause) -> tuple[Ripple, ...]:
+def ripples(cause: findings.Cause) -> tuple[Ripple, ...]:
     """The orders of a periodic cause, largest first; none where it has no numbered orders."""
-    parts: dict[str, dict[str, Estimate]] = {}
+    parts: dict[str, dict[str, findings.Estimate]] = {}
     for name, estimate in cause.parameters.items():
         match = ORDER.fullmatch(name)
         if match:
@@ -122,7 +110,7 @@ def ripples(cause: Cause) -> tuple[Ripple, ...]:
     return tuple(sorted(found, key=lambda ripple: -ripple.amplitude))
 
 
-def _ripple(order: str, pair: Sequence[Estimate]) -> Ripple:
+def _ripple(order: str, pair: Sequence[findings.Estimate]) -> Ripple:
     """Amplitude of a sine and a cosine; its error to first order."""
     try:
         turns = float(order)
@@ -155,37 +143,37 @@ def parameter_name(name: str, variant: str) -> str:
     return f"{name}, {variant}" if variant else name
 
 
-def plain_parameters(cause: Cause) -> dict[str, Estimate]:
+def plain_parameters(cause: findings.Cause) -> dict[str, findings.Estimate]:
     """Parameters that belong to no numbered order."""
     return {name: e for name, e in cause.parameters.items() if not ORDER.fullmatch(name)}
 
 
-def merged(blames: Iterable[Blame], *, why: bool = True) -> tuple[str, ...]:
+def merged(blames: Iterable[findings.Blame], *, why: bool = True) -> tuple[str, ...]:
     """One line an effect and reason: ``backlash of joints 1, 2, 3: no approach side recorded``.
 
     Reasons that differ in a number alone are one reason, with the largest of the numbers; effects
     of the same places for the same reason are one line.
     """
-    found: dict[tuple[str, str, str], list[Blame]] = {}
+    found: dict[tuple[str, str, str], list[findings.Blame]] = {}
     for blame in blames:
         reason = NUMBER.sub("#", blame.why) if why else ""
         found.setdefault((blame.effect, blame.stage, reason), []).append(blame)
     if not why:
         return tuple(f"{alike[0].effect}{_places(alike)}" for alike in found.values())
-    lines: dict[tuple[str, str], list[Blame]] = {}
+    lines: dict[tuple[str, str], list[findings.Blame]] = {}
     for (_, _, reason), alike in found.items():
         lines.setdefault((_places(alike), reason), []).extend(alike)
     return tuple(_line(place, alike) for (place, _), alike in lines.items())
 
 
-def _places(alike: Sequence[Blame]) -> str:
+def _places(alike: Sequence[findings.Blame]) -> str:
     numbers = sorted({blame.element for blame in alike if blame.element is not None})
-    noun = NOUNS.get(alike[0].stage, "element")
+    noun = findings.NOUNS.get(alike[0].stage, "element")
     listed = ", ".join(map(str, numbers))
     return f" of {noun}{'s' if len(numbers) > 1 else ''} {listed}" if numbers else ""
 
 
-def _line(place: str, alike: Sequence[Blame]) -> str:
+def _line(place: str, alike: Sequence[findings.Blame]) -> str:
     effects = tuple(dict.fromkeys(blame.effect for blame in alike))
     reason = _one_reason([blame.why for blame in alike])
     if len(effects) > 1:
@@ -204,10 +192,10 @@ def place_words(stage: str, element: int | None) -> str:
     """``joint 2``, ``drive 2``; ``all joints``; the stage where an arm has one alone."""
     if element is None:
         return f"all {stage}s" if stage in SEVERAL else stage
-    return f"{NOUNS.get(stage, stage)} {element}"
+    return f"{findings.NOUNS.get(stage, stage)} {element}"
 
 
-def tree_lines(verdict: Verdict) -> tuple[str, ...]:
+def tree_lines(verdict: findings.Verdict) -> tuple[str, ...]:
     """The tree in a line a place: ``joint 2 > 99 %: own angle 98 % (joint_scale 96 %, unlisted)``.
 
     Most probable first; a single branch has its parent's probability, which is not said twice.
@@ -249,7 +237,7 @@ def _inclusion(branch: dict[str, Any]) -> float:
     return float(branch.get("inclusion", branch["probability"]))
 
 
-def shared_words(verdict: Verdict) -> str:
+def shared_words(verdict: findings.Verdict) -> str:
     """Why many causes are named with one probability, where something unlisted sets it."""
     most = [1.0 - PART_OF_UNLISTED**apart for apart in (1, 2)]
     found = ([c for c in verdict.causes if abs(c.probability - p) < SHOWN] for p in most)
@@ -262,7 +250,7 @@ def shared_words(verdict: Verdict) -> str:
     )
 
 
-def sensitivity_words(cause: Cause) -> str:
+def sensitivity_words(cause: findings.Cause) -> str:
     """Between what its probability is if every prior odds were a third, or three times as high."""
     if cause.sensitivity is None:
         return ""
@@ -272,7 +260,7 @@ def sensitivity_words(cause: Cause) -> str:
     return f"{low} to {high} with prior odds a third to three times as high"
 
 
-def noise_words(noise: NoiseLevel, unit: str) -> str:
+def noise_words(noise: findings.NoiseLevel, unit: str) -> str:
     """How large the noise of one axis or one joint is, and where that is known from."""
     source = {
         "given": "as the recording states",
@@ -283,13 +271,13 @@ def noise_words(noise: NoiseLevel, unit: str) -> str:
     return f"{quantity(noise.sigma, unit)} per {of} (1 sigma), {source}"
 
 
-def gap_words(verdict: Verdict) -> str:
+def gap_words(verdict: findings.Verdict) -> str:
     """The finding in one or two sentences."""
     gap = verdict.gap
     before, after, floor = (quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor))
     if not verdict.knows_noise:
         return _gap_without_noise(verdict, before, after)
-    if verdict.verdict == Outcome.NO_GAP:
+    if verdict.verdict == findings.Outcome.NO_GAP:
         return f"The model misses by {before}; noise alone would give {floor}."
     if not verdict.causes:
         return f"The model misses by {before}, where noise alone would give {floor}."
@@ -299,7 +287,7 @@ def gap_words(verdict: Verdict) -> str:
     )
 
 
-def held_words(verdict: Verdict) -> str:
+def held_words(verdict: findings.Verdict) -> str:
     """``2 causes and 13 unnamed effects``: what the model holds that leaves the gap after."""
     labels = {cause.label for cause in verdict.causes}
     steps = {step.label for step in verdict.staircase} - labels  # of a motion they are drives
@@ -308,12 +296,12 @@ def held_words(verdict: Verdict) -> str:
     return " and ".join(words for words, number in both if number) or "no cause"
 
 
-def floor_words(verdict: Verdict) -> str:
+def floor_words(verdict: findings.Verdict) -> str:
     """What the floor of the gap is."""
     return "noise alone" if verdict.knows_noise else "what the fit itself leaves"
 
 
-def _gap_without_noise(verdict: Verdict, before: str, after: str) -> str:
+def _gap_without_noise(verdict: findings.Verdict, before: str, after: str) -> str:
     """The same where nothing but the fit tells the noise."""
     unknown = "No noise is stated, so how far it could shrink is not known."
     if not verdict.causes:
@@ -321,7 +309,7 @@ def _gap_without_noise(verdict: Verdict, before: str, after: str) -> str:
     return f"The model misses by {before}; with {held_words(verdict)} in it, by {after}. {unknown}"
 
 
-def shrink_words(verdict: Verdict) -> str:
+def shrink_words(verdict: findings.Verdict) -> str:
     """How far the gap shrinks, with its interval."""
     gap = verdict.gap
     low, high = gap.shrink_ci95
@@ -343,7 +331,7 @@ def shrink_words(verdict: Verdict) -> str:
     return f"{told} ({held} left out)."
 
 
-def _turned_words(gap: Gap) -> str:
+def _turned_words(gap: findings.Gap) -> str:
     """What becomes of the turns of poses, which the gap of their places does not show."""
     if not gap.rotation:
         return ""

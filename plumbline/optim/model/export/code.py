@@ -5,8 +5,7 @@ from pathlib import Path
 
 import casadi as cs
 
-from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.efforts import efforts_of
+from plumbline.optim.model.arm import Arm, efforts_of
 from plumbline.optim.model.export.exported import Exported, lacking
 from plumbline.optim.recording.kinds import EFFORTS
 

@@ -1,16 +1,27 @@
-"""What every export is: text, what it cannot hold, and how much of the gap stays for that."""
+"""What every export is: text, what it cannot hold, and how much of the gap stays for that.
+
+An exported file alone, by those who read it: Pinocchio a URDF, MuJoCo an MJCF.
+
+An exported MJCF alone, moved by commands in MuJoCo: the proof that it does what it says.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault, listed
+from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
-from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.constants import AGREES, NAMED
-from plumbline.optim.model.efforts import MOTION, tau
+from plumbline.optim.model.arm import MOTION, Arm, tau
+from plumbline.optim.model.constants import AGREES, NAMED, REST
 from plumbline.optim.model.statement import acts_on_places
 from plumbline.optim.recording.kinds import EFFORTS
 
@@ -147,3 +158,97 @@ def head(arm: Arm, lacks: Sequence[Lack]) -> str:
     lines = [f"{arm.robot.name} as found on {arm.recording}."]
     lines += [f"Not in this file: {lack}: {lack.words}" for lack in lacks]
     return "\n".join(lines)
+
+
+def has_mujoco() -> bool:
+    """Whether MuJoCo is installed."""
+    return find_spec("mujoco") is not None
+
+
+def frames_by_pinocchio(text: str, tip: str, q: Array) -> Array:
+    """``T_base_tip`` (N, 4, 4) [m] of a URDF at joints (N, n)."""
+    chain = Robot.from_urdf(text).chain(tip)
+    data, frame = chain.model.createData(), chain.model.getFrameId(tip, pin.FrameType.BODY)
+    found = np.empty((len(q), 4, 4))
+    for T, posture in zip(found, q, strict=True):
+        pin.framesForwardKinematics(chain.model, data, chain.configuration(posture))
+        T[:] = data.oMf[frame].homogeneous
+    return found
+
+
+def torques_by_pinocchio(chain: Chain, q: Array, v: Array, a: Array) -> Array:
+    """Efforts (N, n) [N m or N] of a chain read from a URDF, its damping and friction with them."""
+    model, data = chain.model, chain.model.createData()
+    rows = zip(map(chain.configuration, q), v, a, strict=True)
+    bodies = np.array([pin.rnea(model, data, *row) for row in rows])
+    return np.asarray(bodies + model.damping * v + model.friction * np.sign(v))
+
+
+def frames_by_mujoco(text: str, site: str, q: Array) -> Array:
+    """``T_base_site`` (N, 4, 4) [m] of an MJCF at joints (N, n)."""
+    mujoco: Any = import_module("mujoco")
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    found = np.tile(np.eye(4), (len(q), 1, 1))
+    for T, posture in zip(found, q, strict=True):
+        data.qpos[:] = posture
+        mujoco.mj_kinematics(model, data)
+        T[:3, :3], T[:3, 3] = data.site(site).xmat.reshape(3, 3), data.site(site).xpos
+    return found
+
+
+def torques_by_mujoco(text: str, q: Array, v: ArrayLike, a: ArrayLike) -> Array:
+    """Efforts (N, n) [N m or N] of an MJCF by its inverse dynamics."""
+    mujoco: Any = import_module("mujoco")
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    found = np.empty_like(q)
+    for efforts, row in zip(found, zip(q, np.asarray(v), np.asarray(a), strict=True), strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = row
+        mujoco.mj_inverse(model, data)
+        efforts[:] = data.qfrc_inverse
+    return found
+
+
+def replay(mjcf: str, time: ArrayLike, command: ArrayLike, start: ArrayLike = ()) -> Array:
+    """What the joints of an MJCF with actuators do (N, nu) [rad or m] in MuJoCo.
+
+    Args:
+        mjcf: The file's text.
+        time: Time (N,) [s], ascending.
+        command: Commands (N, nu), straight between the samples.
+        start: Where the joints are at first (nu,) [rad or m]; by default where the first command,
+            held for a while, puts them.
+
+    Raises:
+        PlumblineError: MuJoCo is not installed, cannot read it, or has other actuators.
+    """
+    if find_spec("mujoco") is None:
+        raise fault(
+            "replay", "no MuJoCo", "it installed", "pip install 'plumbline-robotics[mujoco]'"
+        )
+    mujoco: Any = import_module("mujoco")
+    rollout: Any = import_module("mujoco.rollout")
+    try:
+        model = mujoco.MjModel.from_xml_string(mjcf)
+    except ValueError as error:
+        raise PlumblineError(f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+    t, u = np.asarray(time, dtype=float), np.asarray(command, dtype=float)
+    if u.shape != (len(t), model.nu):
+        raise fault("command", f"an array {u.shape}", f"({len(t)}, {model.nu})", "one an actuator")
+    even = np.arange(t[0] - REST, t[-1], model.opt.timestep)
+    asked = np.column_stack([np.interp(even, t, one) for one in u.T])
+    data = mujoco.MjData(model)
+    joints = model.actuator_trnid[:, 0]
+    places = model.jnt_qposadr[joints]
+    data.qpos[places] = np.asarray(start, dtype=float) if np.size(start) else u[0]
+    if model.na:
+        filtered = model.actuator_actnum > 0
+        data.act[model.actuator_actadr[filtered]] = u[0][filtered]
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.empty(mujoco.mj_stateSize(model, full))
+    mujoco.mj_getState(model, data, state, full)
+    states, _ = rollout.rollout(model, data, state, asked)
+    after = even + model.opt.timestep
+    q = states[0][:, 1 + places]  # the clock stands first
+    return np.column_stack([np.interp(t, after, one) for one in q.T])

@@ -18,10 +18,24 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.constants import LEAST_INERTIA, LEAST_MASS, UNTURNED
-from plumbline.optim.model.export.bodies import MUJOCO, bodies_of, drives_of, held_by
-from plumbline.optim.model.export.exported import Exported, head, lacking, must_agree
-from plumbline.optim.model.export.geometry import fixed_part, fixed_pose, placements, tool_of
-from plumbline.optim.model.export.readers import frames_by_mujoco, has_mujoco
+from plumbline.optim.model.export.exported import (
+    Exported,
+    frames_by_mujoco,
+    has_mujoco,
+    head,
+    lacking,
+    must_agree,
+)
+from plumbline.optim.model.export.geometry import (
+    MUJOCO,
+    bodies_of,
+    drives_of,
+    fixed_part,
+    fixed_pose,
+    held_by,
+    placements,
+    tool_of,
+)
 
 TOOL = "calibrated_tool"
 # Dry friction as hard as MuJoCo has it: held off its command by play, a joint creeps 1 % a second.

@@ -4,36 +4,42 @@ Rows of kind ``parameter`` are every number that was found, with unit, error and
 kind ``curve`` say, joint by joint and angle by angle, what to add to a reading for all that depends
 on this reading alone (zeros, scales, ripples). They go with the links as delivered: files of links
 hold the zeros themselves.
+
+A model as rows of Denavit and Hartenberg in TOML, as the bundled robots are stored.
 """
 
 import csv
 import io
+import tomllib
 from collections.abc import Iterator
 
 import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.link_export import dh_toml
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.constants import MOST_POINTS, SHAKEN, SLIDE_STEP
-from plumbline.optim.model.export.exported import Exported, lacking
+from plumbline.optim.model.export import exported
+from plumbline.optim.model.export.geometry import corrected_table, fixed_part, fixed_pose, tool_of
 from plumbline.optim.model.statement import acts_on_places
 
 HEAD = ("kind", "joint", "effect", "name", "at", "value", "std", "unit", "meaning")
 STEP = np.pi / 360  # [rad] of a curve: a line between misses order 40 by a hundredth of its size
 
 
-def table(arm: Arm) -> Exported:
+def table(arm: Arm) -> exported.Exported:
     """The model as CSV; what no curve holds stands in its parameters alone."""
     own = _own(arm)
-    missing = lacking(arm, arm.of(own))
+    missing = exported.lacking(arm, arm.of(own))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEAD)
     writer.writerows(_parameters(arm))
     writer.writerows(_curves(arm.of(own)))
-    return Exported(text.getvalue(), "", float("nan"), *missing)
+    return exported.Exported(text.getvalue(), "", float("nan"), *missing)
 
 
 def _own(arm: Arm) -> list[int]:
@@ -88,3 +94,28 @@ def _curves(arm: Arm) -> Iterator[tuple[object, ...]]:
 def _grid(ends: Array, step: float) -> Array:
     count = int(np.clip(np.ceil((ends[1] - ends[0]) / step), 1, MOST_POINTS))
     return np.linspace(ends[0], ends[1], count + 1)
+
+
+def dh(arm: Arm) -> exported.Exported:
+    """The model as DH rows, read again.
+
+    Raises:
+        PlumblineError: Read again, they do not stand where the model has them.
+    """
+    exported.must_be_one_arm(arm, "DH rows")
+    missing = exported.lacking(arm, fixed_part(arm))
+    tool = ", ".join(f"{v:.12g}" for v in tool_of(arm)[:3, 3])
+    text = dh_toml(
+        corrected_table(arm),
+        name=f"{arm.robot.name}-found",
+        source=f"plumbline on {arm.recording}",
+        comment=f"{exported.head(arm, missing[0])}\nTool in the tip frame, m: {tool}.",
+    )
+    table = tomllib.loads(text)
+    tip = str(table["tip_frame"])
+    robot = Robot.from_dh(table["dh"], tip_frame=tip, gravity=table["gravity"])
+    q = arm.samples["q"]
+    found = robot.chain(tip).placement(q) @ tool_of(arm)
+    error = float(np.abs(found - fixed_pose(arm, q)).max())
+    exported.must_agree(arm.recording, "DH rows miss the model", error)
+    return exported.Exported(text, tip, error, *missing)

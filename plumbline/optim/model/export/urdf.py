@@ -2,49 +2,20 @@
 
 import numpy as np
 
+from plumbline.kinematics import link_export
 from plumbline.kinematics.chain import Chain
-from plumbline.kinematics.link_export import (
-    NAME,
-    edited_urdf,
-    made_urdf,
-    safe_tip,
-    weighed_urdf,
-    with_frame,
-)
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import dynamics_of_chain
-from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.efforts import MOTION, tau
-from plumbline.optim.model.export.bodies import (
-    URDF,
-    bodies_of,
-    drives_of,
-    held_by,
-    sliding,
-)
-from plumbline.optim.model.export.exported import (
-    Exported,
-    head,
-    lacking,
-    must_agree,
-    must_be_one_arm,
-    samples_of,
-)
-from plumbline.optim.model.export.geometry import (
-    corrected_table,
-    fixed_part,
-    fixed_pose,
-    placements,
-    tool_of,
-)
-from plumbline.optim.model.export.readers import frames_by_pinocchio, torques_by_pinocchio
+from plumbline.optim.model.arm import MOTION, Arm, tau
+from plumbline.optim.model.export import exported, geometry
+from plumbline.optim.model.export.exported import frames_by_pinocchio, torques_by_pinocchio
 from plumbline.optim.model.fitted import chain_of
 from plumbline.optim.recording.kinds import EFFORTS
 
 TOOL = "calibrated_tool"
 
 
-def urdf(arm: Arm) -> Exported:
+def urdf(arm: Arm) -> exported.Exported:
     """The model as URDF, read again by Pinocchio.
 
     Raises:
@@ -52,25 +23,29 @@ def urdf(arm: Arm) -> Exported:
             came as MJCF.
     """
     if arm.robot.urdf is None:
-        must_be_one_arm(arm, "URDF of a robot from MJCF")
-    fixed, held = fixed_part(arm), held_by(arm, URDF, gravity=False)
+        exported.must_be_one_arm(arm, "URDF of a robot from MJCF")
+    fixed, held = geometry.fixed_part(arm), geometry.held_by(arm, geometry.URDF, gravity=False)
     kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or e in held.effects]
-    missing = lacking(arm, arm.of(kept))
+    missing = exported.lacking(arm, arm.of(kept))
     if arm.robot.urdf is None:
-        text = made_urdf(corrected_table(arm), arm.robot.name)
+        text = link_export.made_urdf(geometry.corrected_table(arm), arm.robot.name)
     else:
-        text = edited_urdf(arm.chain, placements(arm), arm.robot.urdf)
+        text = link_export.edited_urdf(arm.chain, geometry.placements(arm), arm.robot.urdf)
     names = Robot.from_urdf(text).tip_frames
-    tip = NAME if NAME in names and arm.tip_frame != NAME else arm.tip_frame
-    tip = tip if tip in names else safe_tip(tip)
-    text = with_frame(_with_efforts(held, text, tip), tip, TOOL, tool_of(arm))
+    tip = (
+        link_export.NAME
+        if link_export.NAME in names and arm.tip_frame != link_export.NAME
+        else arm.tip_frame
+    )
+    tip = tip if tip in names else link_export.safe_tip(tip)
+    text = link_export.with_frame(_with_efforts(held, text, tip), tip, TOOL, geometry.tool_of(arm))
     q = arm.samples["q"]
-    error = float(np.abs(frames_by_pinocchio(text, TOOL, q) - fixed_pose(arm, q)).max())
-    must_agree(arm.recording, "URDF misses the model", error)
-    said = head(arm, missing[0]).replace("--", "-")
+    error = float(np.abs(frames_by_pinocchio(text, TOOL, q) - geometry.fixed_pose(arm, q)).max())
+    exported.must_agree(arm.recording, "URDF misses the model", error)
+    said = exported.head(arm, missing[0]).replace("--", "-")
     declared, _, body = text.partition("?>") if text.startswith("<?xml") else ("", "", text)
     begin = f"{declared}?>\n" if declared else ""
-    return Exported(f"{begin}<!--\n{said}\n-->\n{body.lstrip()}", TOOL, error, *missing)
+    return exported.Exported(f"{begin}<!--\n{said}\n-->\n{body.lstrip()}", TOOL, error, *missing)
 
 
 def _with_efforts(held: Arm, text: str, tip: str) -> str:
@@ -81,21 +56,21 @@ def _with_efforts(held: Arm, text: str, tip: str) -> str:
     """
     if held.observation != EFFORTS:
         return text
-    own, chain = drives_of(held, URDF), _chain(held, text, tip)
-    wanted = [one.toDynamicParameters() for one in bodies_of(held)[0]]
+    own, chain = geometry.drives_of(held, geometry.URDF), _chain(held, text, tip)
+    wanted = [one.toDynamicParameters() for one in geometry.bodies_of(held)[0]]
     more = np.array(wanted) - dynamics_of_chain(chain).inertial
     numbered = list(enumerate(held.chain.joint_names))
-    made = weighed_urdf(
+    made = link_export.weighed_urdf(
         text,
         {name: more[k] for k, name in numbered if np.abs(more[k]).any()},
         {name: own.get(k + 1, {}) for k, name in numbered},
     )
-    q, context = samples_of(held)
+    q, context = exported.samples_of(held)
     v, a = (context.get(name, np.zeros_like(q)) for name in MOTION[1:])
-    said = tau(sliding(held), q, v, a, {"payload": 0.0})
+    said = tau(geometry.sliding(held), q, v, a, {"payload": 0.0})
     worst = float(np.abs(torques_by_pinocchio(_chain(held, made, tip), q, v, a) - said).max())
     worst /= float(np.abs(said).max())
-    must_agree(held.recording, "URDF's torques miss the model's", worst, " of the largest")
+    exported.must_agree(held.recording, "URDF's torques miss the model's", worst, " of the largest")
     return made
 
 
