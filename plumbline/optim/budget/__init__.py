@@ -1,7 +1,7 @@
 """The gap budget: how much of the error at a point each link of the chain contributes.
 
 ``sources`` says what a link does to the error there; ``shares`` adds links up, now and after the
-cure, with intervals; ``answer`` is what is told; ``spec`` reads a chain from a file.
+cure, with intervals, and says so; ``spec`` reads a chain from a file.
 """
 
 from plumbline.optim.budget.shares import Budget, Part, add_up

@@ -1,8 +1,8 @@
 """Several instruments that reach their goals without touching each other or anything else.
 
-Read :mod:`.statement` first: the problem, once, in symbols. :mod:`.bodies` says what moves,
-:mod:`.settings` how far, how fast and how near, :mod:`.scene` what is in the way.
-:mod:`.linearised` makes a quadratic program of it, which :mod:`.banded_qp` or a library solves at
+Read :mod:`.statement` first: the problem, once, in symbols. :mod:`.bodies` says what moves
+and what is in the way, :mod:`.settings` how far, how fast and how near.
+:mod:`.linearised` makes a quadratic program of it, which :mod:`.planning` or a library solves at
 every step; :mod:`.nonlinear` solves the whole statement, as a reference. :mod:`.controller` is what
 a loop calls. What is given to these and what they answer is in SI units; the statement and the
 planners count in mm.

@@ -141,7 +141,7 @@ def write(
         statement: What is to be planned; its constants are built in.
         folder: Where to; made if need be.
         example: What the small program does.
-        planner: Options; :class:`.banded_qp.BandedQp` must be its solver, and one pass.
+        planner: Options; :class:`.planning.BandedQp` must be its solver, and one pass.
 
     Raises:
         PlumblineError: A planner that there is no code for, or more obstacles than slots.

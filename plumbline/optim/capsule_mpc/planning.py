@@ -15,7 +15,8 @@ time Agrawal and Sreenath 2017, RSS). It lets distances shrink by a share gamma 
 it brakes before it touches; where it starts inside of the margin it asks to leave it at that rate.
 The reference is one step on the straight way to the goal. It sees nothing coming, so alone it gets
 stuck where the straight way ends; but it has the size of one stage, and behind the guide, which
-looks at whole ways (:mod:`.guide`), it does as well as the horizon. It is the controller's default.
+looks at whole ways (:mod:`.waypoints`), it does as well as the horizon. It is the controller's
+default.
 
 An interior point for a chain of stages: the real-time solver.
 
@@ -188,7 +189,7 @@ class RealTime:
     linearises anew (Diehl, Bock, Schloeder 2005, SIAM J. Control Optim. 43(5)).
     """
 
-    # of the quadratic program: :class:`.banded_qp.BandedQp`, or a library's
+    # of the quadratic program: :class:`BandedQp`, or a library's
     solver: QpSolver = field(default_factory=BandedQp)
     passes: int = 1  # linearisations a step
     compiled: bool = True  # whether to compile the linearisation, where there is a compiler

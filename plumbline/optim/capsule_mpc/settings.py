@@ -264,7 +264,7 @@ class Safety:
     patience: int = 5  # steps without a usable measurement, after which motion stops
     delay: int = 0  # steps that a command is known to take until it acts
     # what else is known of what carries commands out, its delay beyond these steps; a diagnosed
-    # ``tracking`` recording tells: :meth:`.plant.Plant.of`
+    # ``tracking`` recording tells: :meth:`Plant.of`
     plant: Plant = field(default_factory=Plant)
 
     def __post_init__(self) -> None:

@@ -23,7 +23,7 @@ The rooms, in the order in which imports run: each uses those above it alone.
 ``answer``        The diagnosis: a verdict with the recording and the fit that it rests on.
 ``proof``         Exported files alone, on rows that no fit has seen.
 ``diagnose``      The whole, end to end.
-``several``       Several recordings: each alone, all (``together``), compared (``transfer``).
+``several``       Several recordings: each alone, all (``motions``), compared (``transfer``).
 ``of_any_kind``   Any kind of recording, to the engine that its rows need.
 ``calibrate``     Simulation-based calibration: the diagnosis of simulated cases like this one.
 ================  ==================================================================================

@@ -3,7 +3,7 @@ r"""The command that brings the real tool where it should be.
 .. math:: q_c = \arg\min_q\ |p(q) - p_w|^2 + \ell^2 |\log R(q)^T R_w|^2 + \lambda^2 |q - q_w|^2
           \quad\text{s.t.}\quad l \le q \le u
 
-where few steps near to it do not do (:mod:`.near`, :mod:`.pathed`; a limit, a singular posture) by
+where few steps near to it do not do (:mod:`.near`; a limit, a singular posture) by
 Gauss-Newton steps with the nominal arm's slope, over all postures at once, a
 joint that runs into its limit held there; then a few steps on the place alone, so that where place
 and orientation cannot both be had the place is kept (Nakamura and Hanafusa 1986, J. Dyn. Sys. Meas.

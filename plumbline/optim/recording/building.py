@@ -1,7 +1,7 @@
 """From loose arrays to a checked :class:`~.recording.Recording`: shapes, types, then physics.
 
 Both ways in, folders and arrays, end here, so that both meet the same checks; the
-:class:`~.recording.origin.Origin` lets a message name the row of the file where there is one.
+:class:`~.recording.table.Origin` lets a message name the row of the file where there is one.
 """
 
 from collections.abc import Iterable
