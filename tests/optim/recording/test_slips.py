@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.recording.slips import (
+from plumbline.optim.recording.set_up import (
     matched,
     moved_zero,
     signs,
