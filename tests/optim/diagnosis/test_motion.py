@@ -286,8 +286,8 @@ def test_a_planned_way_s_derivatives_are_worked_out_where_a_step_is_taken_alone(
     windows, _ = windows_of(Law.POSITION)
     effects, found = (ActuationDelay(), AccelerationLimit()), []
 
-    def watched(*given, slopes=True):
-        fit = evaluated(*given, slopes=slopes)
+    def watched(*given, slopes=True, rough=False):
+        fit = evaluated(*given, slopes=slopes, rough=rough)
         found.append((slopes, fit.square, fit.J.shape[2]))
         return fit
 

@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.drive import Law
+from plumbline.optim.diagnosis.motion import diagnose as module
 from plumbline.optim.diagnosis.motion.constants import MENDED, ROUNDED
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.recording.constants import SPEEDS_UP, USUAL
@@ -126,6 +127,13 @@ def smooth(lag, delay, step=DT, seconds=30.0):
     late = (1 - stays) * lag / h
     q = lfilter([1 - late, late - stays], [1, -stays], x, zi=[late * x[0]])[0]
     return made(t[rows], u[rows], np.column_stack([q, u[:, 1]])[rows])
+
+
+def test_what_commands_do_between_rows_is_chosen_before_the_search(monkeypatch):
+    searched, own = [], module.search
+    monkeypatch.setattr(module, "search", lambda *a: searched.append(a[0].windows.law) or own(*a))
+    answer = diagnose(smooth(0.05, 0.0))
+    assert searched == [Law.SMOOTH] * answer.recording.n
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.033])

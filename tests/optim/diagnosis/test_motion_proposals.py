@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from plumbline.experiments.commands.app import run
+from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
@@ -22,6 +23,8 @@ from tests.motions import multisine
 
 TIME = np.arange(0.0, 20.0, 0.01)
 COMMAND = np.column_stack([0.5 * np.sin(2.0 * TIME), 0.2 + 0.0 * TIME])
+
+TORQUES = SimpleNamespace(law=Law.TORQUE)
 
 
 @pytest.mark.parametrize("kind", ["chirp", "ramp", "hold", "steps"])
@@ -59,7 +62,8 @@ def test_joints_move_one_after_the_other():
 )
 def test_play_and_a_dead_band_part_in_steps_and_where_they_are_one_under_a_hand(effects, kind):
     instead = {"actuation_play": {"actuation_deadband": 0.5}}
-    joint = SimpleNamespace(number=2, instead=instead, fit=SimpleNamespace(effects=effects))
+    windows, fit = SimpleNamespace(law=Law.POSITION), SimpleNamespace(effects=effects)
+    joint = SimpleNamespace(number=2, instead=instead, fit=fit, windows=windows)
     (row,) = proposals([joint])
     assert (row["joint"], row["motion"].split(",")[0]) == (2, kind)
     assert ("by hand" in row["motion"]) == (kind == "hold")
@@ -68,7 +72,7 @@ def test_play_and_a_dead_band_part_in_steps_and_where_they_are_one_under_a_hand(
 def test_what_is_unlisted_has_words_in_a_proposal():
     fit = SimpleNamespace(effects=(ActuationLag(),))
     instead = {"coulomb_friction": {"?load": 0.5}}
-    (row,) = proposals([SimpleNamespace(number=2, instead=instead, fit=fit)])
+    (row,) = proposals([SimpleNamespace(number=2, instead=instead, fit=fit, windows=TORQUES)])
     assert row["tells"] == "coulomb_friction from something unlisted that goes by load"
 
 
@@ -124,7 +128,10 @@ def test_what_rates_leave_open_has_a_motion_in_rates_within_what_the_joints_did(
 )
 def test_what_torques_leave_open_has_a_motion(pair, kind):
     joint = SimpleNamespace(
-        number=1, instead={pair[0]: {pair[1]: 0.4}}, fit=SimpleNamespace(effects=())
+        number=1,
+        instead={pair[0]: {pair[1]: 0.4}},
+        fit=SimpleNamespace(effects=()),
+        windows=TORQUES,
     )
     (row,) = proposals([joint])
     assert row["motion"].split(",")[0] == kind

@@ -9,7 +9,7 @@ import pytest
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
-from plumbline.optim.diagnosis.motion import fit, models
+from plumbline.optim.diagnosis.motion import fit, models, rollout
 from plumbline.optim.diagnosis.motion.constants import RACE, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import arm, multisine, recorded
@@ -82,3 +82,63 @@ def test_what_a_coarser_clock_hides_is_found_where_more_than_noise_is_left():
     play = values["actuation_play", 1]
     assert play.probability == pytest.approx(0.5, abs=0.05)
     assert [b.effect for b in play.confounded_with] == ["actuation_deadband"]
+
+
+NAMES = {e.name: e for e in MOTION_EFFECTS}
+STIFF, DELAY, LAG, PLANS, FASTEST = (
+    NAMES[n]() for n in ("servo_stiffness", "actuation_delay", "actuation_lag",
+                         "acceleration_limit", "velocity_limit")
+)  # fmt: skip
+SLACK, STICK = NAMES["actuation_play"](), NAMES["actuation_play"](inside=True)
+BAND, LESS = NAMES["actuation_deadband"](), NAMES["actuation_deadband"](less=True)
+
+
+@pytest.mark.parametrize(
+    ("effects", "others"),
+    [
+        ((DELAY, SLACK), {STICK, BAND, LESS}),
+        ((DELAY, STIFF, BAND), {SLACK, STICK, LESS}),
+        ((PLANS, STICK), {SLACK, BAND, LESS}),
+        ((LAG, STICK), {LESS}),
+        ((LAG, LESS), {STICK}),
+        ((LAG, SLACK), set()),
+        ((LAG, BAND), set()),
+        ((FASTEST, SLACK), set()),
+        ((LAG, BAND, STICK), set()),
+        ((DELAY,), set()),
+    ],
+)
+def test_a_drive_is_fitted_once_and_counts_under_every_name_that_it_goes_by(effects, others):
+    """What no motion tells apart shares its probability, whichever of it the search came upon."""
+    library = tuple(e for c in MOTION_EFFECTS for e in c.candidates(Law.POSITION, masses=True))
+    signals = signals_of(recorded([{"delay": 0.06, "play": 0.02}, {}]))
+    fitted = models.Models(signals.windows(0, signals.starts), library, signals.seen(0))
+    fitted.fit(frozenset(effects), fitted.found[frozenset()])
+    own = {frozenset(effects), frozenset()}
+    kept = {one for key in fitted.found.keys() - own for one in key - set(effects)}
+    assert kept == others
+    found = fitted.found[frozenset(effects)]
+    for key in fitted.found.keys() - own:
+        fit_of = fitted.found[key]
+        again = fit.evaluated(fitted.windows, fit_of.effects, fit_of.theta)
+        np.testing.assert_allclose(again.residual, found.residual, rtol=0, atol=1e-9)
+
+
+def test_no_name_is_taken_where_commands_are_rates():
+    assert not list(models.twins((SLACK,), Law.VELOCITY, (SLACK, BAND)))
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_a_search_takes_a_way_s_slopes_to_one_side_and_a_verdict_to_both(rough, monkeypatch):
+    signals = signals_of(recorded([{"delay": 0.06, "play": 0.02}, {}]))
+    windows, rolled, own = signals.windows(0, signals.starts), [], rollout._passed
+    effects, at = (DELAY, PLANS, LAG, SLACK), np.array([0.03, 8.0, 0.05, 0.01])
+    fine = fit.evaluated(windows, effects, at).J
+    monkeypatch.setattr(rollout, "_passed", lambda *a: rolled.append(a[3]) or own(*a))
+    J = fit.evaluated(windows, effects, at, rough=rough).J
+    assert rolled == [(2, 3), *[()] * (2 if rough else 4)]  # of delay and limit
+    left = np.linalg.norm(J - fine, axis=(0, 1)) / np.linalg.norm(fine, axis=(0, 1))
+    assert (left < 0.1).all() and (left.max() > 0) == rough
+    rolled.clear()
+    fit.fitted(windows, effects, at, 1 if rough else 0)
+    assert rolled[: 4 if rough else 6] == [(2, 3), *[()] * (2 if rough else 4), ()]

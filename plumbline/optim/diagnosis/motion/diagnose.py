@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +20,9 @@ from plumbline.optim.diagnosis.motion.constants import (
     STRONGER,
 )
 from plumbline.optim.diagnosis.motion.left_out import left_out
-from plumbline.optim.diagnosis.motion.models import evident
+from plumbline.optim.diagnosis.motion.models import Models, nested
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.search import Joint, prior_at, search
+from plumbline.optim.diagnosis.motion.search import Begun, prior_at, search
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import Found, verdict_of
@@ -49,19 +50,24 @@ def diagnose_motion(
     """
     options = options or DiagnosisOptions()
     r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
-    searched = _searched(r, options, progress)
+    signals, begun = _begun(r, options, progress)
     if r.law in BETWEEN_ROWS:
         other = replace(r, law=BETWEEN_ROWS[r.law])
-        if _more_evident(signals_of(other), *searched):
-            searched = _searched(r := other, options, progress)
-    signals, joints = searched
+        if _more_evident(signals_of(other), signals, begun):
+            signals, begun = _begun(other, options, progress)
+    r, prior = signals.recording, prior_at(options.unlisted, len(begun))
+    joints = []
+    for k, one in enumerate(begun):
+        if progress is not None:
+            progress(f"{r.noun} {one.number}", (1 + k / len(begun)) / 2)
+        joints.append(search(one, prior, signals.sigma))
     unseen = tuple(left_out(signals, joint) for joint in joints)
     still = [j + 1 for j in range(r.n) if j not in _moved(r)]
     found = Found(
-        r, joints, unseen, still, signals.held_out_by, options.seed, options.unlisted,
+        r, tuple(joints), unseen, still, signals.held_out_by, options.seed, options.unlisted,
         signals.averaged,
     )  # fmt: skip
-    return MotionDiagnosis(r, verdict_of(found), signals, joints, unseen, options)
+    return MotionDiagnosis(r, verdict_of(found), signals, tuple(joints), unseen, options)
 
 
 def _moved(r: MotionRecording) -> list[int]:
@@ -69,10 +75,10 @@ def _moved(r: MotionRecording) -> list[int]:
     return [j for j in range(r.n) if np.ptp(r.command[:, j]) + np.ptp(r.q[:, j]) > STILL]
 
 
-def _searched(
+def _begun(
     r: MotionRecording, options: DiagnosisOptions, progress: Progress | None
-) -> tuple[Signals, tuple[Joint, ...]]:
-    """An even clock, and what a search finds at each joint that moved.
+) -> tuple[Signals, tuple[Begun, ...]]:
+    """An even clock, and where the search of each joint that moved begins.
 
     Raises:
         PlumblineError: No run is as long as a window.
@@ -86,30 +92,29 @@ def _searched(
             f"{r.name}: no run is as long as a window of {signals.length * signals.dt:.3g} s; "
             "hold fewer rows out, or record for longer"
         )
-    moved = _moved(r)
-    prior = prior_at(options.unlisted, len(moved))
     coarse = signals_of(r, SEARCH_SAMPLES) if r.law.ideal else signals
     looked_at = spread(coarse.training, SEARCHED * coarse.most)
-    joints = []
-    for k, j in enumerate(moved):
+    found = []
+    for k, j in enumerate(moved := _moved(r)):
         if progress is not None:
-            progress(f"{r.noun} {j + 1}", k / len(moved))
-        windows, few = signals.windows(j, training), coarse.windows(j, looked_at)
-        joints.append(search(j + 1, windows, few, effects, signals.seen(j), prior, signals.sigma))
-    return signals, tuple(joints)
+            progress(f"{r.noun} {j + 1}", k / len(moved) / 2)
+        quick = Models(coarse.windows(j, looked_at), effects, signals.seen(j))
+        found.append(Begun(j + 1, signals.windows(j, training), quick, quick.climb()))
+    return signals, tuple(found)
 
 
-def _more_evident(other: Signals, signals: Signals, joints: tuple[Joint, ...]) -> bool:
+def _more_evident(other: Signals, signals: Signals, begun: Sequence[Begun]) -> bool:
     """Whether other commands between rows make what all joints did more probable, strongly so.
 
-    Of each joint's causes those that are left over are dropped first: half a row of delay most of
+    Of each joint's effects those that are left over are dropped first: half a row of delay most of
     all where commands are held, a servo of second order where they are smooth. Either is as
     probable beforehand.
     """
     more = 0.0
-    for joint in joints:
-        at, time = joint.number - 1, joint.fit.residual.size / joint.effective
-        both = [s.windows(at, signals.training) for s in (other, signals)]
-        its, own = (evident(w, joint.fit, signals.seen(at), time) for w in both)
-        more += its - own
+    for one in begun:
+        its_windows = other.windows(one.number - 1, other.training)
+        both = [nested(w, one.near, one.quick.seen) for w in (its_windows, one.windows)]
+        time = min(both, key=lambda found: found[0].found[found[1]].square)[0].time
+        its, its_own = (models.score(key, time) for models, key in both)
+        more += its - its_own
     return more > STRONGER

@@ -87,19 +87,22 @@ class JointFit:
         return float(-effective / 2 * np.log(square) - occam)
 
 
-def evaluated(windows: Windows, effects: Effects, theta: Array, *, slopes: bool = True) -> JointFit:
-    """The effects at given values, with derivatives or without."""
-    predicted, J = roll_out(windows, effects, theta, slopes=slopes)
+def evaluated(
+    windows: Windows, effects: Effects, theta: Array, *, slopes: bool = True, rough: bool = False
+) -> JointFit:
+    """The effects at given values, with derivatives, rough ones of a planned way, or without."""
+    predicted, J = roll_out(windows, effects, theta, slopes=slopes, rough=rough)
     residual = windows.level(predicted - windows.measured)
     return JointFit(effects, theta, residual, windows.level(J), windows.sizes(effects))
 
 
 def fitted(windows: Windows, effects: Effects, start: Array, most: int = 0) -> JointFit:
     """The least square from a start, inside the bounds; early after at most so many steps."""
-    best = evaluated(windows, effects, start)
+    rough = bool(most)
+    best = evaluated(windows, effects, start, rough=rough)
     lower, upper, scale = best.limits
     if np.any((start < lower) | (start > upper)):
-        best = evaluated(windows, effects, np.clip(start, lower, upper))
+        best = evaluated(windows, effects, np.clip(start, lower, upper), rough=rough)
     damping, enough = 1e-3, ENOUGH if most else ENDED
     planned = any(e.plans for e in effects)  # whose derivatives cost two roll-outs each
     for _ in range((most or ITERATIONS) if effects else 0):
@@ -117,7 +120,7 @@ def fitted(windows: Windows, effects: Effects, start: Array, most: int = 0) -> J
         tried = evaluated(windows, effects, theta, slopes=not planned)
         gain = 1 - tried.square / max(best.square, 1e-300)
         if gain > 0:
-            best = evaluated(windows, effects, theta) if planned else tried
+            best = evaluated(windows, effects, theta, rough=rough) if planned else tried
             damping = max(damping / 5, 1e-9)
         else:
             damping *= 8

@@ -9,11 +9,13 @@ where those fits ended.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
+from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.optim.diagnosis.motion.constants import (
     CONTENDS,
@@ -32,12 +34,34 @@ from plumbline.optim.diagnosis.motion.rollout import Effects, Windows
 from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, UnlistedFunction, exceeds
 
 Key = frozenset[MotionEffect]
+SAME = frozenset(("actuation_play", "actuation_deadband"))  # one operator: `twins`
 ODDS = float(np.log(PRESENT / (1 - PRESENT)))
 
 
 def names_of(key: Key) -> frozenset[str]:
     """Names of a model's effects."""
     return frozenset(effect.name for effect in key)
+
+
+def twins(effects: Effects, law: Law, forms: Effects) -> Iterator[Effects]:
+    """The same drive by other forms: play and a dead band are one where nothing lags or limits it.
+
+    In the forms that leave their width of every error they always are.
+
+    Args:
+        effects: What a drive has.
+        law: What its command is.
+        forms: Forms to consider.
+    """
+    own = [e for e in effects if e.name in SAME]
+    if len(own) != 1 or not law.follows:
+        return
+    limits = any(e.is_limit and not e.plans for e in effects)
+    at_once = law.ideal and not limits and not any(e.lags for e in effects)
+    for form in forms:
+        alike = at_once or (bool(own[0].variant) and bool(form.variant))
+        if form.name in SAME and form != own[0] and alike:
+            yield tuple(form if e == own[0] else e for e in effects)
 
 
 class Models:
@@ -105,7 +129,12 @@ class Models:
         first = min(fits, key=lambda fit: fit.square)
         if len(starts) > 1:
             first = fitted(self.windows, effects, first.theta, SEARCH_ITERATIONS)
-        self.found[key] = first
+        self.keep(first)
+
+    def keep(self, fit: JointFit) -> None:
+        """A fit, and as that of the same drive by other forms."""
+        for effects in (*twins(fit.effects, self.windows.law, self.library), fit.effects):
+            self.found[frozenset(effects)] = replace(fit, effects=effects)
 
     def climb(self) -> Key:
         """Add effects one by one while that pays."""
@@ -211,9 +240,7 @@ class Models:
             for k in few.contenders(key):
                 if k not in self.found:
                     start = few.found[k]
-                    self.found[k] = fitted(
-                        self.windows, start.effects, start.theta, SEARCH_ITERATIONS
-                    )
+                    self.keep(fitted(self.windows, start.effects, start.theta, SEARCH_ITERATIONS))
             key, moved = self._better(key, self.found)
             if not moved:
                 break
@@ -233,18 +260,11 @@ class Models:
         return key
 
 
-def evident(windows: Windows, near: JointFit, seen: Seen, time: float) -> float:
-    """Log of evidence times prior of windows under the best of a fit's effects, fitted again.
-
-    Args:
-        windows: What a joint did.
-        near: Effects with their values.
-        seen: Where fits may start.
-        time: Correlation time of what is left [samples].
-    """
+def nested(windows: Windows, near: JointFit, seen: Seen) -> tuple[Models, Key]:
+    """A fit's effects fitted to windows, with those that these rather do without dropped."""
     models = Models(windows, near.effects, seen)
     models.fit(frozenset(near.effects), near)
     fit = models.found[frozenset(near.effects)]
     left = frozenset(e for e in fit.effects if e.name not in fit.at_bound)
     models.fit(left, fit)
-    return models.score(models.settle(left), time)
+    return models, models.settle(left)

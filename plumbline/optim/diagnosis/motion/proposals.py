@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
+from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.motion.constants import CHIRP, LIKELY, SECONDS
+from plumbline.optim.diagnosis.motion.models import SAME, twins
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 
-SAME = frozenset(("actuation_play", "actuation_deadband"))  # one operator: `one_operator`
 BY_HAND = ("hold", "pushed by hand either way: play gives way, a dead band does not")
 # What parts two effects: a motion's kind, and what it is in words.
 PARTED: dict[frozenset[str], tuple[str, str]] = {
@@ -75,10 +77,10 @@ def _parts(
 
 
 def one_operator(joint: Joint) -> bool:
-    """Whether play and a dead band do the same to a joint: without a lag, or inside of its loop."""
-    effects = joint.fit.effects
-    inside = any(e.variant for e in effects if e.name in SAME)
-    return inside or not any(e.lags for e in effects)
+    """Whether play and a dead band do the same to a joint."""
+    kinds = (ActuationPlay, ActuationDeadband)
+    forms = tuple(e for kind in kinds for e in kind.candidates(joint.windows.law, masses=False))
+    return any(True for _ in twins(joint.fit.effects, joint.windows.law, forms))
 
 
 def proposals_of_efforts(causes: Sequence[Cause], joints: int) -> Iterator[dict[str, Any]]:

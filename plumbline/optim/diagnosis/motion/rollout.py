@@ -202,22 +202,20 @@ class Windows:
 
 
 def roll_out(
-    windows: Windows, effects: Effects, theta: Array, *, slopes: bool = True
+    windows: Windows, effects: Effects, theta: Array, *, slopes: bool = True, rough: bool = False
 ) -> tuple[Array, Array]:
     """Predicted positions (W, H - settle) [rad] and their derivatives (W, H - settle, P).
 
-    Of none (P = 0) where no slopes are asked for.
+    Of none (P = 0) where no slopes are asked for; rough ones of a way are differences to one side.
     """
-    found = [
-        _rolled(replace(windows, start=windows.start[k : k + TOGETHER]), effects, theta, slopes)
-        for k in range(0, len(windows), TOGETHER)
-        if len(windows) > TOGETHER
-    ] or [_rolled(windows, effects, theta, slopes)]
+    many = range(0, len(windows), TOGETHER) if len(windows) > TOGETHER else ()
+    parts = [replace(windows, start=windows.start[k : k + TOGETHER]) for k in many] or [windows]
+    found = [_rolled(part, effects, theta, slopes, rough) for part in parts]
     out = found[0] if len(found) == 1 else np.concatenate(found)
     return out[..., 0], out[..., 1:]
 
 
-def _rolled(w: Windows, effects: Effects, theta: Array, slopes: bool) -> Array:
+def _rolled(w: Windows, effects: Effects, theta: Array, slopes: bool, rough: bool) -> Array:
     """Positions and their derivatives (W, H - settle, 1 + P)."""
     if not len(w):
         return np.empty((0, w.length - w.settle, 1 + len(theta) * slopes))
@@ -235,9 +233,11 @@ def _rolled(w: Windows, effects: Effects, theta: Array, slopes: bool) -> Array:
     out[..., [0, *(1 + k for k in behind)]] = there
     for k in set(given).difference(behind):
         low, high = _wide(w, effects, theta, k)
-        values = [_passed(w, effects, at_it, ())[..., 0] for at_it in (low, high)]
+        one_sided = rough and high[k] > theta[k]
+        back = theta if one_sided else low
+        near = there[..., 0] if one_sided else _passed(w, effects, low, ())[..., 0]
         with np.errstate(over="ignore", invalid="ignore"):  # where a way runs off, no step is taken
-            slope = (values[1] - values[0]) / (high[k] - low[k])
+            slope = (_passed(w, effects, high, ())[..., 0] - near) / (high[k] - back[k])
         out[..., 1 + k] = np.where(np.isfinite(slope), slope, 0.0)
     return np.asarray(out[row[:, None], at])
 
@@ -357,12 +357,10 @@ def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX
 
 @lru_cache(maxsize=1024)
 def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
-    """``both, (u, du, du, load, inertia), (dt, kp, kd, bare, theta) -> next, output``.
-
-    ``both`` are the state and its sensitivities by some parameters.
-    """
+    """``both, (u, du, du, load, inertia), (dt, kp, kd, bare, theta) -> next, output``."""
     names, P = _memory(effects), len(by)
     size = len(names)
+    # The state, and its sensitivities by some parameters.
     both, data = cs.SX.sym("both", size * (1 + P)), cs.SX.sym("data", 5)
     fixed = cs.SX.sym("fixed", 4 + len(effects))
     theta, state = fixed[4:], both[:size]
@@ -378,10 +376,8 @@ def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
     late = np.array([_shift(effects), [e.lags for e in effects]])[:, some]
     S += cs.jacobian(new, data[0]) @ (data[1:3].T @ late)
     S = cs.densify(S)
-    following = cs.vertcat(new, cs.reshape(S, size * P, 1))
-    seen = cs.vertcat(new[3], S[3, :].T)
-    told = cs.cse([cs.densify(following), cs.densify(seen)])
-    return cs.Function("step", [both, data, fixed], told)
+    told = [cs.vertcat(new, cs.reshape(S, size * P, 1)), cs.vertcat(new[3], S[3, :].T)]
+    return cs.Function("step", [both, data, fixed], cs.cse([cs.densify(x) for x in told]))
 
 
 def played(windows: Windows, effects: Effects, theta: Array) -> Array:

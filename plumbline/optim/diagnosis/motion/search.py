@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.optim.diagnosis.motion.constants import (
     CONFOUNDED,
     LEAST_SHARE,
@@ -24,7 +23,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.models import Key, Models, names_of
-from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows
+from plumbline.optim.diagnosis.motion.rollout import Array, Windows
 from plumbline.optim.diagnosis.motion.unlisted import (
     VARIABLES,
     FunctionRivals,
@@ -59,28 +58,33 @@ class Joint:
     std: Array  # standard errors of the values (P,)
 
 
-def search(
-    number: int,
-    windows: Windows,
-    few: Windows,
-    library: Effects,
-    seen: Seen,
-    prior: float,
-    sigma: float | None = None,
-) -> Joint:
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """Where a joint's search stands once effects have gone in one by one."""
+
+    number: int  # the joint, from 1
+    windows: Windows  # what it did
+    quick: Models  # fits to fewer windows, on a coarser clock: where the search looks first
+    key: Key  # the best of those
+
+    @property
+    def near(self) -> JointFit:
+        """The best of those, on fewer windows."""
+        return self.quick.found[self.key]
+
+
+def search(begun: Begun, prior: float, sigma: float | None = None) -> Joint:
     """Find a joint's causes.
 
     Args:
-        number: The joint, from 1.
-        windows: What it did.
-        few: The same on fewer windows, on a coarser clock: where the search looks first.
-        library: Effects to consider, in the order in which they act.
-        seen: Where fits may start.
+        begun: The joint, and where its search stands.
         prior: Probability that something that nobody has listed is at work at this joint.
         sigma: Stated noise of a position [rad], if any is.
     """
-    quick, models = Models(few, library, seen), Models(windows, library, seen)
-    key = models.completed(models.again(quick, quick.settle(quick.climb())), sigma)
+    number, windows, quick = begun.number, begun.windows, begun.quick
+    library, seen = quick.library, quick.seen
+    models = Models(windows, library, seen)
+    key = models.completed(models.again(quick, quick.settle(begun.key)), sigma)
     key = models.likeliest(key)
     if (spared := models.spared(key)) != key:  # of which others contend than of more
         quick.fit(spared, models.found[spared])
@@ -116,13 +120,12 @@ def search(
 
 def errors_of(models: Models, fit: JointFit, prior: float, sigma: float | None) -> Array:
     """Standard errors (P,) of a fit, with what nobody has listed at work beside it or not."""
-    key = frozenset(fit.effects)
-    models.found[key] = fit
+    models.keep(fit)
     effective = fit.residual.size / correlation_time(fit.residual)
     rivals = FunctionRivals(
         models.windows, fit, effective, stated=0.0 if sigma is None else sigma**2
     )
-    return rivals.errors(models.sizes(key), odds_of_each(prior))
+    return rivals.errors(models.sizes(frozenset(fit.effects)), odds_of_each(prior))
 
 
 def odds_of_each(prior: float) -> float:

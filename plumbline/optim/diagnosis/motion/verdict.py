@@ -36,7 +36,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import to_go
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
-from plumbline.optim.diagnosis.motion.proposals import SAME, one_operator, proposals
+from plumbline.optim.diagnosis.motion.proposals import one_operator, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
@@ -301,7 +301,7 @@ def _notes(found: Found) -> list[str]:
     told = [
         f"drive {joint.number}: play and a dead band are one and the same as they act here"
         for joint in found.joints
-        if {e.name for e in joint.fit.effects} & SAME and one_operator(joint)
+        if one_operator(joint)
     ]
     step = float(np.median(np.diff(found.recording.time)))  # an even clock may be slower
     if found.recording.law == Law.HELD_SERVO:
