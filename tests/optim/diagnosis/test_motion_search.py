@@ -138,7 +138,8 @@ def test_a_search_takes_a_way_s_slopes_to_one_side_and_a_verdict_to_both(rough, 
     J = fit.evaluated(windows, effects, at, rough=rough).J
     assert rolled == [(2, 3), *[()] * (2 if rough else 4)]  # of delay and limit
     left = np.linalg.norm(J - fine, axis=(0, 1)) / np.linalg.norm(fine, axis=(0, 1))
-    assert (left < 0.1).all() and (left.max() > 0) == rough
+    assert (left < 0.15).all()
+    assert (left.max() > 0) == rough
     rolled.clear()
     fit.fitted(windows, effects, at, 1 if rough else 0)
     assert rolled[: 4 if rough else 6] == [(2, 3), *[()] * (2 if rough else 4), ()]
