@@ -8,9 +8,12 @@ import pytest
 
 from plumbline.kinematics.effects import JointCompliance, JointOffset, JointScale
 from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Unlisted
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
 from plumbline.optim.diagnosis.discrepancy.resembling import _modulated, _words, resembling
+from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
@@ -18,6 +21,7 @@ from plumbline.optim.diagnosis.posterior.pool import _candidates
 from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
+from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.kinds import KINDS
 from tests.designs import statistics
 from tests.simulated_cases import faultless, recorded
@@ -39,7 +43,8 @@ def place(seed=0):
         stand_in=False,
     )
     own = np.stack([q[:, 0], np.ones(N)])[:, :, None] * np.array([0.7, 0.7, 0.2])
-    ports = SimpleNamespace(base=own, target=np.zeros((N, 3)))
+    zeros = np.stack([own[1], own[1]])
+    ports = SimpleNamespace(base=own, joint=zeros, target=np.zeros((N, 3)))
     return recording, ports
 
 
@@ -91,14 +96,25 @@ def test_it_sits_where_the_effect_sits_and_depends_on_the_same(beside):
 
 
 def test_what_bends_a_constant_depends_on_what_bends_it(beside):
-    """A zero that follows the clock does not depend on the joint's angle."""
+    """A zero that follows the clock does not depend on the joint's angle.
+
+    Beside a zero what errs along the angle is a mechanism of its own.
+    """
     recording, ports, *_ = beside
     listed = Candidate(JointOffset(joint=1), np.array([1]), 0.0)
     clock = Dependence("w", "temperature", "joint", 1, np.ones((1, N, 3)) * ports.base[0])
-    found = list(resembling([listed], [clock], recording, ports, lambda c: np.linalg.norm(c)))
-    assert {f.on for f in found} == {"own angle", "load", "time", "temperature"}
+    turn = Dependence("w", "own angle", "joint", 1, clock.columns)
+    found = list(resembling([listed], [clock, turn], recording, ports, lambda c: np.linalg.norm(c)))
+    assert {f.on for f in found} == {"load", "time", "temperature"}
     for f in found:
         assert f.words == f"nearly as joint_offset has it, joint 1's error depends on {f.on}"
+
+
+def test_what_a_zero_does_is_no_deviation_of_what_its_joint_does(beside):
+    _, ports, _, found = beside
+    for f in found:
+        along = np.tensordot(f.columns[1:], ports.joint[0], ((1, 2), (0, 1)))
+        np.testing.assert_allclose(along, 0.0, atol=1e-9)
 
 
 def test_a_family_of_another_place_is_no_deviation(beside):
@@ -202,3 +218,22 @@ def test_what_resembles_a_ripple_may_have_any_form_of_its_period():
 def test_a_resemblance_speaks_of_nothing_that_is_not_there(stage, element, on, words):
     """No marker where no element is one, no group where a slip is told by its time."""
     assert words in _words(stage, element, on, "x")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_zero_and_an_eccentric_wheel_of_one_joint_are_two_causes_not_one_unlisted(seed):
+    """What is unlisted is about its mean: a joint's mean is its zero, which is listed."""
+    rng = np.random.default_rng(seed)
+    robot, tool = Robot.bundled("ur5"), np.array([0.02, -0.03, 0.15])
+    q = rng.uniform(-2.0, 2.0, (110, 6))
+    real = q.copy()
+    real[:, 2] += 8e-4 + 9e-4 * np.sin(q[:, 2] + 2.0)
+    tips = robot.chain().tips(real, tool) + rng.normal(0.0, 1e-4, (110, 3))
+    verdict = diagnose(build_recording(
+        observation="tip_position", robot=robot, q=q, measured=tips, tool_offset=tool,
+        noise_std=1e-4,
+    )).verdict  # fmt: skip
+    assert verdict.verdict == Outcome.EXPLAINED
+    named = {(c.effect, c.element) for c in verdict.causes}
+    assert named == {("joint_offset", 3), ("transmission_ripple", 3)}
+    assert min(c.probability for c in verdict.causes) > 0.8

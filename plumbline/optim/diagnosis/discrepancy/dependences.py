@@ -205,14 +205,18 @@ def _of_base_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 
 
 def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
-    """Every joint as it turns: about its axis, and the axis itself (ISO 230-7:2015, sec. 3.2)."""
+    """Every joint as it turns: about its axis, and the axis itself (ISO 230-7:2015, sec. 3.2).
+
+    About their means: with a constant, one term would stand for a zero and an eccentric wheel and
+    be charged for one cause. What the library has left out may be as it would have it.
+    """
     q = recording.q
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on joint {j + 1}'s angle"
         few = [turns(q[:, j], count, constant=False) for count in (1, 2)]
-        forms = [turns(q[:, j], count, constant=True) for count in (1, TURNS)]
-        forms += [nearness(q[:, j], reach) for reach in REACHES]
-        plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, few[0]]
+        forms = [turns(q[:, j], TURNS, constant=False)]
+        forms += [level(nearness(q[:, j], reach)) for reach in REACHES]
+        plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, turns(q[:, j], 1, constant=True)[1:]]
         yield from _one_of(*(_kind(words, "own angle", j, k, port[None]) for k in (forms, plain)))
         words, on = f"joint {j + 1}'s axis runs out as it turns", "own angle, across the axis"
         for tilts in ports.link[j : j + 1, 3:]:

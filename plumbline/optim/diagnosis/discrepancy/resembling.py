@@ -6,10 +6,10 @@ place, depend on the same and move the tip much as c does, but not just so,
 .. math:: \delta y = X_c z + D_c w, \qquad z \sim N(0, s^2), \quad w \sim N(0, r^2 s^2 \kappa^2)
 
 with D the columns of c modulated by smooth functions of what its port sees, or an unknown function
-of its port, and :math:`\kappa` such that both are as visible (Kennedy and O'Hagan 2001, JRSS B
-63(3), whose discrepancy is stated here effect by effect). While the deviation is within the noise
-neither form wins by more than the prior's odds; a strong signal of the exact form wins by what the
-other's freedom costs.
+of its port, of a joint's less what its zero does, which is listed, and :math:`\kappa` such that
+both are as visible (Kennedy and O'Hagan 2001, JRSS B 63(3), whose discrepancy is stated here effect
+by effect). While the deviation is within the noise neither form wins by more than the prior's odds;
+a strong signal of the exact form wins by what the other's freedom costs.
 """
 
 from __future__ import annotations
@@ -85,6 +85,13 @@ def resembling(
             for f in families
             if (f.stage, f.element) == at and f.on not in APART
         ]
+        if effect.stage == Stage.JOINT and effect.element is not None:
+            zero = ports.joint[effect.element - 1]
+            looked = [
+                (on, _off_a_zero(d, zero), log)
+                for on, d, log in looked
+                if not (isinstance(effect, JointOffset) and on == "own angle")
+            ]
         sized = ((on, d, log, visible(d) / size) for on, d, log in looked)
         found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > UNMOVED]
         # Forms share; those that the data have chosen bear the price of that choice.
@@ -97,6 +104,12 @@ def resembling(
             for r in DEVIATIONS:
                 columns = np.concatenate([own, r * deviation])
                 yield Dependence(words, on, *place, columns, share, sides)
+
+
+def _off_a_zero(columns: Array, port: Array) -> Array:
+    """Columns (k, N, m) without what a joint's zero does, which is listed, at its port (N, m)."""
+    along = np.tensordot(columns, port, ((1, 2), (0, 1))) / np.sum(port**2)
+    return np.asarray(columns - along[:, None, None] * port)
 
 
 def _is_constant(effect: Effect) -> bool:
