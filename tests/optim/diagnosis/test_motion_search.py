@@ -9,7 +9,7 @@ import pytest
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
-from plumbline.optim.diagnosis.motion import fit, models, rollout
+from plumbline.optim.diagnosis.motion import fit, models, rollout, search
 from plumbline.optim.diagnosis.motion.constants import RACE, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import arm, multisine, recorded
@@ -143,3 +143,10 @@ def test_a_search_takes_a_way_s_slopes_to_one_side_and_a_verdict_to_both(rough, 
     rolled.clear()
     fit.fitted(windows, effects, at, 1 if rough else 0)
     assert rolled[: 4 if rough else 6] == [(2, 3), *[()] * (2 if rough else 4), ()]
+
+
+def test_what_stands_in_a_cause_s_place_is_told_in_one_order():
+    """Sets of names are in another order in every process."""
+    others = frozenset(effect.name for effect in MOTION_EFFECTS)
+    told = search._instead("a cause", {"a cause": None}, [(others, 0.5)])
+    assert list(told) == sorted(others)

@@ -98,7 +98,7 @@ def search(begun: Begun, prior: float, sigma: float | None = None) -> Joint:
     share = [(names, float(np.exp(w - total))) for names, w in weights]
     listed = {e.name for e in library}
     probability = {name: sum(p for names, p in share if name in names) for name in listed}
-    found = {e.name for e in fit.effects}
+    found = dict.fromkeys(e.name for e in fit.effects)  # in order: proposals are told in it
     instead = {name: _instead(name, found, share) for name in found}
     std = errors_of(models, fit, prior, sigma)
     added = FunctionRivals(windows, fit, effective).conditional()
@@ -218,12 +218,12 @@ def _with_parts(
 
 
 def _instead(
-    name: str, found: set[str], share: list[tuple[frozenset[str], float]]
+    name: str, found: Mapping[str, None], share: list[tuple[frozenset[str], float]]
 ) -> dict[str, float]:
     """What stands in a cause's place where it is not, and with what probability."""
     out: dict[str, float] = {}
     for names, p in share:
         if name not in names:
-            for other in names - found:
+            for other in sorted(names - found.keys()):
                 out[other] = out.get(other, 0.0) + p
     return out
