@@ -24,11 +24,11 @@ from plumbline.experiments.benches.asking import SURE, Asked, asking, counted, k
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.arms import arm
 from plumbline.experiments.reality.parts import drawing, room
+from plumbline.experiments.sweep.simulated import FLAGGED
 from plumbline.optim.loading import load_to_diagnose
 
 SORTS = ("single", "clean", "outside")
 LEAST, MOST = 1.0, 4.0  # gaps [noise]
-FLAGGED = 0.5  # probability of something outside the library at which it is flagged
 ONCE = ("marker_shift", "ct_scale")  # that markers touched once can show, of no known pitch
 ANEW = 50  # seeds that are tried for a room in which the arm reaches all boards
 

@@ -18,7 +18,6 @@ from plumbline.experiments.importing.units import of_header
 Array = NDArray[np.float64]
 MISSING = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "--"))
 TRUTH = {"true": 1.0, "false": 0.0}
-LARGEST = 1e12  # of a value as it stands [any unit], times aside: beyond it, it is no reading
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,6 @@ from plumbline.optim.recording.building import build_recording
 
 TITLE = "Bounded DH fit for a surgical space"
 SOURCE = "Chen Hua et al., parameter identification of a surgical robot BH-7 (eqs. 8-9)"
-TABLE_BEST = 0.601  # [mm] mean of the fitted table that the paper prints
 REPEATABILITY, ABSOLUTE = 1.0, 2.0  # [mm] within which the paper's fifty points lie
 POINTS, VISITS, FRESH = 50, 5, 300  # the paper's points and visits, poses that no fit has seen
 GROSS_SHARE, GROSS = 0.1, (3e-3, 15e-3)  # share of readings, range of their errors [m]

@@ -13,6 +13,7 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from plumbline import PlumblineError, fit_dh, load, register, write_report
 from plumbline.experiments.commands.app import run
+from plumbline.experiments.report.dh_fit.page import page as fit_page
 from plumbline.experiments.report.diagnosis.rows import band, picture
 from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.diagnosis.turned import scene, turned
@@ -251,3 +252,21 @@ def test_a_reproduction_s_picture_has_our_figures_and_what_they_are_held_against
     near = compared(Compared("near", shown.rows[:1]))
     assert near.axes[0].get_xscale() == "linear"
     assert near.axes[0].get_xlabel() == "[mm]; diamonds: paper"
+
+
+@pytest.mark.parametrize(("correlation", "said"), [(-0.91, 6), (0.89, 0)])
+def test_of_a_fit_the_strongest_pairs_that_the_rows_hardly_tell_apart_are_said(
+    monkeypatch, correlation, said
+):
+    fit = a_fit()
+    n = len(fit.statement.names)
+    every = np.full((n, n), correlation)
+    every[1, 0] = -0.95
+    monkeypatch.setattr(type(fit), "correlations", every)
+    parts = [part for part in fit_page(fit).parts if isinstance(part, Part)]
+    lines = [line for part in parts for line in part.points]
+    pairs = [line for line in lines if "are correlated" in line]
+    assert len(pairs) == max(said, 1)
+    assert pairs[0].endswith("-0.950")
+    more = n * (n - 1) // 2 - said
+    assert any(f"and {more} more pairs above 0.9" in line for line in lines) == (said > 0)

@@ -16,9 +16,10 @@ from plumbline.experiments.reality.tip_readings import (
 )
 from plumbline.experiments.reproduce import PAPERS, reproduce
 from plumbline.experiments.reproduce import dh_fit as module
-from plumbline.experiments.reproduce.dh_fit import TABLE_BEST, run
+from plumbline.experiments.reproduce.dh_fit import run
 from plumbline.experiments.reproduce.dh_fit_sessions import PAPER
 
+TABLE_BEST = 0.601  # [mm] mean of the fitted table that the paper prints
 SEVERAL = 2  # of the five groups: what holds of each is asked of these
 
 

@@ -1,6 +1,8 @@
 """Laws of sweeps over realities that are made up: grids, random designs, tables of two factors."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,9 +11,19 @@ import pytest
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.sweep.outcome import Outcome, Sweep
-from plumbline.experiments.sweep.simulated import REALITIES, Case, Design, cases, factors_of
+from plumbline.experiments.sweep.simulated import (
+    METHODS,
+    REALITIES,
+    Case,
+    Design,
+    Truth,
+    cases,
+    factors_of,
+)
 from plumbline.experiments.sweep.spec import read_spec
 from plumbline.experiments.sweep.sweep import sweep
+from plumbline.optim.diagnosis import of_any_kind
+from tests.made_up_diagnosis import made_up
 
 MARKERS = """
 reality = "fiducials"
@@ -124,3 +136,13 @@ def test_a_command_sets_a_figure_out_by_two_factors_and_goes_on_where_it_was(tmp
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert run([*wanted[:-1], "markers,ceiling"]) == 2
     assert "--by" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("probability", "right"), [(0.51, True), (0.49, False)])
+def test_what_the_library_lacks_is_told_once_it_is_likelier_than_not(
+    monkeypatch, tmp_path, probability, right
+):
+    verdict = replace(made_up().verdict, outside_probability=probability)
+    monkeypatch.setattr(of_any_kind, "diagnose", lambda *_: SimpleNamespace(verdict=verdict))
+    asked = METHODS["diagnose"].ask(tmp_path, {"unlisted": 0.2}, Truth(listed=False))
+    assert asked["right"] is right
