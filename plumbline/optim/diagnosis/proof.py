@@ -34,7 +34,7 @@ from plumbline.optim.model.export.exported import Exported
 from plumbline.optim.model.fitted import Held, chain_of
 from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.model.rows import columns_of
-from plumbline.optim.recording.efforts import payload_efforts
+from plumbline.optim.recording.efforts import motion_of, payload_efforts
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.rigid import rigid_match
 
@@ -125,7 +125,7 @@ def _said(model: Model, held: Recording) -> Array:
     """What a model itself says of rows."""
     if held.kind.efforts:
         carried = {} if held.payload is None else {"payload": held.payload}
-        return model.tau(held.q, *_moved(held), **carried)
+        return model.tau(held.q, *motion_of(held), **carried)
     return model.in_device(held.q)
 
 
@@ -148,22 +148,16 @@ def _by_file(model: Model, name: str, file: Exported, held: Recording, corrected
     if held.kind.efforts:
         carried = payload_efforts(held)  # which belongs to the rows, not to the robot
         if name == "MJCF":
-            return carried + exported.torques_by_mujoco(file.text, held.q, *_moved(held))
+            return carried + exported.torques_by_mujoco(file.text, held.q, *motion_of(held))
         robot = Robot.from_urdf(file.text, gravity=model.robot.gravity)
         chain = chain_of(robot, model.tip_frame, model.observation, model.ranges)
-        return carried + exported.torques_by_pinocchio(chain, held.q, *_moved(held))
+        return carried + exported.torques_by_pinocchio(chain, held.q, *motion_of(held))
     read = exported.frames_by_mujoco if name == "MJCF" else exported.frames_by_pinocchio
     q = held.q
     if corrected:
         context = {name: v for name, v in columns_of(held).items() if name != "q"}
         q = q + model.corrections_beyond_links(q, **context)
     return np.asarray(read(file.text, file.tip_frame, q)[:, :3, 3])
-
-
-def _moved(held: Recording) -> tuple[Array, Array]:
-    assert held.velocity is not None  # of efforts: made with the recording
-    assert held.acceleration is not None
-    return held.velocity, held.acceleration
 
 
 def _of_motion(found: MotionDiagnosis) -> Iterator[Proof]:

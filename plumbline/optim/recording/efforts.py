@@ -186,7 +186,7 @@ def nominal_efforts(r: Recording, gravity: tuple[float, ...] | None = None) -> A
         r: A motion.
         gravity: Another gravity (3,) in the base frame [m/s^2].
     """
-    return _under(r, gravity).torques(r.q, *_moved(r)) + payload_efforts(r, gravity)
+    return _under(r, gravity).torques(r.q, *motion_of(r)) + payload_efforts(r, gravity)
 
 
 def payload_efforts(r: Recording, gravity: tuple[float, ...] | None = None) -> Array:
@@ -195,7 +195,7 @@ def payload_efforts(r: Recording, gravity: tuple[float, ...] | None = None) -> A
         return np.zeros(r.q.shape)
     dynamics = _under(r, gravity)
     kilogram = cs.evalf(laden(r.chain, 1.0, constant(r.tool_offset))).full() - dynamics.inertial
-    return r.payload[:, None] * replace(dynamics, inertial=kilogram).torques(r.q, *_moved(r))
+    return r.payload[:, None] * replace(dynamics, inertial=kilogram).torques(r.q, *motion_of(r))
 
 
 def _under(r: Recording, gravity: tuple[float, ...] | None) -> Dynamics:
@@ -203,7 +203,8 @@ def _under(r: Recording, gravity: tuple[float, ...] | None) -> Dynamics:
     return dynamics if gravity is None else replace(dynamics, gravity=np.array(gravity))
 
 
-def _moved(r: Recording) -> tuple[Array, Array]:
+def motion_of(r: Recording) -> tuple[Array, Array]:
+    """Velocities and accelerations (N, n) of efforts, which are made with the recording."""
     assert r.velocity is not None
     assert r.acceleration is not None
     return r.velocity, r.acceleration
@@ -315,7 +316,7 @@ def _off(r: Recording, read: Array) -> Array:
     It goes with the sense of turning and the speed, and is never below nothing.
     """
     assert r.turning is not None
-    columns = zip(r.turning.T, _moved(r)[0].T, read.T, strict=True)
+    columns = zip(r.turning.T, motion_of(r)[0].T, read.T, strict=True)
     return np.array(
         [scipy.optimize.nnls(np.stack(c[:2], axis=1), c[2])[1] ** 2 / len(read) for c in columns]
     )
@@ -364,7 +365,7 @@ def _shaken_torques(r: Recording, shaken: Array) -> Array:
 
 def _designs(r: Recording, rows: NDArray[np.integer]) -> list[Array]:
     """Orthonormal columns (k, p) of all that each joint's effort may depend on."""
-    v, a = (part[rows] for part in _moved(r))
+    v, a = (part[rows] for part in motion_of(r))
     assert r.turning is not None
     sense, q = r.turning[rows], r.q[rows]
     dynamics = dynamics_of_chain(r.chain)
