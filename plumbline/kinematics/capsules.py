@@ -25,10 +25,9 @@ For callers with many pairs, another number each time; the tests hold symbols, a
 together. Unless the two segments touch, the normal n separates them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -50,7 +49,7 @@ class Segment:
     b: cs.SX  #: the other end (3,)
 
     @classmethod
-    def of(cls, ends: cs.SX) -> Segment:
+    def of(cls, ends: cs.SX) -> Self:
         """From both ends in one vector (6,)."""
         return cls(ends[:3], ends[3:])
 

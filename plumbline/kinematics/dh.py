@@ -5,10 +5,9 @@ r"""A Pinocchio model from standard DH rows (Denavit and Hartenberg 1955).
 A prismatic row adds q to d instead; a row of kind ``"fixed"`` has no q (a needle, a flange).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -37,7 +36,7 @@ class DHRow:
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
-    def parse(cls, row: Mapping[str, object], number: int) -> DHRow:
+    def parse(cls, row: Mapping[str, object], number: int) -> Self:
         """From a table of names and numbers; ``number`` counts from 1, for the error message.
 
         Raises:

@@ -17,11 +17,10 @@ What gravity asks of a part of the arm: the weight of all that it carries, and i
 over the bodies from joint i outwards and the payload at the tip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -45,7 +44,7 @@ class Body:
     inertia: cs.SX  # about the joint's origin (3, 3) [kg m^2]
 
     @classmethod
-    def of(cls, parameters: cs.SX) -> Body:
+    def of(cls, parameters: cs.SX) -> Self:
         """From its ten parameters: m, hx, hy, hz, Jxx, Jxy, Jyy, Jxz, Jyz, Jzz."""
         p = [parameters[k] for k in range(INERTIAL)]
         rows = [cs.horzcat(*(p[k] for k in row)) for row in ((4, 5, 7), (5, 6, 8), (7, 8, 9))]

@@ -12,10 +12,9 @@ next row takes up since it commutes with the joint's own motion. So a chain of n
 rows, one fixed row before them and one behind.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -46,7 +45,7 @@ class LinkRow:
         """d, a [m], alpha, theta, beta [rad], in the order of :data:`KEYS`."""
         return (self.dh.d, self.dh.a, self.dh.alpha, self.dh.theta, self.beta)
 
-    def with_values(self, values: Sequence[float] | Array) -> LinkRow:
+    def with_values(self, values: Sequence[float] | Array) -> Self:
         """The row with other parameters, in the order of :data:`KEYS`."""
         d, a, alpha, theta, beta = (float(value) for value in values)
         return replace(self, dh=replace(self.dh, d=d, a=a, alpha=alpha, theta=theta), beta=beta)
@@ -67,7 +66,7 @@ class LinkTable:
         """Parameters (rows, 5) in the order of :data:`KEYS` [m, m, rad, rad, rad]."""
         return np.array([row.values for row in self.rows])
 
-    def with_values(self, values: Array) -> LinkTable:
+    def with_values(self, values: Array) -> Self:
         """The same table with other parameters (rows, 5)."""
         rows = zip(self.rows, values, strict=True)
         return replace(self, rows=tuple(row.with_values(new) for row, new in rows))

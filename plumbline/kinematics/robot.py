@@ -8,8 +8,6 @@ The package holds files and no code; it is optional (``pip install "plumbline-ro
 some 430 MB with its meshes). A robot is called as its file is, without a closing ``_robot``.
 """
 
-from __future__ import annotations
-
 import difflib
 import os
 import re
@@ -20,7 +18,7 @@ from dataclasses import dataclass, replace
 from importlib import resources
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.etree import ElementTree
 
 import numpy as np
@@ -95,7 +93,7 @@ class Robot:
     @classmethod
     def from_urdf(
         cls, source: str | Path, *, name: str | None = None, gravity: ArrayLike = STANDARD_GRAVITY
-    ) -> Robot:
+    ) -> Self:
         """From a URDF file (a path), or from its text (a string that starts with ``<``).
 
         Raises:
@@ -120,7 +118,7 @@ class Robot:
     @classmethod
     def from_mjcf(
         cls, source: str | Path, *, name: str | None = None, gravity: ArrayLike | None = None
-    ) -> Robot:
+    ) -> Self:
         """From MuJoCo's XML: a file, or its text; gravity is the file's own unless given.
 
         Raises:
@@ -143,7 +141,7 @@ class Robot:
         name: str = "dh",
         tip_frame: str = "flange",
         gravity: ArrayLike = STANDARD_GRAVITY,
-    ) -> Robot:
+    ) -> Self:
         """From standard DH rows, as mappings or as :class:`plumbline.kinematics.dh.DHRow`.
 
         Raises:
@@ -162,7 +160,7 @@ class Robot:
         return cls(model, name, tip_frame, np.asarray(gravity, float), dh=table)
 
     @classmethod
-    def bundled(cls, name: str) -> Robot:
+    def bundled(cls, name: str) -> Self:
         """One of the robots that come with the package: see :func:`bundled_names`.
 
         Raises:
@@ -177,7 +175,7 @@ class Robot:
         )
 
     @classmethod
-    def described(cls, name: str) -> Robot:
+    def described(cls, name: str) -> Self:
         """One of the robots of the `example-robot-data` package, such as ``ur10`` or ``panda``.
 
         Raises:
@@ -192,7 +190,7 @@ class Robot:
             raise PlumblineError(_not_recognised("Robot", name, sorted(files)))
         return cls.from_urdf(files[name], name=name)
 
-    def with_gravity(self, gravity: ArrayLike) -> Robot:
+    def with_gravity(self, gravity: ArrayLike) -> Self:
         """The same robot mounted otherwise: gravity (3,) in its base frame [m/s^2]."""
         return replace(self, gravity=np.asarray(gravity, dtype=float))
 

@@ -23,10 +23,9 @@ Most rows can be left out for certain. While the speed limits hold, state j is w
 for every admissible path: the solution with the row and without it is the same.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -84,7 +83,7 @@ class StageQp:
         return self.step[0, begins][owner]
 
     @property
-    def upright(self) -> StageQp:
+    def upright(self) -> Self:
         """The same with steps bounded state by state, each by its group's bound."""
         if self.turn is None:
             return self

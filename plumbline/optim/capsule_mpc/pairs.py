@@ -27,11 +27,10 @@ that is less than D, no motion mends it, and asking for it would drive tips away
 shafts are to keep what the trocars allow, less a share that leaves them free to turn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -144,7 +143,7 @@ class Pair:
         *,
         error: tuple[cs.SX, cs.SX],
         safe: float,
-    ) -> Pair:
+    ) -> Self:
         """Of two capsules, which are to stay ``safe`` and a margin apart [mm]."""
         most = None
         if a.through is not None and b.through is not None:

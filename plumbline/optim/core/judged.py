@@ -22,13 +22,11 @@ some pass is the proof.
 A solution judges itself: nothing of its quality is taken from the solver.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 import scipy
@@ -79,7 +77,7 @@ class Solution:
         """Normal equations at the point."""
         return self.mapped.gram(self.x)
 
-    def judged_by(self, gram: Gram) -> Solution:
+    def judged_by(self, gram: Gram) -> Self:
         """The same, by normal equations at the point that have been worked out already."""
         vars(self)["gram"] = gram
         return self
@@ -225,7 +223,7 @@ class Judgement:
         return f"<Judgement: {len(self.fits) - len(self.failures)} of {len(self.fits)} converged>"
 
     @classmethod
-    def of(cls, fits: Iterable[Judged]) -> Judgement:
+    def of(cls, fits: Iterable[Judged]) -> Self:
         """All of them together."""
         every = tuple(fits)
         return cls(all(one.converged for one in every), every)

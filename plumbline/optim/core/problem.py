@@ -9,10 +9,8 @@ Hessian itself. What solvers compile they compile once a statement: rows, weight
 data of f and g are its numbers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import casadi as cs
 import numpy as np
@@ -117,7 +115,7 @@ class Problem:
             "rows": len(self.rows) + int(self.shared.numel()),
         }
 
-    def on(self, rows: Array, weights: Array | None = None) -> Problem:
+    def on(self, rows: Array, weights: Array | None = None) -> Self:
         """The same statement on other rows (N, k), which do not follow each other."""
         unit = np.ones(len(rows)) if weights is None else weights
         return replace(self, rows=rows, weights=unit, follows=_empty(), counts=None)
@@ -127,7 +125,7 @@ class Problem:
         """How many residuals a row has: m, or each row's own (N,)."""
         return self.equations if self.counts is None else self.counts
 
-    def part(self, kept: Flags) -> Problem:
+    def part(self, kept: Flags) -> Self:
         """The same statement on some of its rows (N,); a row whose predecessor is gone has none."""
         some = self.on(self.rows[kept], self.weights[kept])
         counts = None if self.counts is None else self.counts[kept]

@@ -17,11 +17,10 @@ whatever the values are drawn from. Even the least and the greatest of five hold
 so that below six values there is a median and no interval.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy
@@ -130,7 +129,7 @@ class Share:
         return f"{self.count} of {self.of} ({100 * self.low:.0f} % to {100 * self.high:.0f} %)"
 
     @classmethod
-    def count_of(cls, count: int, of: int) -> Share:
+    def count_of(cls, count: int, of: int) -> Self:
         """The share with its interval."""
         if not of:
             return cls(0, 0, None, None, None)
@@ -148,7 +147,7 @@ class Median:
     high: float | None  # upper end, likewise
 
     @classmethod
-    def of_values(cls, values: Sequence[float]) -> Median:
+    def of_values(cls, values: Sequence[float]) -> Self:
         """The median and the order statistics around it."""
         ordered, n = np.sort(np.asarray(values, dtype=float)), len(values)
         if not n:

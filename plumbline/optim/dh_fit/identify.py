@@ -16,11 +16,10 @@ parameter's standard error at the known noise exceeds that of a value anywhere b
 the worst of them is held at its nominal value too: its bounds know more than the data.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Self
 
 import numpy as np
 
@@ -68,7 +67,7 @@ class Identifiability:
         """The parameters that are free."""
         return tuple(self.unknowns[k] for k in self.kept)
 
-    def weighed(self, noise: float) -> Identifiability:
+    def weighed(self, noise: float) -> Self:
         """With those held as well that are lost in a noise of one axis, 1 sigma [m]."""
         kept, weak = list(self.kept), {}
         while (worst := _weakest(self.triangle, kept, self.unknowns, noise)) is not None:

@@ -5,9 +5,8 @@ rows. What is free, and what it can tell, is chosen anew without the fold. Links
 the small space that matters, or over the whole workspace: both are asked inside of it and outside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,7 +74,7 @@ class Space:
     upper: Array  # its upper corner (3,) [m]
 
     @classmethod
-    def about(cls, centre: ArrayLike, size: ArrayLike) -> Space:
+    def about(cls, centre: ArrayLike, size: ArrayLike) -> Self:
         """From its middle (3,) and its edges (3,) [m]."""
         middle, half = np.asarray(centre, dtype=float), np.asarray(size, dtype=float) / 2.0
         return cls(middle - half, middle + half)

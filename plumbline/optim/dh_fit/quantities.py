@@ -20,12 +20,10 @@ semipartial correlation: Cohen et al. 2003, Applied Multiple Regression, sec. 3.
 beyond the sum of the shares, no single one does: they are confounded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -45,7 +43,7 @@ class Misfit:
     count: int  # how many
 
     @classmethod
-    def of(cls, misfits: Array) -> Misfit:
+    def of(cls, misfits: Array) -> Self:
         """Of misfits (N, 3) [m]."""
         sizes = np.linalg.norm(misfits, axis=1)
         rms = float(np.sqrt(np.mean(sizes**2)))

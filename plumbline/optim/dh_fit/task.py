@@ -1,9 +1,8 @@
 """What is to be fitted, and how; and a recording as a problem of links."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -80,9 +79,7 @@ class LinkTask:
     always: tuple[Unknown, ...]  # unknowns of frame and tool
 
     @classmethod
-    def of(
-        cls, recording: Recording, options: DHOptions, registration: Readings | None
-    ) -> LinkTask:
+    def of(cls, recording: Recording, options: DHOptions, registration: Readings | None) -> Self:
         """The task of a recording."""
         table, always = link_table(recording.robot, recording.chain), []
         if options.frame == "joint" and "frame" in recording.always:

@@ -1,9 +1,8 @@
 """How a diagnosis is asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect
@@ -79,7 +78,7 @@ class StoredOptions:
     force: bool
 
     @classmethod
-    def of(cls, o: DiagnosisOptions) -> StoredOptions:
+    def of(cls, o: DiagnosisOptions) -> Self:
         """What is stored of them."""
         names = tuple(effect.name for effect in o.library)
         return cls(o.held_out, o.seed, tuple(o.without), names, o.solver, o.unlisted, o.force)

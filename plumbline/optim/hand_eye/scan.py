@@ -11,12 +11,10 @@ with e and lambda a face's own axes and its points' scatter along them, g the an
 that of least squares, and that of the beam, which moves all points together.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -194,7 +192,7 @@ class _Face:
     sigma: float
 
     @classmethod
-    def of(cls, points: Array) -> _Face:
+    def of(cls, points: Array) -> Self:
         _, sizes, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
         sigma = float(sizes[2] / np.sqrt(max(len(points) - 3, 1)))
         return cls(axes[2], axes[:2], sizes[:2] ** 2, sigma)

@@ -20,10 +20,9 @@ is about zero for a motion that the surface does not show, with a variance of a 
 errors of variance s the numerator has :math:`s^2` and the denominator :math:`3 s^2` a point.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 import scipy
@@ -59,7 +58,7 @@ class Surface:
     spacing: float  # median distance of a point from the nearest other one [m]
 
     @classmethod
-    def of(cls, points: Array) -> Surface:
+    def of(cls, points: Array) -> Self:
         """From points (M, 3) [m], close together."""
         tree = scipy.spatial.KDTree(points)
         far, near = map(np.asarray, tree.query(points, min(constants.NEIGHBOURS, len(points))))

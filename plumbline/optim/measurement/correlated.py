@@ -7,9 +7,8 @@ m readings of one posture whose noises correlate by c, the mean knows what
 counts as one over the design effect, and copies, c = 1, count together as one reading.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -63,7 +62,7 @@ class Whitening:
     follows: Array  # correlation (N,) of each row's noise with that of the row before it; or empty
 
     @classmethod
-    def of(cls, recording: Recording, bad: Flags) -> Whitening:
+    def of(cls, recording: Recording, bad: Flags) -> Self:
         """As a recording's noise is correlated; rows taken for gross (N,) follow none."""
         weights = trust(recording, bad)
         return cls(np.sqrt(np.where(bad, 1.0, weights)), follows_of(recording, weights))

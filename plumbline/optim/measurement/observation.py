@@ -8,10 +8,9 @@ minus measured [m], or [rad] for link-side encoders; efforts have a chain of the
 (:mod:`plumbline.optim.measurement.torque`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -248,7 +247,7 @@ class _Row:
     values: Array
 
     @classmethod
-    def of(cls, recording: Recording, effects: Sequence[Effect]) -> _Row:
+    def of(cls, recording: Recording, effects: Sequence[Effect]) -> Self:
         columns = _columns(recording)
         if recording.several:
             columns |= hot_columns(recording)

@@ -4,11 +4,9 @@ An effect is found again by its name: in the library, or among the classes that 
 code has defined. Nothing is imported by what a file says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Self
 
 from plumbline.errors import PlumblineError, best_matches, shown
 from plumbline.kinematics.effects import REGISTRY, Effect
@@ -30,7 +28,7 @@ class StoredEffect:
     fields: dict[str, Any]
 
     @classmethod
-    def of(cls, effect: Effect) -> StoredEffect:
+    def of(cls, effect: Effect) -> Self:
         """What is stored of it."""
         return cls(effect.name, type(effect).__name__, asdict(effect))
 
@@ -86,7 +84,7 @@ class StoredFit:
     message: str  # what the solver said
 
     @classmethod
-    def of(cls, model: Model, solution: Solution) -> StoredFit:
+    def of(cls, model: Model, solution: Solution) -> Self:
         """What is stored of a model and its fit."""
         weights, anchor = model.problem.weights, model.nuisance.anchor
         return cls(solution.x, weights, model.ridge, anchor, solution.iterations, solution.message)

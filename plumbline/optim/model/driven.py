@@ -1,9 +1,8 @@
 """A robot's drives as data, and what they do with commands."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +40,7 @@ class Servo:
                 return float(value)
         return 0.0
 
-    def of(self, keep: tuple[MotionEffect, ...]) -> Servo:
+    def of(self, keep: tuple[MotionEffect, ...]) -> Self:
         """A copy with these of its effects."""
         chosen = [k for k, effect in enumerate(self.effects) if effect in keep]
         kept = tuple(self.effects[k] for k in chosen)
@@ -177,7 +176,7 @@ class Driven:
             after[number - 1] = np.sqrt(evaluated(windows, servo.effects, servo.values).square)
         return before, after
 
-    def without(self, lacked: Mapping[int, tuple[MotionEffect, ...]]) -> Driven:
+    def without(self, lacked: Mapping[int, tuple[MotionEffect, ...]]) -> Self:
         """A copy without some effects, by the joint's number."""
         kept = {
             number: servo.of(tuple(e for e in servo.effects if e not in lacked.get(number, ())))

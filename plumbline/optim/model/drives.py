@@ -8,12 +8,10 @@ Drives from the diagnosis of a motion.
 Drives as TOML that a person can read, and the way back: strict, and nothing in it is run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -151,7 +149,7 @@ class Drives(Driven):
         new_file(path, text_of(self), overwrite=overwrite)
 
     @classmethod
-    def load(cls, path: str | Path) -> Drives:
+    def load(cls, path: str | Path) -> Self:
         """Bring back what :meth:`save` stored; nothing that is read is run.
 
         Raises:

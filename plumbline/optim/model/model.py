@@ -4,11 +4,9 @@ r"""What a diagnosis found, to take home: an arm with its causes, its frame and 
 where it should, ``model.save("arm.toml")`` keeps it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, Self
 
 import casadi as cs
 from numpy.typing import ArrayLike
@@ -142,7 +140,7 @@ class Model(Arm):
         new_file(path, text_of(self), overwrite=overwrite)
 
     @classmethod
-    def load(cls, path: str | Path) -> Model:
+    def load(cls, path: str | Path) -> Self:
         """Bring back what :meth:`save` stored; nothing that is read is run.
 
         Args:

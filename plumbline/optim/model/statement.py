@@ -7,11 +7,10 @@ The fitted frame and tool stand in the statement as they were found; their unkno
 changes, nought at the fit, so that a covariance is one of what can be pictured.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -38,7 +37,7 @@ class ModelFunctions:
     symbols: dict[str, cs.SX]  # A row's symbols by column
 
     @classmethod
-    def of(cls, model: Fitted, columns: Columns) -> ModelFunctions:
+    def of(cls, model: Fitted, columns: Columns) -> Self:
         """The statement with the columns that there are."""
         return cls(model, {name: cs.SX.sym(name, v.shape[1]) for name, v in columns.items()})
 

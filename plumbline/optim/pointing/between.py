@@ -29,9 +29,8 @@ optimisation: Schulman et al. 2014, Int. J. Robotics Research 33(9), sec. 4). Fo
 nearest point alone, so that the plane is right to first order only; that is for coal to judge.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -206,7 +205,7 @@ class Planes:
     pairs: set[str]  # names of the pairs that they are of
 
     @classmethod
-    def none(cls, count: int, task: NeedleTask) -> Planes:
+    def none(cls, count: int, task: NeedleTask) -> Self:
         """No rows at all, for ``count`` angles."""
         C = points(task)
         shape = (count, SLOTS)

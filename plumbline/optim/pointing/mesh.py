@@ -16,13 +16,11 @@ Every solid has a name, by which answers speak of it, and says how near it may b
 that the needle may enter still keeps the arm out, and the needle as long as it stands off.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import coal
 import numpy as np
@@ -70,7 +68,7 @@ class Mesh:
         return f"<Mesh of {len(self.vertices)} corners and {len(self.triangles)} triangles>"
 
     @classmethod
-    def from_file(cls, path: str | Path, unit: float = 1e-3) -> Mesh:
+    def from_file(cls, path: str | Path, unit: float = 1e-3) -> Self:
         """A surface from an STL, OBJ or PLY file, in the file's own coordinates.
 
         Args:

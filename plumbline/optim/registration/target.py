@@ -20,10 +20,9 @@ variances are estimated anew (Beran 1987, Biometrika 74(3): prepivoting). For on
 that is the F quantile of Hotelling.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -133,7 +132,7 @@ class Unstated:
     unknown: str  # why it cannot be known; empty where it can
 
     @classmethod
-    def of(cls, markers: Markers, jacobian: Array) -> Unstated:
+    def of(cls, markers: Markers, jacobian: Array) -> Self:
         """From markers and the derivative (k, n, 6) of the pose by them."""
         basis = np.linalg.qr(_moves(markers.ct))[0]
         freedoms = 1.0 * len(markers) - np.sum(basis.reshape(-1, 3, 6) ** 2, axis=(0, 2))

@@ -24,13 +24,11 @@ first marker, the first axis points to the second, and the third gives the plane
 matters, and errors of a marker are not evened out by the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import casadi as cs
 import numpy as np
@@ -193,7 +191,7 @@ class Frames:
     covariance: Array  # of the poses (K, 6, 6), at their centres
 
     @classmethod
-    def of(cls, markers: Markers, triples: Indices, centre: Array | None = None) -> Frames:
+    def of(cls, markers: Markers, triples: Indices, centre: Array | None = None) -> Self:
         """All frames, their derivatives taken at one centre of frame R if it is given."""
         ct, robot = markers.ct[triples], markers.robot[triples]
         T, J = three_point_batch(ct, robot), sensitivities(ct, robot)

@@ -23,13 +23,11 @@ Fletcher, Goldfarb and Shanno (procedure 18.2). Its quadratic programmes must ha
 the Hessian has none, as that of a linear objective, take IPOPT.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import casadi as cs
 import numpy as np
@@ -111,7 +109,7 @@ class _Built:
     problem: Problem = field(compare=False)  # keeps the symbols alive
 
     @classmethod
-    def of(cls, solver: Programmed, p: Problem) -> _Built:
+    def of(cls, solver: Programmed, p: Problem) -> Self:
         symbols = (p.x, p.residual, p.row, p.shared, p.objective, p.constraints, p.given)
         ids = (*(id(symbol) for symbol in symbols), id(p.curvature))
         equality = (p.g_lower == p.g_upper).tobytes()

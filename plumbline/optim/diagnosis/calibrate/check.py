@@ -31,11 +31,10 @@ probability q with
 :math:`a \sim N(1, 0.5^2)`, :math:`b \sim N(0, 1)`, so that few statements change little.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -68,7 +67,7 @@ class Recalibration:
     offset: float = 0.0  # the b; below 0 where too much was named
 
     @classmethod
-    def of(cls, stated: Sequence[float], right: Sequence[bool]) -> Recalibration:
+    def of(cls, stated: Sequence[float], right: Sequence[bool]) -> Self:
         """The most probable line of some statements."""
         if not len(stated):
             return cls()

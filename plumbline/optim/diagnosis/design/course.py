@@ -4,10 +4,8 @@ Time goes on from the last row; while the arm rests it cools towards the coldest
 record, to a twentieth of the difference within the length of the recording.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import casadi as cs
 import numpy as np
@@ -59,7 +57,7 @@ class Course:
             0.0 if self.taken is None or self.taken.wait is None else float(self.taken.wait.sum())
         )
 
-    def then(self, row: FutureRows) -> Course:
+    def then(self, row: FutureRows) -> Self:
         """The course with further rows at its end."""
         return replace(self, taken=row if self.taken is None else self.taken + row)
 

@@ -5,10 +5,9 @@ A state is a set of terms with its posterior probability. States that differ in 
 together and represented by the best; a state with an unlisted mechanism is none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -41,7 +40,7 @@ class LeadingExplanation:
     @classmethod
     def of(
         cls, selection: SelectionProblem, terms: tuple[SelectedTerm, ...], probability: float
-    ) -> LeadingExplanation:
+    ) -> Self:
         """Some of all candidates; an effect of the user's own is called by its stage."""
         keys, candidates = selection.keys(terms), selection.candidates
         chosen = [candidates[c.index] for c in terms]
@@ -86,7 +85,7 @@ class Contest:
         """Factor (P,) from a Jacobian's columns to units of scale and noise."""
         return self.model.problem.scale / self.sigma
 
-    def of(self, recording: str) -> Contest:
+    def of(self, recording: str) -> Self:
         """Of several recordings the contest for rows of one of them; else itself.
 
         Args:
@@ -160,13 +159,13 @@ class _Prior:
     centre: Array
 
     @classmethod
-    def of(cls, model: Model) -> _Prior:
+    def of(cls, model: Model) -> Self:
         """Wide about the fit for what is always fitted, about the null for effects."""
         own = np.arange(len(model.start)) < model.fixed
         centre = np.where(own, model.start / model.problem.scale, 0.0)
         return cls(np.where(own, NUISANCE_WIDTH, WIDE_PRIOR), centre)
 
-    def with_width(self, columns: Columns, width: float) -> _Prior:
+    def with_width(self, columns: Columns, width: float) -> Self:
         """The same with another width of some unknowns."""
         changed = self.width.copy()
         changed[columns] = width

@@ -7,10 +7,9 @@ that makes it better (coordinate exchange, Meyer and Nachtsheim 1995, Technometr
 random postures come near the corner of the joints' range where two explanations differ most.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -75,7 +74,7 @@ class Design:
     options: DesignOptions  # how to choose
 
     @classmethod
-    def of(cls, contest: Contest, options: DesignOptions) -> Design:
+    def of(cls, contest: Contest, options: DesignOptions) -> Self:
         """Draw the pool of a contest."""
         contest = contest.of(options.recording)
         recording = contest.model.recording

@@ -20,10 +20,8 @@ row is spent on what is told apart already; and for comparison D-optimality (Wal
 Mathematical Statistics 14(2)), which asks for precise parameters and not for a decision.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from scipy.special import logsumexp
@@ -59,7 +57,7 @@ class Beliefs:
     gathered: int = 0  # how many rows have been gathered
 
     @classmethod
-    def of(cls, rivals: Rivals) -> Beliefs:
+    def of(cls, rivals: Rivals) -> Self:
         """Before any row."""
         first = rivals.means[:, None] - rivals.means[None]
         second = rivals.covariances[:, None] + first[..., :, None] * first[..., None, :]
@@ -72,7 +70,7 @@ class Beliefs:
         own = np.arange(len(self.probabilities))
         return np.asarray(self.second[own, own])
 
-    def after(self, row: Array) -> Beliefs:
+    def after(self, row: Array) -> Self:
         """Once one more row has been gathered.
 
         Args:

@@ -1,9 +1,8 @@
 """Where a chain may give way, and what one unit there moves: the ports of unknown effects."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -103,17 +102,17 @@ class Ports:
         own[np.arange(len(rows))[:, None], np.arange(m), rows[:, None], np.arange(m)] = DISPLACED
         return own
 
-    def given(self, more: Array) -> Ports:
+    def given(self, more: Array) -> Self:
         """With more columns (..., N, m) among the model's own."""
         flat = more.reshape(-1, *self.target.shape)
         return replace(self, base=np.concatenate([self.base, flat]))
 
-    def divided(self, spread: Array) -> Ports:
+    def divided(self, spread: Array) -> Self:
         """The model's columns and target, every component (m,) in units of its own noise."""
         return replace(self, base=self.base / spread, target=self.target / spread)
 
     @classmethod
-    def about(cls, model: Model, x: Array, rows: Indices, always: int | None = None) -> Ports:
+    def about(cls, model: Model, x: Array, rows: Indices, always: int | None = None) -> Self:
         """At the fit x (P,) of a model, on some of its rows.
 
         Args:

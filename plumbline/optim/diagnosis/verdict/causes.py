@@ -10,11 +10,10 @@ the whole fit: what orders share, as neighbouring ones do, is in the band.
 The held-out gap as the causes go into the model one by one: the staircase of a verdict.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -59,7 +58,7 @@ class Stairs:
     after: float  # held-out RMS with all causes, the gap's
 
     @classmethod
-    def of(cls, recording: Recording, selected: SelectedModel, evaluation: Evaluation) -> Stairs:
+    def of(cls, recording: Recording, selected: SelectedModel, evaluation: Evaluation) -> Self:
         """Linearised about the final fit, once."""
         pool, terms = settled(selected.pool, selected.chosen, selected.best.x)
         rows = counted_rows(recording, pool, evaluation)

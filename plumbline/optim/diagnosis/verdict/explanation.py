@@ -1,12 +1,10 @@
 """What the joint posterior says: causes, the unlisted, gross rows, and the tree of places."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -87,7 +85,7 @@ class Explanation:
         """Whether something may be missing in the model, so that rows near each other err alike."""
         return self.one_by_one or self.unlisted >= UNLISTED
 
-    def doubted(self, lacking: float, missing: float, moved: Mapping[Key, float]) -> Explanation:
+    def doubted(self, lacking: float, missing: float, moved: Mapping[Key, float]) -> Self:
         """The same where what is named leaves more than noise, and no term says what that is.
 
         It is unlisted, at a place that nobody knows, and what is named may be a part of it: what
