@@ -10,7 +10,7 @@ import plumbline
 from plumbline.optim.rigid import best_rotation, nearest_rotation, rigid_match
 
 # Timed as a controller would write it in plain NumPy; reality shares no code with the library.
-PLAIN = {"registration_timing.py", "tip_readings.py"}
+PLAIN = {"registration_trial.py", "tip_readings.py"}
 
 
 def clouds(seed, n, count=1):
