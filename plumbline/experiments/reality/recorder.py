@@ -100,11 +100,13 @@ def _tip(case: Case, rng: np.random.Generator) -> Readings:
 
 
 def _pose(case: Case, rng: np.random.Generator) -> Readings:
+    """Places and turns of a tracker that is mounted on the tool in any way."""
     found = _tip(case, rng)
+    mount = Rotation.random(None, np.random.default_rng([case.seed, 8]))
     _, turn = built(case.scene, case.effects).pose_in_device()
     spin = rng.normal(0.0, 0.5 * case.noise_std / LEVER, (case.rows, 3))
     small = Rotation.from_quat(np.insert(0.5 * spin, 0, 1.0, axis=1), scalar_first=True)
-    quaternion = quaternions(turn @ small.as_matrix())
+    quaternion = quaternions(turn @ (mount * small).as_matrix())
     turned = dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
     return replace(found, columns=found.columns | turned)
 
