@@ -126,7 +126,7 @@ def solved(A: Array, right: Array) -> Array:
 def flat_prior(linear: Linear, count: int) -> Array:
     """Precision (count,) of a prior so wide that it only keeps the algebra regular."""
     size = float(np.diag(linear.G)[:count].max(initial=0.0))
-    return np.full(count, max(1e-11 * size, FLATTEST))
+    return np.full(count, max(1e-12 * size, FLATTEST))
 
 
 def orthonormal(columns: Array) -> Array:
