@@ -27,7 +27,7 @@ from typing import Literal
 
 import casadi as cs
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
@@ -213,7 +213,7 @@ def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam
 
     scale = symbols(count, 0).scale()
     first = np.concatenate([frames.of_beam(start), np.zeros(3 * count)])
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         residuals, first, jac="2-point", x_scale=scale,
         ftol=1e-11, xtol=1e-11, gtol=1e-11, loss=loss, f_scale=SCIPY_SCALE,
     )  # fmt: skip

@@ -254,7 +254,7 @@ def test_designed_rows_of_a_recording_tell_more_than_random_ones(weak):
     means[1, tilt] = 1.0
     made = Rivals(("none", "tilt"), np.array([0.5, 0.5]), means, C, rivals.largest)
     told = {}
-    for criterion in (Resolution(), *map(AtRandom, range(5))):
+    for criterion in (Resolution(), *map(AtRandom, range(40))):
         chosen = Design.of(replace(pair, rivals=made), replace(QUICK, criterion=criterion))
         told[criterion] = chosen.choose().beliefs.information[1, 0]
     by_chance = np.mean([told[c] for c in told if isinstance(c, AtRandom)])

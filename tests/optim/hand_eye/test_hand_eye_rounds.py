@@ -184,13 +184,13 @@ def test_four_hundred_poses_are_candidates(monkeypatch):
 
 
 def test_scipy_s_losses_bend_at_a_tenth_of_a_millimetre(monkeypatch):
-    scales, least_squares = [], baselines.least_squares
+    scales, least_squares = [], baselines.scipy.optimize.least_squares
 
     def listen(*given, f_scale, **more):
         scales.append(f_scale)
         return least_squares(*given, f_scale=f_scale, max_nfev=2, **more)
 
-    monkeypatch.setattr(baselines, "least_squares", listen)
+    monkeypatch.setattr(baselines.scipy.optimize, "least_squares", listen)
     scene, _, readings = surveyed(0)
     baselines.scipy_direct(readings, truth(scene))
     assert scales == [1e-4]
