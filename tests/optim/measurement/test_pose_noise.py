@@ -148,5 +148,6 @@ def test_poses_that_markers_tell_have_no_gap_of_their_own(exact):
     for seed in range(2):
         read = by_markers(remounted(exact, turn), np.random.default_rng(seed))
         found = diagnose(read)
+        assert correlation_of_ways(found.recording.pose_spread) > 0.4
         assert not [c for c in found.causes if c.probability > 0.5]
         assert found.outside_probability < 0.5
