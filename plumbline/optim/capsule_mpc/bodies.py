@@ -364,15 +364,6 @@ class Obstacle:
         return bool(np.isfinite(numbers).all()) and self.radius >= 0.0
 
 
-def sorted_obstacles(
-    obstacles: Sequence[Obstacle], balls: int
-) -> tuple[list[Obstacle], list[Obstacle]]:
-    """Capsules, and at most so many spheres; spheres beyond that go with the capsules."""
-    spheres = [obstacle for obstacle in obstacles if obstacle.a == obstacle.b]
-    rest = [obstacle for obstacle in obstacles if obstacle.a != obstacle.b]
-    return rest + spheres[balls:], spheres[:balls]
-
-
 def foreseen(obstacles: Sequence[Obstacle], slots: int, p: int, dt: float, first: int = 1) -> Array:
     """Ends, radius, and motion in a step (p, slots, 10) [mm] from ``first`` steps on."""
     out = np.empty((p, slots, 10))

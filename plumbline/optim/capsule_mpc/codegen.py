@@ -32,6 +32,7 @@ from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.linearised import box_function, stage_function
 from plumbline.optim.capsule_mpc.planning import BandedQp, RealTime
 from plumbline.optim.capsule_mpc.statement import Statement
+from plumbline.optim.capsule_mpc.sweeps import point
 from plumbline.optim.core.problem import Array
 
 FILES = ("program.c", "banded_qp.c", "capsule_step.h", "capsule_step.c", "main.c")
@@ -51,14 +52,8 @@ def numbers_of(statement: Statement, obstacles: Sequence[Obstacle]) -> Array:
     """Obstacles (K, 10) [m] as a step in C takes them: a row for every slot, then every ball."""
     out = np.zeros((statement.slots + statement.balls, constants.OBSTACLE))
     out[:, :6] = constants.FAR / constants.MM
-    spheres = [o for o in obstacles if o.a == o.b]
-    capsules = [o for o in obstacles if o.a != o.b] + spheres[statement.balls :]
-    if len(capsules) > statement.slots:
-        raise PlumblineError(
-            f"obstacles: found {len(obstacles)}, expected at most {statement.slots} capsules and "
-            f"{statement.balls} spheres; state the problem with more slots"
-        )
-    for begin, own in ((0, capsules), (statement.slots, spheres[: statement.balls])):
+    capsules, spheres = statement.seated(obstacles)
+    for begin, own in ((0, capsules), (statement.slots, spheres)):
         for k, o in enumerate(own):
             out[begin + k] = (*o.a, *o.b, o.radius, *o.velocity)
     return out
@@ -66,11 +61,7 @@ def numbers_of(statement: Statement, obstacles: Sequence[Obstacle]) -> Array:
 
 def _seen(statement: Statement, numbers: Array) -> list[Obstacle]:
     """Obstacles from their numbers (K, 10)."""
-    rows = [[float(v) for v in row] for row in numbers]
-    return [
-        Obstacle((a, b, c), (d, e, f), radius, (u, v, w))
-        for a, b, c, d, e, f, radius, u, v, w in rows
-    ]
+    return [Obstacle(point(o[:3]), point(o[3:6]), float(o[6]), point(o[7:])) for o in numbers]
 
 
 def affine(statement: Statement) -> tuple[Array, Array]:
@@ -111,23 +102,13 @@ def program(statement: Statement) -> cs.Function:
     steps = path - before if p > 1 else moved
     stages = cs.vertcat(stages[: own.stepped.start, :], steps, stages[own.stepped.stop :, :])
     pace, sides, turn = box_function(own.shape)(before, steps, stages)
-    last = cs.vertcat(*(_norm(part) for part in cs.vertsplit(moved, _ends(own.groups))))
-    last = cs.vertcat(*(last[k] for k, size in enumerate(own.groups) for _ in range(size)))
-    grown = cs.repmat(last, 1, p) + cs.DM(np.broadcast_to(own.ramp, (p, n)).T)
+    norms = [cs.repmat(cs.norm_2(moved[part]), part.stop - part.start) for part in own.blocks]
+    grown = cs.repmat(cs.vertcat(*norms), 1, p) + cs.DM(np.broadcast_to(own.ramp, (p, n)).T)
     share = cs.DM(np.broadcast_to(own.alpha, (p, n)).T)
     most = cs.fmin(pace * share, grown) * sides
     one = stage_function(own).map("stages", "serial", p, [1], [])
     outputs = [*one(path, x0, stages), most, turn]
     return cs.Function("program", [u, x0, path], [cs.densify(value) for value in outputs])
-
-
-def _ends(groups: tuple[int, ...]) -> list[int]:
-    """Where groups begin, and where the last one ends."""
-    return [int(end) for end in np.cumsum([0, *groups])]
-
-
-def _norm(value: cs.MX) -> cs.MX:
-    return cs.sqrt(cs.sumsqr(value))
 
 
 def write(
@@ -198,9 +179,8 @@ def _sizes(statement: Statement, function: cs.Function) -> dict[str, object]:
 def _weights(statement: Statement, solver: BandedQp) -> dict[str, object]:
     s = statement.settings
     effort, smooth = s.weights
-    ends = _ends(statement.groups)
-    begins = [ends[k] for k, size in enumerate(statement.groups) for _ in range(size)]
-    closes = [ends[k + 1] for k, size in enumerate(statement.groups) for _ in range(size)]
+    owner = [group for group in statement.blocks for _ in range(group.start, group.stop)]
+    begins, closes = [group.start for group in owner], [group.stop for group in owner]
     return {
         "group": ", ".join(str(number) for number in [*begins, *closes]),
         "turn": "s->turn" if max(statement.groups) > 1 else "0",

@@ -23,19 +23,8 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.capsules import nearest
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument
-from plumbline.optim.capsule_mpc.constants import (
-    AHEAD,
-    ASIDE,
-    EVERY,
-    FAR,
-    FINER,
-    LIKELY,
-    MM,
-    ROOM,
-    SHARES,
-    STILL,
-)
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import about, point
 from plumbline.optim.core.problem import Array, Flags
@@ -52,12 +41,14 @@ class Evasion:
         self._bodies = bodies if len(bodies) == len(statement.bodies) else []
         self._speed = float(statement.speed.max())
         self._dt = statement.settings.dt
-        self._times = np.arange(0.0, AHEAD + EVERY / 2, EVERY)
-        self._finer = np.arange(0.0, AHEAD + EVERY / 2, EVERY / FINER)
+        self._times = np.arange(0.0, constants.AHEAD + constants.EVERY / 2, constants.EVERY)
+        self._finer = np.arange(
+            0.0, constants.AHEAD + constants.EVERY / 2, constants.EVERY / constants.FINER
+        )
         self._margins = statement.settings.apart
-        self._trocars = MM * np.array([b.trocar for b in self._bodies]).reshape(-1, 3)
-        self._lengths = MM * np.array([b.length for b in self._bodies])
-        self._radii = MM * np.array([b.radius for b in self._bodies])
+        self._trocars = constants.MM * np.array([b.trocar for b in self._bodies]).reshape(-1, 3)
+        self._lengths = constants.MM * np.array([b.length for b in self._bodies])
+        self._radii = constants.MM * np.array([b.radius for b in self._bodies])
         self.reset()
 
     def reset(self) -> None:
@@ -73,7 +64,7 @@ class Evasion:
         Obstacles are believed to go straight on for (K,) [s]; tips move at a rate (n,) [mm/s] now.
         """
         self.overlap[:] = 0.0
-        if not self._bodies or all(o.velocity == STILL for o in obstacles):
+        if not self._bodies or all(o.velocity == constants.STILL for o in obstacles):
             return goal
         table = np.array([(*o.a, *o.b, *o.velocity, o.radius) for o in obstacles])
         tips = x0.reshape(-1, 3)
@@ -90,7 +81,7 @@ class Evasion:
             out = self._way(i, tips[i], rate[own], place, both)
             self._out[i] = out
             if out is not None:
-                found[..., own] = tips[i] + AHEAD * out
+                found[..., own] = tips[i] + constants.AHEAD * out
         return found
 
     def _in_the_way(self, shafts: Array, table: Array, believed: Array) -> Flags:
@@ -123,7 +114,7 @@ class Evasion:
         ahead = ends + times[:, None, None] * way
         rates = table[:, 6:9]
         gone = (np.vecdot(rates, rates)[:, None] > 0.0) & (times > believed[:, None] + every / 2)
-        ahead[gone] = FAR
+        ahead[gone] = constants.FAR
         others = np.array([k != i for k in range(len(shafts))], dtype=bool)
         stand = np.broadcast_to(shafts[others, None], (int(others.sum()), *ahead.shape[1:]))
         wide = self._radii[: len(shafts)][others] + self._margins[0]
@@ -147,11 +138,13 @@ class Evasion:
         speed = _pace(body, tip, self._dt)
         toward = way / max(float(np.linalg.norm(way)), 1e-9) * speed
         first = [toward] if last is None else [toward, last]
-        rates = np.concatenate([first, *(share * speed * AROUND for share in SHARES)])
+        rates = np.concatenate([first, *(share * speed * AROUND for share in constants.SHARES)])
 
         def gaps(rates: Array, seen: tuple[Array, Array], times: Array) -> Array:
             change = (rates - rate)[:, None]
-            turn = np.maximum(np.sqrt(np.vecdot(change, change)) / (MM * body.a_max), self._dt)
+            turn = np.maximum(
+                np.sqrt(np.vecdot(change, change)) / (constants.MM * body.a_max), self._dt
+            )
             s = np.minimum(times, turn)
             tips = tip + times[:, None] * rates[:, None]
             tips -= (s * (1.0 - (s + self._dt) / (2.0 * turn)))[..., None] * change
@@ -161,18 +154,18 @@ class Evasion:
             return _gaps(body, tips, *seen)
 
         rough = gaps(rates, both[0], self._times)
-        if rough[0] >= ROOM:
+        if rough[0] >= constants.ROOM:
             return None
-        own, clear = rates[len(first) :], rough[len(first) :] >= ROOM
+        own, clear = rates[len(first) :], rough[len(first) :] >= constants.ROOM
         if clear.any():
             fresh = own[np.where(clear, own @ way, -np.inf).argmax()][None]
         else:
             best = np.argsort(-rough[len(first) :], kind="stable")
-            fresh = np.concatenate([own[best[:LIKELY]], _about(own[best[0]])])
+            fresh = np.concatenate([own[best[: constants.LIKELY]], _about(own[best[0]])])
         rates = np.concatenate([rates[: len(first)], fresh])
         fine = gaps(rates, both[1], self._finer)
         self.overlap[i] = max(-float(fine.max() + self._margins[1]), 0.0)
-        enough = fine >= min(ROOM, float(fine.max()))
+        enough = fine >= min(constants.ROOM, float(fine.max()))
         if enough[0]:
             return None
         if last is not None and enough[1]:
@@ -186,8 +179,8 @@ def _about(rate: Array) -> Array:
     along = rate / np.linalg.norm(rate)
     across = AROUND - (AROUND @ along)[:, None] * along
     size = np.sqrt(np.vecdot(across, across))
-    across = across[size > ASIDE] / size[size > ASIDE, None]
-    turned = along + ASIDE * across
+    across = across[size > constants.ASIDE] / size[size > constants.ASIDE, None]
+    turned = along + constants.ASIDE * across
     size = np.linalg.norm(rate) / np.sqrt(np.vecdot(turned, turned))
     return np.asarray(size[:, None] * turned)
 
@@ -209,16 +202,16 @@ def _shafts(tips: Array, trocars: Array, lengths: Array) -> Array:
 def _gaps(body: TipInstrument, tips: Array, ahead: Array, radii: Array) -> Array:
     """Least gap (C,) on ways of the tip (C, T, 3) to capsules (K, T, 2, 3), -inf beyond a limit."""
     trocar = body.constants
-    shafts = _shafts(tips, trocar, np.array(MM * body.length))
+    shafts = _shafts(tips, trocar, np.array(constants.MM * body.length))
     shape = (len(ahead), *shafts.shape)
     both = (np.broadcast_to(v, shape).reshape(-1, 2, 3) for v in (shafts, ahead[:, None]))
     found = nearest(*both).distance.reshape(shape[:3])
-    least = (found - radii[:, None, None]).min(axis=(0, 2)) - MM * body.radius
+    least = (found - radii[:, None, None]).min(axis=(0, 2)) - constants.MM * body.radius
     inside = tips - trocar
     depth = np.linalg.norm(inside, axis=-1)
     inward = np.array(body.inward) / np.linalg.norm(body.inward)
     below = inside @ inward - np.cos(np.radians(body.cone)) * depth
-    shallowest, deepest = MM * np.array(body.depths)
+    shallowest, deepest = constants.MM * np.array(body.depths)
     kept = (depth >= shallowest) & (depth <= deepest) & (below >= 0.0)
     # Who begins beyond a limit may go anywhere: the planner brings it back.
     return np.where((kept | ~kept[:, :1]).all(axis=1), least, -np.inf)

@@ -37,17 +37,9 @@ from plumbline.kinematics.capsules import (
     scalar_gap,
     share_beside,
 )
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
-from plumbline.optim.capsule_mpc.constants import (
-    ABSENT,
-    ACROSS,
-    COMMON,
-    DROPPED,
-    LIMITS,
-    MM,
-    TOUCHING,
-)
 from plumbline.optim.capsule_mpc.pairs import Pair
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array, Flags, Indices
@@ -93,7 +85,7 @@ class StageQp:
     @property
     def present(self) -> Flags:
         """Which rows (p, m) are there; a right-hand side that is no number is, and is refused."""
-        return ~(self.h <= DROPPED)
+        return ~(self.h <= constants.DROPPED)
 
 
 @dataclass(frozen=True)
@@ -118,9 +110,11 @@ def frozen_normal(pair: Pair, difference: cs.SX) -> cs.SX:
     distance, u = cs.norm_2(difference), pair.one.b - pair.one.a
     across = cs.cross(u, pair.two.b - pair.two.a)
     size, length = cs.sqrt(cs.sumsqr(across) + TINY), cs.sqrt(cs.sumsqr(u) + TINY)
-    aside = sides(cs.if_else(length > TOUCHING, u / length, cs.DM([0.0, 0.0, 1.0])))[0]
-    instead = cs.if_else(size > COMMON, across / size, aside)
-    return cs.if_else(distance > TOUCHING, difference / cs.fmax(distance, TOUCHING), instead)
+    aside = sides(cs.if_else(length > constants.TOUCHING, u / length, cs.DM([0.0, 0.0, 1.0])))[0]
+    instead = cs.if_else(size > constants.COMMON, across / size, aside)
+    return cs.if_else(
+        distance > constants.TOUCHING, difference / cs.fmax(distance, constants.TOUCHING), instead
+    )
 
 
 def _row(pair: Pair, x: cs.SX, s: cs.SX, t: cs.SX) -> tuple[cs.SX, cs.SX]:
@@ -159,16 +153,16 @@ def _rows(statement: Statement) -> tuple[cs.SX, cs.SX]:
     found = [make(pair, x) for pair in statement.pairs]
     values = [value for pair, _ in found for value in pair]
     slopes = [slope for _, pair in found for slope in pair]
-    limits = LIMITS * statement.limits
+    limits = constants.LIMITS * statement.limits
     G = cs.vertcat(cs.SX(0, x.numel()), *slopes, cs.jacobian(limits, x))
     h = G @ x - cs.vertcat(cs.SX(0, 1), *values, limits)
     # The least that a row can come to while every group of states stays within its reach.
-    within, worst, begin = stage[-statement.n :], G @ x0, 0
-    for size in statement.groups:
-        own = G[:, begin : begin + size]
-        length = cs.sqrt(cs.sum2(own * own)) if size > 1 else cs.fabs(own)
-        worst, begin = worst - length * within[begin], begin + size
-    return G.T, cs.if_else(worst > h, ABSENT, h)
+    within, worst = stage[-statement.n :], G @ x0
+    for part in statement.blocks:
+        own = G[:, part]
+        length = cs.sqrt(cs.sum2(own * own)) if own.size2() > 1 else cs.fabs(own)
+        worst -= length * within[part.start]
+    return G.T, cs.if_else(worst > h, constants.ABSENT, h)
 
 
 def stage_function(statement: Statement) -> cs.Function:
@@ -234,7 +228,7 @@ class Linearised:
             h.reshape(p, -1),
             x0,
             most,
-            MM * s.penalty,
+            constants.MM * s.penalty,
             *s.weights,
             stages[0, own.moved],
             turn,
@@ -254,7 +248,7 @@ class Linearised:
 
 def within_norms(step: Array, most: Array, groups: tuple[int, ...]) -> Array:
     """A step (n,) whose groups are shortened to the bounds on their norms (n,), where longer."""
-    return step * np.minimum(1.0, most / np.maximum(norms(step, groups), TOUCHING))
+    return step * np.minimum(1.0, most / np.maximum(norms(step, groups), constants.TOUCHING))
 
 
 def norms(values: Array, groups: tuple[int, ...]) -> Array:
@@ -279,18 +273,19 @@ def box_function(shape: Shape) -> cs.Function:
     """
     own = shape.statement
     x, _, stage = own.symbols
-    d, sides_of, blocks, begin = cs.SX.sym("d", own.n), [], [], 0
-    for size in own.groups:
-        step = d[begin : begin + size]
-        length, begin = cs.norm_2(step), begin + size
-        moves = cs.if_else(length > TOUCHING, 1.0, 0.0) if size == 3 else cs.SX(0.0)
+    d, sides_of, blocks = cs.SX.sym("d", own.n), [], []
+    for size, part in zip(own.groups, own.blocks, strict=True):
+        step, length = d[part], cs.norm_2(d[part])
+        moves = cs.if_else(length > constants.TOUCHING, 1.0, 0.0) if size == 3 else cs.SX(0.0)
         if size == 3:
             up = cs.DM([0.0, 0.0, 1.0])
-            u = cs.if_else(length > TOUCHING, step / cs.fmax(length, TOUCHING), up)
+            u = cs.if_else(
+                length > constants.TOUCHING, step / cs.fmax(length, constants.TOUCHING), up
+            )
             blocks.append(cs.horzcat(u, *sides(u)))
         else:
             blocks.append(cs.SX.eye(size))
-        across = 1.0 - (1.0 - ACROSS) * moves
+        across = 1.0 - (1.0 - constants.ACROSS) * moves
         sides_of += [1.0] + [across] * (size - 1)
     outputs = [cs.densify(v) for v in (own.pace, cs.vertcat(*sides_of), cs.diagcat(*blocks))]
     one = cs.Function("box", [x, d, stage], cs.cse(outputs))

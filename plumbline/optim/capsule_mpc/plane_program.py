@@ -34,8 +34,6 @@ from plumbline.optim.capsule_mpc.linearised import frozen_normal
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array, Indices, Problem
 
-Index = Indices
-
 
 class Name(NamedTuple):
     """What a column of unknowns or constraints is: of which kind, whose, and which of them."""
@@ -51,18 +49,18 @@ class Program:
 
     problem: Problem  # what is solved; bounds, data and start come with every plan
     charts: cs.Function  # ``(path (n, p), stages (t, p)) -> charts (9 P, p)``
-    first: Index  # places of the present state (n,)
+    first: Indices  # places of the present state (n,)
     # places of steps, states, planes, slacks (p, U) of every stage, and of the steps before where
     # they are states (FATROP)
-    unknowns: Index
-    rows: Index  # places of the constraints (p, R) of every stage
+    unknowns: Indices
+    rows: Indices  # places of the constraints (p, R) of every stage
     # what the columns of ``unknowns`` are, then those of ``rows``; the same in programs of other
     # obstacles, so that multipliers can be taken over
     names: tuple[tuple[Name, ...], tuple[Name, ...]]
     # number of steps, states, planes, slacks, steps before of a stage
     sizes: tuple[int, int, int, int, int]
 
-    def part(self, which: int) -> Index:
+    def part(self, which: int) -> Indices:
         """Places (p, .) of steps (0), states (1), planes (2), slacks (3), steps before (4)."""
         begin = sum(self.sizes[:which])
         return self.unknowns[:, begin : begin + self.sizes[which]]
@@ -121,21 +119,12 @@ def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, 
             chart, turn = charts[9 * k : 9 * k + 9], w[2 * k : 2 * k + 2]
             v = chart[:3] + turn[0] * chart[3:6] + turn[1] * chart[6:]
             gaps = plane_gaps(v, pair.one, pair.two)
-            ends = gaps[::2] if pair.ball else gaps
             # The chart is orthonormal, so this is the length of v.
-            rows.add(
-                ends - (pair.wide(pair.plain) - slacks[k]) * cs.sqrt(1 + cs.sumsqr(turn)),
-                np.inf,
-                "pair",
-                name,
-            )
+            size = cs.sqrt(1 + cs.sumsqr(turn))
+            gap = gaps[:: 2 if pair.ball else 1] - (pair.wide(pair.plain) - slacks[k]) * size
         else:
-            rows.add(
-                scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k],
-                np.inf,
-                "pair",
-                name,
-            )
+            gap = scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k]
+        rows.add(gap, np.inf, "pair", name)
     rows.add(statement.held, 0.0, "held")
     if limits:
         rows.add(statement.limits, np.inf, "limits")
@@ -149,15 +138,12 @@ def step_limits(statement: Statement) -> cs.Function:
     d, before, share = (
         cs.SX.sym(k, m) for k, m in (("d", statement.n), ("b", statement.n), ("s", 1))
     )
-    dt = statement.settings.dt
-    room, begin = [], 0
-    for size in statement.groups:
-        own = slice(begin, begin + size)
-        fast = dt * share * statement.pace[begin]
-        faster = dt**2 * statement.acceleration[begin]
+    dt, room = statement.settings.dt, []
+    for own in statement.blocks:
+        fast = dt * share * statement.pace[own.start]
+        faster = dt**2 * statement.acceleration[own.start]
         room.append((fast**2 - cs.sumsqr(d[own])) / (2 * fast))
         room.append((faster**2 - cs.sumsqr(d[own] - before[own])) / (2 * faster))
-        begin += size
     return cs.Function("steps", [x, d, before, share, stage], [cs.vertcat(*room)])
 
 
@@ -250,23 +236,23 @@ def _program(statement: Statement, made: _Builder, rows: _Rows, problem: Problem
     parts = (at["d"], at["x"][1:], at["w"], at["s"], at["y"])
     sizes = (n, n, len(at["w"][0]), len(at["s"][0]), len(at["y"][0]))
     pairs = pair_names(statement)
-    names = [Name(kind, j) for kind in "dx" for j in range(n)]
-    names += [Name("w", j, pair) for pair in pairs for j in range(sizes[2] // len(pairs))]
-    names += [Name("s", 0, pair) for pair in pairs]
-    names += [Name("y", j) for j in range(sizes[4])]
-    g_names = [Name("dynamics", j) for j in range(n + sizes[4])]
-    g_names += [Name("speeds", j) for j in range(2 * len(statement.groups))]
-    g_names += rows.names
-    g_parts = tuple(made.g_places[name] for name in ("dynamics", "speeds", "rows"))
-    return Program(
-        problem,
-        _mapped_charts(statement.shape),
-        np.array(at["x"][0], dtype=np.intp),
-        np.hstack([np.array(part, dtype=np.intp).reshape(p, -1) for part in parts]),
-        np.hstack([np.array(part, dtype=np.intp).reshape(p, -1) for part in g_parts]),
-        (tuple(names), tuple(g_names)),
-        sizes,
+    names = (
+        *(Name(kind, j) for kind in "dx" for j in range(n)),
+        *(Name("w", j, pair) for pair in pairs for j in range(sizes[2] // len(pairs))),
+        *(Name("s", 0, pair) for pair in pairs),
+        *(Name("y", j) for j in range(sizes[4])),
     )
+    g_names = (
+        *(Name("dynamics", j) for j in range(n + sizes[4])),
+        *(Name("speeds", j) for j in range(2 * len(statement.groups))),
+        *rows.names,
+    )
+    unknowns, places = (
+        np.hstack([np.array(part, dtype=np.intp).reshape(p, -1) for part in every])
+        for every in (parts, made.g_places.values())
+    )
+    charts, first = _mapped_charts(statement.shape), np.array(at["x"][0], dtype=np.intp)
+    return Program(problem, charts, first, unknowns, places, (names, g_names), sizes)
 
 
 @lru_cache(maxsize=32)

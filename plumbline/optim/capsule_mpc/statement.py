@@ -27,9 +27,10 @@ for every admissible input. Leaving the pair out changes nothing that the soluti
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
+from itertools import pairwise
 
 import casadi as cs
 import numpy as np
@@ -37,7 +38,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment, squared_distance
-from plumbline.optim.capsule_mpc.bodies import Body, Capsule, Obstacle, foreseen, sorted_obstacles
+from plumbline.optim.capsule_mpc.bodies import Body, Capsule, Obstacle, foreseen
 from plumbline.optim.capsule_mpc.constants import MM, OBSTACLE
 from plumbline.optim.capsule_mpc.pairs import Moving, Pair, unmoved
 from plumbline.optim.capsule_mpc.settings import Noise, Settings
@@ -127,11 +128,12 @@ class Statement:
     @cached_property
     def parts(self) -> tuple[slice, ...]:
         """Where each body's states stand in the state of all."""
-        ends = np.cumsum([body.size for body in self.bodies])
-        return tuple(
-            slice(int(end) - body.size, int(end))
-            for body, end in zip(self.bodies, ends, strict=True)
-        )
+        return slices(body.size for body in self.bodies)
+
+    @cached_property
+    def blocks(self) -> tuple[slice, ...]:
+        """Where each of the groups stands there."""
+        return slices(self.groups)
 
     @cached_property
     def goals(self) -> int:
@@ -155,8 +157,10 @@ class Statement:
     @property
     def constants(self) -> cs.SX:
         """The constants of all bodies."""
-        end = self.symbols[2].numel() - 3 * self.n - 2
-        return self.symbols[2][end - sum(self._counts) : end]
+        return self._constants_in(self.symbols[2])
+
+    def _constants_in(self, stage: cs.SX) -> cs.SX:
+        return stage[self.stepped.start - sum(self._counts) : self.stepped.start]
 
     @cached_property
     def shape(self) -> Shape:
@@ -231,39 +235,22 @@ class Statement:
     def _moving(self, k: int, x: cs.SX, x0: cs.SX, d: cs.SX, stage: cs.SX) -> list[Moving]:
         """The capsules of a body."""
         body, part, within = self.bodies[k], self.parts[k], stage[-self.n :]
-        end = self.width - 3 * self.n - 2
-        c = self._split(stage[end - sum(self._counts) : end])[k]
+        c = self._split(self._constants_in(stage))[k]
         lever = partial(body.lever, x[part], c)
+        before = [capsule.axis for capsule in body.capsules(x[part] - d[part], c)]
+        bows, reaches = body.sagitta(x[part], c, d[part]), body.reach(x0[part], c, within[part])
         columns = zip(
-            body.capsules(x[part], c),
-            body.capsules(x[part] - d[part], c),
-            body.sagitta(x[part], c, d[part]),
-            body.reach(x0[part], c, within[part]),
-            body.through(c),
-            strict=True,
+            body.capsules(x[part], c), before, bows, reaches, body.through(c), strict=True
         )
-        return [
-            Moving(now, before.axis, bow, reach, through, lever, str(k + 1))
-            for now, before, bow, reach, through in columns
-        ]
+        return [Moving(*column, lever, str(k + 1)) for column in columns]
 
     def _obstacles(self, stage: cs.SX) -> list[Moving]:
-        begin = self.goals
-        count = self.slots + self.balls
-        numbers = [stage[begin + OBSTACLE * k :][:OBSTACLE] for k in range(count)]
-        none = cs.SX(0.0)
-        return [
-            Moving(
-                Capsule(Segment.of(o[:6]), o[6]),
-                Segment(o[:3] - o[7:], o[3:6] - o[7:]),
-                none,
-                none,
-                None,
-                unmoved,
-                f"obstacle {k + 1}",
-            )
-            for k, o in enumerate(numbers)
-        ]
+        found, none = [], cs.SX(0.0)
+        for k in range(self.slots + self.balls):
+            o = stage[self.goals + OBSTACLE * k :][:OBSTACLE]
+            now, before = Capsule(Segment.of(o[:6]), o[6]), Segment(o[:3] - o[7:], o[3:6] - o[7:])
+            found.append(Moving(now, before, none, none, None, unmoved, f"obstacle {k + 1}"))
+        return found
 
     def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX, *more: float) -> cs.SX:
         found = [cs.SX(0, 1)]
@@ -272,11 +259,7 @@ class Statement:
         return cs.vertcat(*found)
 
     def _split(self, constants: cs.SX) -> list[cs.SX]:
-        ends = np.cumsum(self._counts)
-        return [
-            constants[int(end) - count : int(end)]
-            for end, count in zip(ends, self._counts, strict=True)
-        ]
+        return [constants[part] for part in slices(self._counts)]
 
     @cached_property
     def reachable(self) -> tuple[cs.SX, ...]:
@@ -320,12 +303,7 @@ class Statement:
             PlumblineError: More obstacles than slots, or a goal of another size.
         """
         s, wanted = self.settings, np.asarray(goal, dtype=float)
-        capsules, balls = sorted_obstacles(obstacles, self.balls)
-        if len(capsules) > self.slots:
-            raise PlumblineError(
-                f"obstacles: found {len(obstacles)}, expected at most {self.slots} capsules and "
-                f"{self.balls} spheres; state the problem with more slots"
-            )
+        capsules, balls = self.seated(obstacles)
         if wanted.shape not in ((self.goals,), (s.p, self.goals)):
             raise PlumblineError(
                 f"goal: found shape {wanted.shape}, expected ({self.goals},) or "
@@ -343,6 +321,18 @@ class Statement:
         if move is not None:
             out[:, self.moved] = out[:, self.stepped] = move
         return out
+
+    def seated(self, obstacles: Sequence[Obstacle]) -> tuple[list[Obstacle], list[Obstacle]]:
+        """Capsules and spheres by their slots (PlumblineError: more than there are slots for)."""
+        spheres = [obstacle for obstacle in obstacles if obstacle.a == obstacle.b]
+        capsules = [obstacle for obstacle in obstacles if obstacle.a != obstacle.b]
+        capsules += spheres[self.balls :]
+        if len(capsules) > self.slots:
+            raise PlumblineError(
+                f"obstacles: found {len(obstacles)}, expected at most {self.slots} capsules and "
+                f"{self.balls} spheres; state the problem with more slots"
+            )
+        return capsules, spheres[: self.balls]
 
     def present(self, stages: Array) -> Array:
         """Parameters of the present (t,): those of the first stage, obstacles where they are."""
@@ -379,6 +369,11 @@ class Statement:
     def clearances(self) -> cs.Function:
         """``(x, stage) -> (pairs,)``: distance of every pair less its D [mm]."""
         return _clearances(self.shape)
+
+
+def slices(sizes: Iterable[int]) -> tuple[slice, ...]:
+    """Where parts of such sizes stand, one behind the other."""
+    return tuple(slice(a, b) for a, b in pairwise(np.cumsum([0, *sizes]).tolist()))
 
 
 @lru_cache(maxsize=32)

@@ -41,27 +41,31 @@ def _braked(u: cs.SX, a: cs.SX, most: float, jerk: float, dt: float) -> tuple[cs
 
 def _stop(statement: Statement, steps: int) -> cs.Function:
     u, a = cs.SX.sym("u", statement.n), cs.SX.sym("a", statement.n)
-    dt, begin, groups, excess = statement.settings.dt, 0, [], cs.SX(0.0)
-    for size in statement.groups:
-        own = slice(begin, begin + size)
-        limits = float(statement.acceleration[begin]), float(statement.jerk[begin])
+    dt, groups, excess = statement.settings.dt, [], cs.SX(0.0)
+    for own in statement.blocks:
+        speed, most, jerk = _bounds(statement, own)
         rate, change, rates = u[own], a[own], []
         for _ in range(steps):
-            rate, change = _braked(rate, change, *limits, dt)
+            rate, change = _braked(rate, change, most, jerk, dt)
             rates.append(rate)
-            excess = cs.fmax(excess, cs.norm_2(rate) / float(statement.speed[begin]))
+            excess = cs.fmax(excess, cs.norm_2(rate) / speed)
         groups.append(cs.horzcat(*rates))
-        begin += size
     return cs.Function("stop", [u, a], cs.cse([cs.densify(cs.vertcat(*groups)), excess]))
+
+
+def _bounds(statement: Statement, group: slice) -> list[float]:
+    """Largest rate, acceleration and jerk of a group."""
+    bounds = (statement.speed, statement.acceleration, statement.jerk)
+    return [float(bound[group.start]) for bound in bounds]
 
 
 @lru_cache(maxsize=16)
 def _made(shape: Shape) -> tuple[cs.Function, int]:
     """The stop in as many steps as it takes from the largest rate, still growing."""
     own = shape.statement
-    longest, dt, begin = 1, own.settings.dt, 0
-    for size in own.groups:
-        speed, most, jerk = (float(v[begin]) for v in (own.speed, own.acceleration, own.jerk))
+    longest, dt = 1, own.settings.dt
+    for group in own.blocks:
+        speed, most, jerk = _bounds(own, group)
         one = cs.SX.sym("u"), cs.SX.sym("a")
         step = cs.Function("s", list(one), list(_braked(*one, most, jerk, dt)))
         rate, change, count = speed, min(most, speed / dt), 0
@@ -69,7 +73,7 @@ def _made(shape: Shape) -> tuple[cs.Function, int]:
             rate, change = (float(v) for v in step(rate, change))
             count += 1
         # One more for a rate that is put right after it was limited.
-        longest, begin = max(longest, count + 1), begin + size
+        longest = max(longest, count + 1)
     return _stop(own, longest), longest
 
 
@@ -108,19 +112,17 @@ def limited_function(statement: Statement) -> cs.Function:
     """
     x, _, stage = statement.symbols
     begin, end, last, before = (cs.SX.sym(k, statement.n) for k in ("b", "u", "u1", "u2"))
-    dt, at, found = statement.settings.dt, 0, []
+    dt, found = statement.settings.dt, []
     trusted = statement.step[0] / (dt * statement.speed)
-    for size in statement.groups:
-        own = slice(at, at + size)
-        way = end[own] - begin[own]
+    for own in statement.blocks:
+        way, (_, most, jerk) = end[own] - begin[own], _bounds(statement, own)
         balls = (
-            (cs.SX(size, 1), float(trusted[at]) * statement.pace[at]),
-            (last[own], dt * float(statement.acceleration[at])),
-            (2 * last[own] - before[own], dt**2 * float(statement.jerk[at])),
+            (0.0 * way, float(trusted[own.start]) * statement.pace[own.start]),
+            (last[own], dt * most),
+            (2 * last[own] - before[own], dt**2 * jerk),
         )
         shares = [_share_within(begin[own], way, *ball) for ball in balls]
         found.append(begin[own] + cs.mmin(cs.vertcat(*shares)) * way)
-        at += size
     inputs = [x, stage, begin, end, last, before]
     return cs.Function("limited", inputs, cs.cse([cs.densify(cs.vertcat(*found))]))
 

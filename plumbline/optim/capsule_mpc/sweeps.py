@@ -30,19 +30,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Obstacle, Point, TipInstrument
-from plumbline.optim.capsule_mpc.constants import (
-    AHEAD,
-    CHANGED,
-    FASTEST,
-    FEWEST_LOOKS,
-    MEMORY,
-    RECENT_LOOKS,
-    STILL,
-    STRAIGHT,
-    TURNED,
-    UNEVEN,
-)
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 
@@ -73,7 +62,7 @@ class Sweeps:
     def __init__(self, dt: float, speed: float) -> None:
         """For looks every dt [s], and tips that move so fast at most [mm/s]."""
         self._dt, self._speed = dt, speed
-        self._most = int(MEMORY / dt)
+        self._most = int(constants.MEMORY / dt)
         self.reset()
 
     def reset(self) -> None:
@@ -106,12 +95,12 @@ class Sweeps:
         """How long every obstacle goes straight on."""
         now = np.column_stack([table[:, [0, 1, 2, 6, 7, 8]], np.zeros(len(table))])
         if len(self._begun) != len(table):
-            self._begun, self.straight = now, np.full(len(table), AHEAD)
+            self._begun, self.straight = now, np.full(len(table), constants.AHEAD)
             return
         place, rate, gone = self._begun[:, :3], self._begun[:, 3:6], self._begun[:, 6] + self._dt
         off = place + gone[:, None] * rate - table[:, :3]
-        bent = np.vecdot(off, off) > STRAIGHT**2
-        seen = np.minimum(gone, AHEAD)
+        bent = np.vecdot(off, off) > constants.STRAIGHT**2
+        seen = np.minimum(gone, constants.AHEAD)
         self.straight = np.where(bent, seen, np.maximum(self.straight, seen))
         self._begun[:, 6] = gone
         self._begun[bent] = now[bent]
@@ -135,14 +124,14 @@ class Sweeps:
         places, way = self._places[:, k], float(self._gone[-1, k] - self._gone[0, k])
         if k in self._whole:
             look, p, q, wide = self._whole[k]
-            if look < RECENT_LOOKS and _beside(places[-len(CUBIC) :], p, q) <= wide:
+            if look < constants.RECENT_LOOKS and _beside(places[-len(CUBIC) :], p, q) <= wide:
                 self._whole[k] = (look + 1, p, q, wide)
                 return p, q, wide
         p, q = _extremes(places)
         extent = float(np.linalg.norm(q - p))
-        turned, whole = way >= extent + TURNED, way >= 2 * extent + TURNED
+        turned, whole = way >= extent + constants.TURNED, way >= 2 * extent + constants.TURNED
         if not whole:
-            recent = self._looks[-RECENT_LOOKS:, :, k]
+            recent = self._looks[-constants.RECENT_LOOKS :, :, k]
             ends = _spring(recent[:, 0], recent[:, 1], self._most)
             turned = turned or bool(len(ends))
             if not len(ends):  # it goes on, whatever it has swept
@@ -193,11 +182,11 @@ class Looks:
         step = now[:, :3] - last[:, :3]
         off = step - last[:, 3:] - half
         fresh = np.concatenate([off, np.sqrt(np.vecdot(step, step))[:, None]], axis=1)
-        self._gone = np.concatenate([self._gone, fresh[None]])[-FEWEST_LOOKS:]
-        unknown = ~(np.vecdot(off, off) < (FASTEST * self._dt) ** 2)  # NaN is not below
+        self._gone = np.concatenate([self._gone, fresh[None]])[-constants.FEWEST_LOOKS :]
+        unknown = ~(np.vecdot(off, off) < (constants.FASTEST * self._dt) ** 2)  # NaN is not below
         self._gone[:, unknown] = 0.0
         gone = self._gone.sum(axis=0)
-        most = np.maximum(STRAIGHT, CHANGED * gone[:, 3])
+        most = np.maximum(constants.STRAIGHT, constants.CHANGED * gone[:, 3])
         wrong = np.flatnonzero(np.vecdot(gone[:, :3], gone[:, :3]) > most**2).tolist()
         for k in wrong:
             rate = table[k, 6:] + gone[k, :3] / (len(self._gone) * self._dt)
@@ -226,12 +215,16 @@ def _spring(places: Array, steps: Array, looks: int) -> Array:
     """
     squares, none = np.vecdot(steps, steps), np.zeros((0, 3))
     most = float(squares.max())
-    if most - squares.min() <= CHANGED * most:
+    if most - squares.min() <= constants.CHANGED * most:
         return none
     along = steps[int(squares.argmax())] / np.sqrt(most)
     s = (places - places[-1]) @ along
     off = places - places[-1] - s[:, None] * along
-    if len(s) < 3 or np.ptp(s) < STRAIGHT or np.vecdot(off, off).max() > STRAIGHT**2:
+    if (
+        len(s) < 3
+        or np.ptp(s) < constants.STRAIGHT
+        or np.vecdot(off, off).max() > constants.STRAIGHT**2
+    ):
         return none
     powers = np.vander(s, 3)
     scale = np.sqrt((powers * powers).sum(axis=0))  # as np.polyfit, which warns of few places
@@ -239,7 +232,8 @@ def _spring(places: Array, steps: Array, looks: int) -> Array:
     peak = c - b * b / (4 * a) if a < 0.0 else 0.0
     rest = squares - powers @ (a, b, c)
     if peak <= 0.0 or (
-        len(s) >= FEWEST_LOOKS and np.sqrt(rest @ rest / len(s)) > UNEVEN * np.ptp(squares)
+        len(s) >= constants.FEWEST_LOOKS
+        and np.sqrt(rest @ rest / len(s)) > constants.UNEVEN * np.ptp(squares)
     ):
         return none
     far, half = looks * np.sqrt(most), np.sqrt(-peak / a)
@@ -263,7 +257,7 @@ def about(obstacle: Obstacle, first: Array, last: Array, wide: float = 0.0) -> O
         a=point(middle - half),
         b=point(middle + half),
         radius=obstacle.radius + wide,
-        velocity=STILL,
+        velocity=constants.STILL,
     )
 
 

@@ -25,18 +25,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
-from plumbline.optim.capsule_mpc.constants import (
-    GAINS,
-    GRAIN,
-    LATE,
-    LATEST,
-    LEARNT,
-    MM,
-    SEEN_FROM,
-    STANDARD,
-)
 from plumbline.optim.capsule_mpc.events import Event, acts_late
 from plumbline.optim.capsule_mpc.planning import tracked_function
 from plumbline.optim.capsule_mpc.settings import Plant
@@ -55,8 +46,10 @@ class Underway:
         self._tracked = Compiled(tracked_function(statement.shape), False)
         self._owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
         delay, self._lag = (np.broadcast_to(np.asarray(v), n) for v in (plant.delay, plant.lag))
-        sooner = int(delay.min() / GRAIN + 1e-9)
-        self._later = GRAIN * np.arange(-sooner, round(LATEST / GRAIN) + 1)
+        sooner = int(delay.min() / constants.GRAIN + 1e-9)
+        self._later = constants.GRAIN * np.arange(
+            -sooner, round(constants.LATEST / constants.GRAIN) + 1
+        )
         self._told, self._known = sooner, np.asarray(delay + self._lag)
         back = (delay + self._later[:, None]) / dt  # (T, n), in steps
         self._whole, self._axes = np.floor(back + 1e-9).astype(int), np.arange(n)
@@ -64,8 +57,8 @@ class Underway:
         self._into = dt * np.minimum(1.0 + self._whole - back, 1.0)
         lag = np.maximum(self._lag, np.finfo(float).tiny)
         self._kept, self._stays = -lag * np.expm1(-self._into / lag), np.exp(-dt / lag)
-        self._measured = (MM * noise.measured) ** 2 + SEEN_FROM**2
-        self._wanders = ((MM * noise.step) ** 2 + SEEN_FROM**2) / self._measured
+        self._measured = (constants.MM * noise.measured) ** 2 + constants.SEEN_FROM**2
+        self._wanders = ((constants.MM * noise.step) ** 2 + constants.SEEN_FROM**2) / self._measured
         self.reset()
 
     def reset(self) -> None:
@@ -113,7 +106,7 @@ class Underway:
         moves = (np.abs(p) > self._measured**0.5).any(axis=0)
         if not moves.any():
             return
-        kept = np.where(moves, np.exp(-np.abs(p[self._told]) / LEARNT), 1.0)
+        kept = np.where(moves, np.exp(-np.abs(p[self._told]) / constants.LEARNT), 1.0)
         fresh = np.stack([np.broadcast_to(y * y, p.shape), y * p, p * p]) / size
         self._sums = kept * self._sums + moves * fresh
         self._count = kept * self._count + moves
@@ -122,22 +115,22 @@ class Underway:
     def _weigh(self) -> None:
         """What is now most likely, and what is possible."""
         yy, yp, pp = self._sums
-        gain = (yp + 1 / GAINS**2) / (pp + 1 / GAINS**2)
+        gain = (yp + 1 / constants.GAINS**2) / (pp + 1 / constants.GAINS**2)
         self._gain = gain
-        each = yy - 2 * gain * yp + gain**2 * pp + ((gain - 1) / GAINS) ** 2
+        each = yy - 2 * gain * yp + gain**2 * pp + ((gain - 1) / constants.GAINS) ** 2
         for b, part in enumerate(self._parts):
-            J = each[:, part].sum(axis=1) + (self._later / LATE) ** 2
+            J = each[:, part].sum(axis=1) + (self._later / constants.LATE) ** 2
             k = int(J.argmin())
             scale = max(1.0, J[k] / max(self._count[part].sum(), 1.0))
-            self._may[:, b] = J - J[k] <= STANDARD**2 * scale
+            self._may[:, b] = J - J[k] <= constants.STANDARD**2 * scale
             self.later[b] = self._later[k]
             if 0 < k < len(J) - 1:
                 before, after = J[k - 1] - J[k], J[k + 1] - J[k]
-                self.later[b] += GRAIN / 2 * (before - after) / max(before + after, 1e-12)
+                self.later[b] += constants.GRAIN / 2 * (before - after) / max(before + after, 1e-12)
 
     def way(self) -> Array:
         """How far (n,) the state still goes by itself [mm]."""
-        at = self.later[self._owner] / GRAIN + self._told
+        at = self.later[self._owner] / constants.GRAIN + self._told
         k = np.minimum(at.astype(int), len(self._later) - 2)
         ways = self._ways()
         return np.asarray(ways[k, self._axes] * (1 - at + k) + ways[k + 1, self._axes] * (at - k))
@@ -147,7 +140,7 @@ class Underway:
         if self._may[self._told].all():
             return []
         off = np.where(self._may, np.abs(self._later)[:, None], np.inf).min(axis=0)
-        stated = MM * self.statement.settings.noise.bias / self.statement.speed.max()
+        stated = constants.MM * self.statement.settings.noise.bias / self.statement.speed.max()
         return [acts_late(k, self.later[k]) for k in np.flatnonzero(off > stated).tolist()]
 
     def stray(self, state: Array) -> float:
@@ -159,7 +152,7 @@ class Underway:
         off = np.subtract(tips[1:], tips[0])
         points = off.reshape(-1, 3 if off.shape[1] % 3 == 0 else 1)
         most = float(np.linalg.norm(points, axis=1).max())
-        return max(most - MM * self.statement.settings.noise.bias, 0.0)
+        return max(most - constants.MM * self.statement.settings.noise.bias, 0.0)
 
     def _ways(self) -> Array:
         """How far (T, n) it still goes, by every lateness [mm]."""

@@ -14,6 +14,7 @@ from plumbline.optim.capsule_mpc import (
     Statement,
     TipInstrument,
     Trouble,
+    constants,
     evasion,
     sweeps,
 )
@@ -141,7 +142,7 @@ def test_a_rod_that_comes_end_foremost_past_a_shaft_is_no_reason_to_leave():
 def test_a_way_out_is_kept_while_it_keeps_clear():
     own = evasion.Evasion(Statement(BODIES, 1, Settings(p=5)))
     first = own.goal(START, REST, START, [BALL], FOR)
-    way = (first - START) / evasion.AHEAD
+    way = (first - START) / constants.AHEAD
     assert np.linalg.norm(way[:3]) == pytest.approx(60.0)
     assert not way[3:].any()
     on = own.goal(START + 0.02 * way, REST, START, [later(BALL, 0.02)], FOR)
@@ -159,7 +160,7 @@ def test_what_swings_is_believed_as_far_ahead_as_it_went_straight():
         )
         own.swept([ball])
         believed.append(float(own.straight[0]))
-    assert believed[0] == sweeps.AHEAD
+    assert believed[0] == constants.AHEAD
     assert max(believed[20:]) < 0.2
 
 
