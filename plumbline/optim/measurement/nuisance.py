@@ -1,8 +1,8 @@
 r"""What is always fitted and never blamed: the device's frame, the tool, sockets.
 
-The device's frame starts from the best rigid match of nominal and measured tips (Umeyama 1991,
-eqs. 40-42) and is corrected by a small twist in symbols, so that it is smooth wherever it is. Where
-it is not fitted the readings are in the robot's base frame: a match would hide a part of the gap.
+The device's frame starts from the best match of what the model says and what was measured, and is
+corrected by a small twist in symbols, so that it is smooth wherever it is. Where it is not fitted
+the readings are in the robot's base frame: a match would hide a part of the gap.
 
 Planes and markers: what a range should have read, and how far planes and CT's slices reach.
 
@@ -20,7 +20,6 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-import scipy
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import State
@@ -33,10 +32,10 @@ from plumbline.optim.measurement.constants import (
     TOOL_SCALE,
     WIDE_BOUNDS,
 )
+from plumbline.optim.measurement.registering import registered, tool_turn
 from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording, Session, one_hot_sockets, socket_labels
 from plumbline.optim.recording.session import apart
-from plumbline.optim.rigid import nearest_rotation, rigid_match
 
 Anchor = tuple[Array, Array]
 
@@ -103,25 +102,19 @@ def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance
     return _device_frame(recording, anchor)
 
 
-def _registered(recording: Recording) -> Anchor:
-    tips = recording.chain.tips(recording.q, recording.tool_offset)
-    measured = recording.measured[:, :3]
-    return rigid_match(tips, measured), measured.mean(axis=0)
-
-
 def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
     names: list[str] = []
     symbols: list[cs.SX] = []
     scales: list[float] = []
     parts: dict[str, Any] = {}
     if "frame" in recording.always:
-        parts["anchor"] = T_start, centre = anchor or _registered(recording)
+        anchor = anchor or (registered(recording), recording.measured[:, :3].mean(axis=0))
+        parts["anchor"] = T_start, centre = anchor
         shift, turn = cs.SX.sym("frame_t", 3), cs.SX.sym("frame_w", 3)
-        registered = constant(T_start[:3, :3])
         # Turned about the middle of the data, where turn and shift are least entangled.
         R = rotation(turn)
         t = constant(centre) + R @ constant(T_start[:3, 3] - centre) + shift
-        parts["T_device_world"] = Transform(R @ registered, t)
+        parts["T_device_world"] = Transform(R @ constant(T_start[:3, :3]), t)
         names += [f"frame {c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
         symbols += [shift, turn]
         scales += [FRAME_SCALE[0]] * 3 + [FRAME_SCALE[1]] * 3
@@ -129,19 +122,8 @@ def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
         parts |= _tool(names, symbols, scales, recording.kind.oriented)
     start = np.zeros(len(names))
     if "R_tip_tool" in parts:
-        start[-3:] = _tool_turn(recording, parts["anchor"][0] if "anchor" in parts else np.eye(4))
+        start[-3:] = tool_turn(recording, parts["anchor"][0] if "anchor" in parts else np.eye(4))
     return Nuisance(cs.vertcat(*symbols), tuple(names), np.array(scales), start, **parts)
-
-
-def _tool_turn(recording: Recording, T_device_world: Array) -> Array:
-    """Rotation vector (3,) of the tool on the tip, by the mean over the rows [rad].
-
-    What is tracked may be mounted in any way, and of a half turn no pose's residual has a slope.
-    """
-    R_device_tip = T_device_world[:3, :3] @ recording.chain.placement(recording.q)[:, :3, :3]
-    seen = scipy.spatial.transform.Rotation.from_quat(recording.measured[:, 3:], scalar_first=True)
-    mean = nearest_rotation(np.einsum("nji,njk->ik", R_device_tip, seen.as_matrix()))
-    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(mean).as_rotvec())
 
 
 def _tool(
