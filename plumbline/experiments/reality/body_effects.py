@@ -25,7 +25,7 @@ class LinkGeometry(LinkMechanism):
     weights: Vector = (1.0, 0.0, 0.0)
     effect, limit = "link_geometry", 0.01
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         d, a, alpha = scene.shape.d.copy(), scene.shape.a.copy(), scene.shape.alpha.copy()
         for table, weight in zip((d, a, alpha), self.weights, strict=True):
             table[:, self.link - 1] += self.size * weight
@@ -47,7 +47,7 @@ class LinkThermal(Mechanism):
     reference: float = 20.0
     effect, limit, typical, named = "link_thermal", 5e-4, 2e-5, ("expansion", "reference")
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         growth = 1.0 + self.size * (scene.session.warmth - self.reference)[:, None]
         shape = replace(scene.shape, d=scene.shape.d * growth, a=scene.shape.a * growth)
         return replace(scene, shape=shape)
@@ -66,7 +66,7 @@ class LinkFlex(LinkMechanism):
 
     effect, limit, typical, named = "link_flex", 1e-2, 1e-5, ("bending_compliance",)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         i, frames = self.link - 1, scene.frames()
         force, moment = loads(scene.arm, frames)
         outboard = self.link < scene.arm.joints
@@ -75,9 +75,7 @@ class LinkFlex(LinkMechanism):
         f = _into(turn, force[:, self.link] if outboard else none)
         m = _into(turn, moment[:, self.link] if outboard else none)
         own = _into(turn, np.tile(scene.arm.mass[i] * scene.arm.gravity, (len(turn), 1)))
-        flex = scene.shape.flex.copy()
-        flex[:, i] += self.size * cantilever(link_vector(scene, i), f, m, own)
-        return replace(scene, shape=replace(scene.shape, flex=flex))
+        return scene.flexed(i, self.size * cantilever(link_vector(scene, i), f, m, own))
 
 
 def _into(turn: Array, vector: Array) -> Array:
@@ -116,7 +114,7 @@ class JointTilt(Mechanism):
     unequal: float = 0.0
     effect, limit, typical = "joint_tilt", 1e-2, 1e-6
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         frames = scene.frames()
         _, moment = loads(scene.arm, frames)
         housing, end = frames[:, self.joint - 1], frames[:, self.joint]
@@ -125,11 +123,9 @@ class JointTilt(Mechanism):
         lean = np.einsum("nij,nj->ni", housing[:, :3, :3], lean)
         reach = end[:, :3, 3] - housing[:, :3, 3]
         moved = np.einsum("nij,nj->ni", rotations(lean), reach) - reach
-        flex = scene.shape.flex.copy()
         inside = np.swapaxes(end[:, :3, :3], 1, 2)
-        flex[:, self.joint - 1, :3] += np.einsum("nij,nj->ni", inside, moved)
-        flex[:, self.joint - 1, 3:] += np.einsum("nij,nj->ni", inside, lean)
-        return replace(scene, shape=replace(scene.shape, flex=flex))
+        both = [np.einsum("nij,nj->ni", inside, part) for part in (moved, lean)]
+        return scene.flexed(self.joint - 1, np.hstack(both))
 
     def parameters(self) -> dict[str, object]:
         """Compliance about two directions across the axis [rad/(N m)]."""
@@ -142,11 +138,10 @@ class BaseMotion(Mechanism, ABC):
 
     weights: Vector = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         course = self._course(scene.session.progress)
-        return replace(
-            scene, base=scene.base + self.size * course[:, None] * np.array(self.weights)
-        )
+        moved = self.size * course[:, None] * np.array(self.weights)
+        return replace(scene, base=scene.base + moved)
 
     @abstractmethod
     def _course(self, progress: Array) -> Array:
@@ -193,12 +188,10 @@ class BaseCompliance(Mechanism):
     unequal: float = 0.1
     effect, limit, typical = "base_compliance", 1e-3, 1e-5
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         _, moment = loads(scene.arm, scene.frames())
         axes = np.array([1.0 + self.unequal, 1.0 - self.unequal, 0.0])
-        base = scene.base.copy()
-        base[:, 3:] += self.size * moment[:, 0] * axes
-        return replace(scene, base=base)
+        return scene.turned_base(self.size * moment[:, 0] * axes)
 
     def parameters(self) -> dict[str, object]:
         """Tilt compliance about x and y [rad/(N m)]."""

@@ -12,11 +12,13 @@ from plumbline.experiments.reality.arm import Arm, Array, forward, placed, rotat
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.draws import ORDER, SIGNED, draw, offered, outside_offered
 from plumbline.experiments.reality.gap import scaled
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.recorder import Case
 from plumbline.experiments.reality.scene import Mechanism, Scene
 from plumbline.experiments.reality.session import draw_session, socketed
 from plumbline.experiments.reality.unseen import unseen_offered
 
+RANGES = Ranges("case")
 KINDS = ("single", "pair", "none", "outside", "unseen")
 OBSERVATIONS = ("tip_position", "pose", "fixed_point", "joint_position")
 TRIES = 400  # scenes that are drawn until one gives the gap that is asked for
@@ -80,7 +82,7 @@ def _names(plan: Plan, rng: np.random.Generator) -> tuple[str, ...]:
 def _set_up(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Case:
     """An arm at work, nothing wrong yet."""
     arm = _arm(plan, rng)
-    real = arm.with_mass(arm.mass * rng.uniform(0.9, 1.1, arm.joints))
+    real = arm.with_mass(arm.mass * RANGES.many("mass", rng, arm.joints))
     reach = float(np.abs(arm.a).sum() + np.abs(arm.d).sum())
     nominal = _tool(min(reach, 1.5), rng)
     tool = nominal + rng.normal(0.0, 2e-3, 3)
@@ -94,11 +96,11 @@ def _set_up(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Cas
         q, sockets = socketed(real, rows, tool, rng)
         session = replace(session, q=q)
     if "needle_bending" in names or (plan.forced and rng.random() < plan.forced):
-        session = replace(session, force=rng.normal(0.0, rng.uniform(0.3, 3.0), (rows, 3)))
+        session = replace(session, force=rng.normal(0.0, RANGES.one("force", rng), (rows, 3)))
     scene = Scene.ideal(real, session, tool, looking_at(real, session.q, rng))
-    noise = float(np.exp(rng.uniform(np.log(2e-5), np.log(2e-4)))) * max(reach / 1.5, 0.5)
+    noise = RANGES.one("noise", rng) * max(reach / 1.5, 0.5)
     if plan.observation == "joint_position":
-        noise = float(np.exp(rng.uniform(np.log(1e-5), np.log(1e-4))))
+        noise = RANGES.one("encoder_noise", rng)
     return Case(
         "", plan.kind, plan.observation, arm, scene, (), nominal, float(f"{noise:.3g}"), (), 0,
         plan.known_noise, moving=moving, sockets=sockets,
@@ -114,9 +116,9 @@ def _arm(plan: Plan, rng: np.random.Generator) -> Arm:
 
 def _tool(reach: float, rng: np.random.Generator) -> Array:
     """A nominal tool offset (3,) [m], on the last axis in three cases of ten."""
-    aside = 0.0 if rng.random() < 0.3 else rng.uniform(0.02, 0.1) * reach
+    aside = 0.0 if rng.random() < 0.3 else RANGES.one("tool_aside", rng) * reach
     turn = rng.uniform(0.0, 2.0 * np.pi)
-    along = rng.uniform(0.05, 0.25) * reach
+    along = RANGES.one("tool_along", rng) * reach
     return np.round([aside * np.cos(turn), aside * np.sin(turn), along], 3)
 
 
@@ -131,7 +133,7 @@ def looking_at(arm: Arm, q: Array, rng: np.random.Generator) -> Array:
     side /= np.linalg.norm(side)
     aim = rotations(rng.normal(0.0, 0.05, 3))
     R = aim @ np.stack([side, np.cross(towards, side), towards])
-    return placed(R, -R @ (centre - towards * size * rng.uniform(1.5, 2.5)))
+    return placed(R, -R @ (centre - towards * size * RANGES.one("away", rng)))
 
 
 def _effects(
@@ -155,4 +157,4 @@ def _effects(
 
 def _thermometer(rng: np.random.Generator) -> float | None:
     """Lag of the thermometer on the arm [s], or None for one that hangs in the air."""
-    return float(rng.uniform(40.0, 180.0)) if rng.random() < 0.6 else None
+    return RANGES.one("lag", rng) if rng.random() < 0.6 else None

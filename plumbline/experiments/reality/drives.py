@@ -13,7 +13,6 @@ Mechanisms that no library lists: breakaway (the joint sticks until the error is
 close), cogging, a drive that weakens as it warms, packets that are lost, a loop that rings.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,8 +22,10 @@ from numpy.typing import NDArray
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.cases import Plan
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.recorder import Recording, numbered, write
 
+RANGES = Ranges("drive")
 FINE = 10  # steps within a sample
 GRAVITY = 9.81  # m/s^2
 JOINTS = 2  # of the plane arm
@@ -167,37 +168,27 @@ def _joint(motor: Array, w: Wrong) -> Array:
     return out
 
 
-Strength = Callable[[np.random.Generator], float]
-
-
-def _log(low: float, high: float) -> Strength:
-    return lambda rng: float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _signed(low: float, high: float) -> Strength:
-    return lambda rng: float(rng.choice([-1.0, 1.0]) * _log(low, high)(rng))
-
-
-# What the library lists: the field that is wrong, and how much [rad, s, rad/s, rad/(N m) or 1].
-INSIDE: dict[str, tuple[str, Strength]] = {
-    "actuation_delay": ("delay", _log(0.01, 0.12)),
-    "actuation_lag": ("lag", _log(0.01, 0.15)),
-    "actuation_gain": ("gain", _signed(0.02, 0.2)),
-    "actuation_offset": ("offset", _signed(0.005, 0.1)),
-    "actuation_play": ("play", _log(0.004, 0.05)),
-    "actuation_deadband": ("deadband", _log(0.005, 0.05)),
-    "velocity_limit": ("fastest", _log(0.3, 0.7)),
-    "acceleration_limit": ("steepest", _log(0.5, 3.0)),
-    "servo_stiffness": ("compliance", _log(0.002, 0.02)),
-    "servo_bandwidth": ("bandwidth", _log(1.0, 4.0)),
+# What the library lists, by the field that is wrong; ``ranges.toml`` has how much.
+INSIDE: dict[str, str] = {
+    "actuation_delay": "delay",
+    "actuation_lag": "lag",
+    "actuation_gain": "gain",
+    "actuation_offset": "offset",
+    "actuation_play": "play",
+    "actuation_deadband": "deadband",
+    "velocity_limit": "fastest",
+    "acceleration_limit": "steepest",
+    "servo_stiffness": "compliance",
+    "servo_bandwidth": "bandwidth",
 }
-# What nobody lists, and what it goes by.
-OUTSIDE: dict[str, tuple[str, Strength, tuple[str, ...]]] = {
-    "breakaway": ("breakaway", _log(0.01, 0.05), ("motion",)),
-    "cogging": ("cogging", _log(0.005, 0.03), ("angle",)),
-    "thermal_derating": ("fading", _log(0.05, 0.3), ("time",)),
-    "lost_packets": ("lost", _log(0.1, 0.6), ("command",)),
-    "ringing_loop": ("ringing", _log(1.0, 3.0), ("velocity",)),
+SIGNED = ("gain", "offset")
+# What nobody lists: the field, and what it goes by.
+OUTSIDE: dict[str, tuple[str, str]] = {
+    "breakaway": ("breakaway", "motion"),
+    "cogging": ("cogging", "angle"),
+    "thermal_derating": ("fading", "time"),
+    "lost_packets": ("lost", "command"),
+    "ringing_loop": ("ringing", "velocity"),
 }
 
 
@@ -208,10 +199,10 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         PlumblineError: What was drawn makes no gap to speak of.
     """
     rng = np.random.default_rng(seed)
-    plane = Plane(tuple(rng.uniform(0.2, 0.5, 2)), tuple(rng.uniform(0.5, 4.0, 2)))
+    plane = Plane(*(tuple(RANGES.many(name, rng, 2)) for name in ("length", "mass")))
     t, u = commands(rng)
     named = _named(plan, rng)
-    sizes = [_drawn(name)[1](rng) for name, _ in named]
+    sizes = [_strength(_field(name), rng) for name, _ in named]
     wrongs = _wrongs(named, sizes)
     q = u
     for _ in range(YIELDS):
@@ -222,7 +213,7 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         for one, size in zip(named, sizes, strict=True)
     ]
     ratio = float(np.exp(rng.uniform(*np.log(plan.gap))))
-    noise = min(gaps) / ratio if gaps else float(np.exp(rng.uniform(np.log(1e-4), np.log(5e-3))))
+    noise = min(gaps) / ratio if gaps else RANGES.one("noise", rng)
     if gaps and not noise > 1e-5:
         raise PlumblineError(f"{named}: a gap of {min(gaps):.2g} rad")
     drawn = rng.normal(0.0, noise, q.shape)
@@ -232,7 +223,7 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
             "effect": effect,
             "element": j + 1,
             "parameters": {"size": size, "stage": "actuation"}
-            | ({"depends_on": list(OUTSIDE[effect][2])} if effect in OUTSIDE else {}),
+            | ({"depends_on": [OUTSIDE[effect][1]]} if effect in OUTSIDE else {}),
             "gap_to_noise": gap / noise,
         }
         for (effect, j), size, gap in zip(named, sizes, gaps, strict=True)
@@ -259,10 +250,10 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
 def commands(rng: np.random.Generator) -> tuple[Array, Array]:
     """Times (N,) [s] and commands (N, 2) [rad]: sines, faster ones, slow lines and holds."""
     dt = float(rng.choice([0.005, 0.01, 0.02]))
-    t = np.arange(0.0, float(rng.uniform(40.0, 80.0)), dt)
+    t = np.arange(0.0, RANGES.one("lasts", rng), dt)
     u = np.zeros((len(t), JOINTS))
     for j in range(JOINTS):
-        for f in np.exp(rng.uniform(np.log(0.03), np.log(1.5), 5)):
+        for f in RANGES.many("frequency", rng, 5):
             u[:, j] += 0.3 / (1 + 2 * f) * np.sin(2 * np.pi * (f * t + rng.random()))
         still = rng.random(max(int(t[-1] / 4), 1)) < 0.2
         rate = np.where(still[np.minimum((t / 4).astype(int), len(still) - 1)], 0.0, 1.0)
@@ -282,14 +273,17 @@ def _named(plan: Plan, rng: np.random.Generator) -> list[tuple[str, int]]:
 def _wrongs(named: list[tuple[str, int]], sizes: list[float]) -> list[Wrong]:
     wrongs = [Wrong()] * JOINTS
     for (name, j), size in zip(named, sizes, strict=True):
-        wrongs[j] = replace(wrongs[j], **{_drawn(name)[0]: size})
+        wrongs[j] = replace(wrongs[j], **{_field(name): size})
     return wrongs
 
 
-def _drawn(name: str) -> tuple[str, Strength]:
-    """The field of a drive that a mechanism changes, and how its strength is drawn."""
-    field, strength, *_ = INSIDE.get(name) or OUTSIDE[name]
-    return field, strength
+def _field(name: str) -> str:
+    return INSIDE[name] if name in INSIDE else OUTSIDE[name][0]
+
+
+def _strength(field: str, rng: np.random.Generator) -> float:
+    sign = float(rng.choice([-1.0, 1.0])) if field in SIGNED else 1.0
+    return sign * RANGES.one(field, rng)
 
 
 def _moved(t: Array, u: Array, load: Array, wrongs: list[Wrong], rng: np.random.Generator) -> Array:

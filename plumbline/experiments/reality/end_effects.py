@@ -27,7 +27,7 @@ class ToolSlip(Mechanism):
     moments: Vector = ()
     effect, limit = "tool_slip", 0.02
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         session = scene.session
         stretch = np.searchsorted(np.asarray(self.moments), session.progress, side="right")
         if not self.moments:
@@ -53,7 +53,7 @@ class NeedleSag(Mechanism):
     axis: Vector = (0.0, 0.0, 1.0)
     effect, limit, named = "needle_sag", 0.02, ("sag",)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         along = scene.frames()[:, -1, :3, :3] @ np.array(self.axis)
         down = scene.arm.gravity / np.linalg.norm(scene.arm.gravity)
         across = down - along * (along @ down)[:, None]
@@ -70,7 +70,7 @@ class NeedleBending(Mechanism):
     axis: Vector = (0.0, 0.0, 1.0)
     effect, limit, typical, named = "needle_bending", 0.02, 1e-4, ("compliance",)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         if scene.session.force is None:
             raise PlumblineError("needle_bending without forces: record them")
         axis, force = np.array(self.axis), scene.session.force
@@ -87,7 +87,7 @@ class SensorScale(Mechanism):
 
     effect, limit, named = "sensor_scale", 0.02, ("scale",)
 
-    def _sense(self, points: Array, session: Session) -> Array:
+    def sense(self, points: Array, session: Session) -> Array:
         return points * (1.0 + self.size)
 
 
@@ -103,7 +103,7 @@ class SensorDistortion(Mechanism):
     form: str = "radial"
     effect, limit, named = "sensor_distortion", 0.3, ("coefficient", "form")
 
-    def _sense(self, points: Array, session: Session) -> Array:
+    def sense(self, points: Array, session: Session) -> Array:
         depth = points[:, 2:]
         if self.form == "depth":
             return points * (1.0 + self.size * depth)
@@ -128,7 +128,7 @@ class Respiration(Mechanism):
     effect, limit = "respiration", 0.03
     named = ("amplitude", "period", "direction", "phase", "power")
 
-    def _sense(self, points: Array, session: Session) -> Array:
+    def sense(self, points: Array, session: Session) -> Array:
         angle = np.pi * session.time / self.period + self.phase
         breath = 1.0 - np.cos(angle) ** (2 * self.power)
         return np.asarray(points + self.size * breath[:, None] * np.array(self.direction))

@@ -24,7 +24,7 @@ class JointMechanism(Mechanism, ABC):
         """The joint's encoder readings (N,)."""
         return scene.session.q[:, self.joint - 1]
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         q = scene.q.copy()
         q[:, self.joint - 1] += self._error(scene)
         return replace(scene, q=q)
@@ -199,7 +199,7 @@ class Payload(Mechanism):
     stiffness: tuple[float, ...] = ()
     effect, limit, typical, named = "payload", 300.0, 1.0, ("mass", "stiffness")
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         frames, tip = scene.tip()
         torque = point_torque(scene.arm, frames, tip, self.size * scene.arm.gravity)
         return replace(scene, q=scene.q + torque / np.asarray(self.stiffness))
@@ -211,5 +211,5 @@ class Latency(Mechanism):
 
     effect, limit, named = "latency", 0.2, ("delay",)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         return replace(scene, q=scene.q - self.size * scene.session.velocity)

@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.recorder import quaternions
 
+RANGES = Ranges("motion")
 WARM_UP = 1.0  # s
 KP, KD = 900.0, 60.0  # per unit of the inertia that a motor moves
 ROTOR = 0.8  # kg m^2 (kg for a slide): a rotor's inertia behind its gear
@@ -59,16 +61,16 @@ class Course:
     def draw(cls, arm: Arm, rows: int, rng: np.random.Generator) -> Course:
         """A path within the joint range, at most about 1 rad/s, read every 0.05 to 0.2 s."""
         half = 0.5 * (arm.upper - arm.lower)
-        swing = half * rng.uniform(0.25, 0.45, (2, arm.joints))
-        speed = rng.uniform(0.15, 0.5, (2, arm.joints)) * np.where(arm.prismatic, 0.15, 1.0)
-        times = np.cumsum(rng.uniform(0.8, 1.2, rows) * rng.uniform(0.05, 0.2))
+        swing = half * RANGES.many("swing", rng, (2, arm.joints))
+        speed = RANGES.many("speed", rng, (2, arm.joints)) * np.where(arm.prismatic, 0.15, 1.0)
+        times = np.cumsum(RANGES.many("uneven", rng, rows) * RANGES.one("period", rng))
         return cls(
             0.5 * (arm.upper + arm.lower),
             swing,
             speed / swing,
             rng.uniform(0.0, 2.0 * np.pi, (2, arm.joints)),
             times,
-            float(rng.uniform(0.0, 8e-3)),
+            RANGES.one("delay", rng),
         )
 
     def at(self, time: Array) -> tuple[Array, Array]:

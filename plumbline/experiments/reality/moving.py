@@ -25,9 +25,11 @@ from plumbline.experiments.reality.joint_effects import (
     Payload,
 )
 from plumbline.experiments.reality.motion import STIFFEST, Course, Drive, Motion, Trouble, move
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.recorder import Case, Recording, numbered, settings, truth, write
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session
 
+RANGES = Ranges("moving")
 ARM_NAMES = ("ur3", "ur5", "ur10", "vs060", "lbr")
 OBSERVATIONS = ("tip_position", "joint_position")
 LEAST_NOISE, MOST_NOISE = 1e-6, 1e-3  # m or rad: what instruments have
@@ -83,7 +85,7 @@ class TipForce(Mechanism):
     effect, named = "tip_force", ("stiffness",)
     depends = ("position",)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         frames, tip = scene.tip()
         unit = point_torque(scene.arm, frames, tip, np.array([1.0, 0.0, 0.0]))
         push = -self.size * (tip[:, :1] - self.origin)
@@ -96,38 +98,38 @@ Wrong = tuple[Trouble, Mechanism]
 def _compliance(arm: Arm, rng: np.random.Generator) -> Wrong:
     load = _loads(arm, rng)
     joint = int(rng.choice(np.flatnonzero(load >= 0.2 * load.max())))
-    size = float(np.exp(rng.uniform(np.log(5e-6), np.log(5e-5))))
+    size = RANGES.one("compliance", rng)
     return Trouble({joint: Drive(1.0 / size)}), JointCompliance(size, joint + 1, stiffening=0.0)
 
 
 def _backlash(arm: Arm, rng: np.random.Generator) -> Wrong:
     """Play shows with the side of approach where a bearing's drag outweighs the load."""
     joint = _unloaded(arm, rng)
-    width = float(np.exp(rng.uniform(np.log(2e-4), np.log(3e-3))))
+    width = RANGES.one("play", rng)
     drag = (25.0, 25.0, 1.0)
     return Trouble({joint: Drive(play=width)}, friction={joint: drag}), Backlash(width, joint + 1)
 
 
 def _latency(arm: Arm, rng: np.random.Generator) -> Wrong:
-    size = float(rng.uniform(2e-3, 3e-2))
+    size = RANGES.one("latency", rng)
     return Trouble(latency=size), Latency(size)
 
 
 def _payload(arm: Arm, rng: np.random.Generator) -> Wrong:
-    size = float(rng.uniform(0.15, 0.5) * arm.mass.sum())
+    size = float(RANGES.one("payload", rng) * arm.mass.sum())
     drives = {i: Drive() for i in range(arm.joints)}
     return Trouble(drives, payload=size), Payload(size, (STIFFEST,) * arm.joints)
 
 
 def _friction(arm: Arm, rng: np.random.Generator) -> Wrong:
     joint = _unloaded(arm, rng)
-    coulomb, dip, slow = rng.uniform(5, 15), rng.uniform(1, 3), rng.uniform(0.05, 0.2)
+    coulomb, dip, slow = (RANGES.one(name, rng) for name in ("coulomb", "dip", "slow"))
     found = Trouble({joint: Drive(2e4)}, friction={joint: (coulomb, coulomb * (1 + dip), slow)})
-    return found, Friction(float(coulomb / 2e4), joint + 1, dip=float(dip), slow=float(slow))
+    return found, Friction(coulomb / 2e4, joint + 1, dip=dip, slow=slow)
 
 
 def _tip_force(arm: Arm, rng: np.random.Generator) -> Wrong:
-    size = float(rng.uniform(50.0, 300.0))
+    size = RANGES.one("tissue", rng)
     return Trouble({i: Drive() for i in range(arm.joints)}, tissue=size), TipForce(size)
 
 
@@ -178,9 +180,9 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         known = ", ".join(allowed) or "nothing"
         raise PlumblineError(f"moving cases know {known} of this kind for {plan.observation}")
     arm = ARMS[str(rng.choice([a for a in ARM_NAMES if not plan.arms or a in plan.arms]))]()
-    real = arm.with_mass(arm.mass * rng.uniform(0.9, 1.1, arm.joints))
+    real = arm.with_mass(arm.mass * Ranges("case").many("mass", rng, arm.joints))
     rows = int(rng.integers(plan.rows[0], plan.rows[1] + 1))
-    nominal = np.round([rng.uniform(0.03, 0.1), 0.0, rng.uniform(0.05, 0.2)], 3)
+    nominal = np.round([RANGES.one("tool_aside", rng), 0.0, RANGES.one("tool_along", rng)], 3)
     tool = nominal + rng.normal(0.0, 2e-3, 3)
     course = Course.draw(real, rows, rng)
     trouble = Trouble()
@@ -190,7 +192,7 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         trouble, mechanism = DRAWS[str(rng.choice(names))](real, rng)
         mechanisms = (mechanism,)
     found = _scored(real, tool, course, trouble, plan.observation, rng)
-    sigma = found.gap / ratio if mechanisms else float(np.exp(rng.uniform(-10.8, -8.5)))
+    sigma = found.gap / ratio if mechanisms else float(np.exp(RANGES.one("log_noise", rng)))
     if not LEAST_NOISE <= sigma <= MOST_NOISE:
         raise PlumblineError(f"{name}: a gap of {found.gap:.2g} asks for a noise of {sigma:.2g}")
     case = Case(

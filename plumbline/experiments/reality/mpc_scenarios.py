@@ -21,8 +21,10 @@ from numpy.typing import ArrayLike
 
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.instruments import Instruments, Mismatch
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.task import BRISK, DEPTHS, LOOKED, Scenario, Swing
 
+RANGES = Ranges("needles")
 CLEAR = 4.0  # [mm] between any two capsules at start and goal
 TRIES = 4000  # starts and goals that are drawn until a task is clear
 BLOCKED = 2.0  # [mm] that the straight way comes short of
@@ -60,7 +62,7 @@ def _at_depths(rng: np.random.Generator, draft: Draft) -> Draft:
 
 def scaled(rng: np.random.Generator, make: Callable[[np.random.Generator, float], Draft]) -> Draft:
     """A scene nearer to its trocars or farther from them; what is narrow stays as narrow."""
-    scale = rng.uniform(0.4, 1.7)
+    scale = RANGES.one("scale", rng)
     trocars, starts, goals, obstacles = make(rng, scale)
     placed = tuple(replace(o, ends=scale * o.ends, way=scale * o.way) for o in obstacles)
     return scale * trocars, scale * starts, scale * goals, placed
@@ -68,9 +70,9 @@ def scaled(rng: np.random.Generator, make: Callable[[np.random.Generator, float]
 
 def crossing(rng: np.random.Generator) -> Draft:
     """Two tips swap sides, so that the shafts cross."""
-    half = rng.uniform(30, 55)
+    half = RANGES.one("half", rng)
     trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + rng.normal(0, 4, (2, 3))
-    far, depth = rng.uniform(20, 40), rng.uniform(95, 140)
+    far, depth = RANGES.one("far", rng), RANGES.one("deep", rng)
     left = np.array([-far, 0, -depth]) + rng.normal(0, 5, 3)
     right = np.array([far, 0, -depth]) + rng.normal(0, 5, 3)
     ends = np.stack([left, right])
@@ -80,10 +82,10 @@ def crossing(rng: np.random.Generator) -> Draft:
 
 def parallel(rng: np.random.Generator) -> Draft:
     """Two shafts side by side that sweep past each other, nearly parallel all the while."""
-    half = rng.uniform(6, 9)
+    half = RANGES.one("close", rng)
     trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + np.array([0, 0, 1]) * rng.normal(0, 3)
-    near, sweep = rng.uniform(-1, 3), rng.uniform(25, 40)
-    depth = rng.uniform(100, 140) + np.array([0.0, rng.normal(0, 5)])
+    near, sweep = RANGES.one("near", rng), RANGES.one("sweep", rng)
+    depth = RANGES.one("pass_depth", rng) + np.array([0.0, rng.normal(0, 5)])
     starts = np.array([[-near, -sweep, -depth[0]], [near, sweep, -depth[1]]])
     goals = np.array([[-near, sweep, -depth[0]], [near, -sweep, -depth[1]]])
     return _at_depths(rng, (trocars, starts, goals + rng.normal(0, 2, (2, 3)), ()))
@@ -92,30 +94,28 @@ def parallel(rng: np.random.Generator) -> Draft:
 def narrow_gap(rng: np.random.Generator, scale: float) -> Draft:
     """One of two instruments passes between two rods hardly farther apart than its shaft."""
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
-    radius, gap = rng.uniform(3, 6), rng.uniform(12, 16)
-    x = rng.uniform(-15, 0)
+    radius, gap, x = (RANGES.one(name, rng) for name in ("rod", "gap", "gap_at"))
     rods = []
     for side in (-1.0, 1.0):
         y = side * (gap / 2 + radius) / scale
         rods.append(_swing([x, y, -170], [x, y + side * 6, -60], radius))
-    starts = np.array([[x - 35, 0, -110], [50, rng.uniform(-20, 20), -110]])
-    goals = np.array([[x + 25, 0, -110], [65, rng.uniform(-20, 20), -120]])
+    starts = np.array([[x - 35, 0, -110], [50, RANGES.one("off", rng), -110]])
+    goals = np.array([[x + 25, 0, -110], [65, RANGES.one("off", rng), -120]])
     return trocars, starts + rng.normal(0, 4, (2, 3)), goals + rng.normal(0, 4, (2, 3)), tuple(rods)
 
 
 def dead_end(rng: np.random.Generator, _: float) -> Draft:
     """A wall of rods between tip and goal: the straight way ends in a pocket."""
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
-    width, radius = rng.uniform(14, 24), 4.0
-    depth = rng.uniform(100, 125)
-    x = rng.uniform(-12, -4)
+    width, depth, x = (RANGES.one(name, rng) for name in ("width", "wall_depth", "wall_at"))
+    radius = 4.0
     wall = _swing([x, -width, -depth], [x, width, -depth], radius)
     arms = [
-        _swing([x, side * width, -depth], [x - rng.uniform(10, 20), side * width, -depth], radius)
-        for side in (-1.0, 1.0)
+        _swing([x, y, -depth], [x - RANGES.one("pocket", rng), y, -depth], radius)
+        for y in (-width, width)
     ]
-    starts = np.array([[x - 35, 0, -depth - 8], [50, rng.uniform(-20, 20), -110]])
-    goals = np.array([[x + 22, 0, -depth - 8], [62, rng.uniform(-20, 20), -120]])
+    starts = np.array([[x - 35, 0, -depth - 8], [50, RANGES.one("off", rng), -110]])
+    goals = np.array([[x + 22, 0, -depth - 8], [62, RANGES.one("off", rng), -120]])
     noise = rng.normal(0, 4, (2, 2, 3))
     return trocars, starts + noise[0], goals + noise[1], (wall, *arms)
 
@@ -124,13 +124,13 @@ def moving_obstacle(rng: np.random.Generator, scale: float) -> Draft:
     """Spheres or rods swing across the way of two instruments."""
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     obstacles = []
-    for _ in range(int(rng.integers(1, 4))):
-        middle = np.array([rng.uniform(-25, 25), rng.uniform(-15, 15), rng.uniform(-150, -90)])
-        along = rng.normal(size=3) * rng.uniform(0, 12) * (rng.random() < 0.5)
+    for _ in range(RANGES.whole("swings", rng)):
+        middle = np.array([RANGES.one(axis, rng) for axis in ("across", "along", "height")])
+        along = rng.normal(size=3) * RANGES.one("rod_half", rng) * (rng.random() < 0.5)
         way = rng.normal(size=3) * np.array([8, 12, 8])
         speed = rng.uniform(5.0, EVADED)  # [mm/s], at the middle of the swing
         rate = min(speed / max(scale * float(np.linalg.norm(way)), 1.0), 1.5)
-        radius = rng.uniform(3, 7)
+        radius = RANGES.one("body", rng)
         swing = _swing(middle - along, middle + along, radius, way, rate)
         obstacles.append(replace(swing, phase=rng.uniform(0, 2 * np.pi)))
     starts = np.array([[-35.0, 0, -115], [35.0, 0, -115]]) + rng.normal(0, 10, (2, 3))
@@ -143,11 +143,11 @@ def ring(rng: np.random.Generator, count: int) -> Draft:
     angles = 2 * np.pi * np.arange(count) / count + rng.uniform(0, 2 * np.pi)
     angles = angles + rng.normal(0, 0.1, count)
     circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
-    trocars = rng.uniform(50, 65) * circle
-    depth = np.array([0, 0, -1]) * rng.uniform(95, 135, (count, 1))
-    starts = rng.uniform(18, 35) * circle + depth + rng.normal(0, 5, (count, 3))
+    trocars = RANGES.one("circle", rng) * circle
+    depth = np.array([0, 0, -1]) * RANGES.many("ring_depth", rng, (count, 1))
+    starts = RANGES.one("inner", rng) * circle + depth + rng.normal(0, 5, (count, 3))
     turn = rng.permutation(count)
-    goals = rng.uniform(18, 35) * circle[turn] + depth[turn] + rng.normal(0, 5, (count, 3))
+    goals = RANGES.one("inner", rng) * circle[turn] + depth[turn] + rng.normal(0, 5, (count, 3))
     return _at_depths(rng, (trocars, starts, goals, ()))
 
 
@@ -161,7 +161,7 @@ def _anywhere(rng: np.random.Generator, trocars: Array, depths: tuple[float, flo
 
 def shallow(rng: np.random.Generator) -> Draft:
     """Tips hardly behind trocars that are close: outer ends sweep far, and fast."""
-    half = rng.uniform(8.0, 30.0)
+    half = RANGES.one("shallow", rng)
     trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + np.array([0, 0, 1]) * rng.normal(0, 3)
     starts, goals = (_anywhere(rng, trocars, (DEPTHS[0], 30.0)) for _ in range(2))
     return trocars, starts, goals, ()
@@ -170,18 +170,20 @@ def shallow(rng: np.random.Generator) -> Draft:
 def _flier(rng: np.random.Generator, aim: Array, when: float) -> Swing:
     """A sphere or a rod that flies straight through a point at a time, at up to 1 m/s."""
     way = rng.normal(size=3)
-    drift = float(np.exp(rng.uniform(np.log(50.0), np.log(1000.0)))) * way / np.linalg.norm(way)
-    half = rng.normal(size=3) * rng.uniform(0, 10) * (rng.random() < 0.5)
+    drift = RANGES.one("fast", rng) * way / np.linalg.norm(way)
+    half = rng.normal(size=3) * RANGES.one("flier_half", rng) * (rng.random() < 0.5)
     middle, velocity = aim - when * drift, (float(drift[0]), float(drift[1]), float(drift[2]))
-    flier = _swing(middle - half, middle + half, rng.uniform(1.5, 5.0))
+    flier = _swing(middle - half, middle + half, RANGES.one("flier", rng))
     return replace(flier, drift=velocity)
 
 
 def _swinger(rng: np.random.Generator, middle: Array) -> Swing:
     way = rng.normal(size=3)
-    way *= rng.uniform(10.0, 60.0) / np.linalg.norm(way)
-    speed = float(np.exp(rng.uniform(np.log(50.0), np.log(1000.0))))
-    swing = _swing(middle, middle, rng.uniform(1.5, 5.0), way, speed / float(np.linalg.norm(way)))
+    way *= RANGES.one("swing", rng) / np.linalg.norm(way)
+    speed = RANGES.one("fast", rng)
+    swing = _swing(
+        middle, middle, RANGES.one("flier", rng), way, speed / float(np.linalg.norm(way))
+    )
     return replace(swing, phase=rng.uniform(0, 2 * np.pi))
 
 
@@ -189,7 +191,7 @@ def fast_obstacle(rng: np.random.Generator) -> Draft:
     """One or two obstacles that fly past or swing at up to a metre a second."""
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     starts, goals = _crossed(rng, trocars)
-    return trocars, starts, goals, _fast(rng, trocars, starts, goals, int(rng.integers(1, 3)))
+    return trocars, starts, goals, _fast(rng, trocars, starts, goals, RANGES.whole("fliers", rng))
 
 
 def _alone(trocars: Array, starts: Array, goals: Array) -> Scenario:
@@ -216,7 +218,7 @@ def _fast(
         i, share = int(rng.integers(len(trocars))), rng.uniform()
         near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 15, 3)
         flies = rng.random() < 0.5
-        tried = _flier(rng, near, rng.uniform(0.2, 2.0)) if flies else _swinger(rng, near)
+        tried = _flier(rng, near, RANGES.one("when", rng)) if flies else _swinger(rng, near)
         if replace(own, obstacles=(tried,)).passed(np.arange(0.0, PASSED, 4 * LOOKED)) >= CLEAR:
             found.append(tried)
         if len(found) == count:
@@ -229,7 +231,7 @@ def drifting_obstacle(rng: np.random.Generator) -> Draft:
     trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
     starts, goals = (_anywhere(rng, trocars, (60.0, DEPTHS[1])) for _ in range(2))
     found = []
-    for _ in range(int(rng.integers(2, 5))):
+    for _ in range(RANGES.whole("drifters", rng)):
         i, share = int(rng.integers(2)), rng.uniform()
         near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 10, 3)
         when, way = share * np.linalg.norm(goals[i] - starts[i]) / BRISK, rng.normal(size=3)
@@ -237,21 +239,21 @@ def drifting_obstacle(rng: np.random.Generator) -> Draft:
         middle, half = near - when * drift, rng.normal(0, 8, 3)
         flier = _swing(middle - half, middle + half, 5.0)
         velocity = (float(drift[0]), float(drift[1]), float(drift[2]))
-        found.append(replace(flier, radius=rng.uniform(3.0, 8.0), drift=velocity))
+        found.append(replace(flier, radius=RANGES.one("drifter", rng), drift=velocity))
     return trocars, starts, goals, tuple(found)
 
 
 def crowd(rng: np.random.Generator) -> Draft:
     """Two to four instruments at any depth among obstacles that stand, swing and fly past."""
-    count = int(rng.integers(2, 5))
+    count = RANGES.whole("crowd", rng)
     angles = 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.1, count)
     circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
-    trocars = rng.uniform(40, 65) * circle
+    trocars = RANGES.one("crowd_circle", rng) * circle
     starts, goals = _crossed(rng, trocars)
     still = []
-    for _ in range(int(rng.integers(0, 3))):
+    for _ in range(RANGES.whole("still", rng)):
         at, half = rng.normal(size=3) * [50.0, 50.0, 40.0] - [0.0, 0.0, 110.0], rng.normal(0, 8, 3)
-        still.append(_swing(at - half, at + half, rng.uniform(2, 6)))
+        still.append(_swing(at - half, at + half, RANGES.one("still_body", rng)))
     return trocars, starts, goals, (*still, *_fast(rng, trocars, starts, goals, 1))
 
 

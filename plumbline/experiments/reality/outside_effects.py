@@ -10,8 +10,10 @@ import numpy as np
 
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.joint_effects import JointMechanism
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session
 
+RANGES = Ranges("library")
 Vector = tuple[float, ...]
 
 
@@ -41,7 +43,7 @@ class MagneticSpot(Mechanism):
     effect, limit, named = "magnetic_spot", 0.05, ("amplitude", "centre", "width")
     depends = ("position",)
 
-    def _sense(self, points: Array, session: Session) -> Array:
+    def sense(self, points: Array, session: Session) -> Array:
         squared = np.sum((points - np.array(self.centre)) ** 2, axis=1)
         bump = np.exp(-0.5 * squared / self.width**2)
         return np.asarray(points + self.size * bump[:, None] * np.array(self.direction))
@@ -62,12 +64,12 @@ class StickSlip(JointMechanism):
     def _error(self, scene: Scene) -> Array:
         rng = np.random.default_rng(self.seed)
         travel = np.diff(self.reading(scene), prepend=self.reading(scene)[:1])
-        wound, threshold, out = 0.0, rng.uniform(0.5, 2.0), np.empty(len(travel))
+        wound, threshold, out = 0.0, RANGES.one("grip", rng), np.empty(len(travel))
         for k, step in enumerate(travel):
             wound += float(step)
             if abs(wound) > threshold:
-                wound = float(rng.uniform(-1.0, 1.0)) * threshold
-                threshold = rng.uniform(0.5, 2.0)
+                wound = RANGES.one("jump", rng) * threshold
+                threshold = RANGES.one("grip", rng)
             out[k] = -wound
         return self.size * out
 
@@ -81,7 +83,7 @@ class LooseTool(Mechanism):
     effect, limit = "loose_tool", 0.05
     depends = ("rows",)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         tool = scene.tool.copy()
         tool[list(self.rows)] += self.size * np.array(self.direction)
         return replace(scene, tool=tool)

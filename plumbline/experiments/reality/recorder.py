@@ -23,9 +23,11 @@ from scipy.spatial.transform import Rotation
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array
 from plumbline.experiments.reality.gap import gap
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session, built, measured
 from plumbline.experiments.reality.session import correction, lagged, tips
 
+RANGES = Ranges("reading")
 LEVER = 0.2  # m: turns a position noise into a rotation noise
 ANEW = 1_000_003  # between the seeds of readings, so that no other case has them
 SETTLE = 0.3  # time constant of warming and cooling, as a share of the session
@@ -143,7 +145,7 @@ def _joint_position(case: Case, rng: np.random.Generator) -> Readings:
 
 def _shares(rng: np.random.Generator, axes: int) -> Array:
     """Variances of the axes, unequal, with mean 1."""
-    share = rng.uniform(0.5, 1.6, axes) ** 2
+    share = RANGES.many("axis", rng, axes) ** 2
     return np.asarray(share / share.mean())
 
 
@@ -162,7 +164,7 @@ def _gross(case: Case, values: Array, rng: np.random.Generator) -> tuple[Array, 
     spoilt = values.copy()
     for row in rows:
         push = rng.normal(size=values.shape[1])
-        spoilt[row] += case.noise_std * rng.uniform(10.0, 60.0) * push / np.linalg.norm(push)
+        spoilt[row] += case.noise_std * RANGES.one("gross", rng) * push / np.linalg.norm(push)
     return spoilt, rows.tolist()
 
 

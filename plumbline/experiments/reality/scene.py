@@ -81,6 +81,16 @@ class Scene:
             turn=still,
         )
 
+    def flexed(self, i: int, change: Array) -> Scene:
+        """With a displacement [m] and rotation [rad] (N, 6) added at the end of link i (from 0)."""
+        flex = self.shape.flex.copy()
+        flex[:, i] += change
+        return replace(self, shape=replace(self.shape, flex=flex))
+
+    def turned_base(self, turn: Array) -> Scene:
+        """With a rotation (N, 3) [rad] added to the base's."""
+        return replace(self, base=self.base + np.hstack([np.zeros_like(turn), turn]))
+
     def frames(self) -> Array:
         """(N, n + 1, 4, 4) link frames in the base frame."""
         return forward(self.arm, self.q, self.shape)
@@ -109,7 +119,7 @@ class Scene:
 class Mechanism:
     """One true deviation; `size` scales it, in the unit that the mechanism documents.
 
-    A mechanism says what it does to the scene (`_body`) or to what the device reports (`_sense`).
+    A mechanism says what it does to the scene (`body`) or to what the device reports (`sense`).
     """
 
     size: float
@@ -145,11 +155,11 @@ class Mechanism:
 
     def body(self, scene: Scene) -> Scene:
         """The scene with the mechanism at work."""
-        return self._body(scene)
+        return scene
 
     def sense(self, points: Array, session: Session) -> Array:
         """What the device makes of true points (N, 3) [m] in its own frame."""
-        return self._sense(points, session)
+        return points
 
     def parameters(self) -> dict[str, object]:
         """Named true values in SI units."""
@@ -159,12 +169,6 @@ class Mechanism:
         beyond = {"depends_on": list(self.depends_on)} if self.depends_on else {}
         place = {"stage": self.stage} if self.stage else {}
         return {name: self.size} | told | beyond | place
-
-    def _body(self, scene: Scene) -> Scene:
-        return scene
-
-    def _sense(self, points: Array, session: Session) -> Array:
-        return points
 
 
 def measured(scene: Scene, mechanisms: tuple[Mechanism, ...]) -> Array:

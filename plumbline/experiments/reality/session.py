@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, point_torque
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Session
 
+RANGES = Ranges("session")
 REPEATED, HELD = 0.1, 0.25  # chance that a pose was visited before, that a joint holds still
 
 
@@ -23,23 +25,22 @@ def draw_session(
     tool: Array,
     surgical: bool = False,
     moving: bool = False,
-    step: tuple[float, float] = (8.0, 15.0),
 ) -> Session:
-    """Draw the course of a recording of N rows, read every ``step`` [s], least and most.
+    """Draw the course of a recording of N rows.
 
     ``surgical`` keeps the tip, (3,) in the flange frame [m], within a box of 0.2 to 0.4 m;
     ``moving`` reads while the arm moves.
     """
     q = boxed(arm, rows, tool, rng) if surgical else spread(arm, rows, rng)
     q = _revisit(q, rng)
-    time = np.cumsum(rng.uniform(*step, rows))
+    time = np.cumsum(RANGES.many("period", rng, rows))
     velocity = np.zeros_like(q)
     direction = rng.choice([-1.0, 0.0, 1.0], size=q.shape, p=[0.45, 0.1, 0.45])
     if moving:
         velocity = rng.normal(0.0, 0.3, q.shape) * np.where(arm.prismatic, 0.2, 1.0)
         direction = np.sign(velocity)
     warmth, ambient = climate(time, rng)
-    parts = int(rng.integers(4, 7))
+    parts = RANGES.whole("parts", rng)
     group = np.floor(np.arange(rows) * parts / rows) + 1.0
     return Session(q, time, warmth, ambient, direction, velocity, group)
 
@@ -65,12 +66,10 @@ def climate(time: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """Temperatures of arm and air (N,) [degC]: a warm-up on a slow wave of the air's."""
     clock = time - time[0]
     span = max(float(clock[-1]), 1.0)
-    swing = rng.uniform(0.3, 1.0) * np.sin(
-        2.0 * np.pi * clock / (span * rng.uniform(0.4, 1.2)) + rng.uniform(0.0, 6.0)
-    )
-    ambient = 21.0 + rng.uniform(-1.0, 1.0) + swing
-    rise, settle = rng.uniform(5.0, 15.0), span * rng.uniform(0.2, 0.6)
-    return ambient + rise * (1.0 - np.exp(-clock / settle)), ambient
+    names = ("swing", "swing_period", "swing_phase", "air", "rise", "settle")
+    swing, period, phase, air, rise, settle = (RANGES.one(name, rng) for name in names)
+    ambient = 21.0 + air + swing * np.sin(2.0 * np.pi * clock / (span * period) + phase)
+    return ambient + rise * (1.0 - np.exp(-clock / (span * settle))), ambient
 
 
 def lagged(time: Array, true: Array, delay: float) -> Array:
@@ -133,7 +132,7 @@ def boxed(arm: Arm, rows: int, tool: Array, rng: np.random.Generator) -> Array:
     Raises:
         PlumblineError: No box was found that the arm fills for the better part.
     """
-    side = rng.uniform(0.2, 0.4)
+    side = RANGES.one("box", rng)
     for _ in range(50):
         centre, middle = box_middle(arm, tool, rng)
         goal = middle + rng.uniform(-0.5 * side, 0.5 * side, (3 * rows, 3))
@@ -151,10 +150,10 @@ def socketed(
     Raises:
         PlumblineError: No sockets were found that the arm reaches from many sides.
     """
-    count = int(rng.integers(2, 5))
+    count = RANGES.whole("sockets", rng)
     for _ in range(50):
         centre, middle = box_middle(arm, tool, rng)
-        sockets = middle + rng.uniform(-0.2, 0.2, (count, 3))
+        sockets = middle + RANGES.many("socket", rng, (count, 3))
         number = np.asarray(rng.integers(0, count, 3 * rows))
         q, good = reach(arm, starts(arm, centre, 0.9, 3 * rows, rng), sockets[number], tool)
         chosen = number[good][:rows]

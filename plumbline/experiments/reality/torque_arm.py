@@ -12,7 +12,9 @@ import numpy as np
 
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.motion import engine
+from plumbline.experiments.reality.ranges import Ranges
 
+RANGES = Ranges("torque")
 G = 9.81  # m/s^2
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
 
@@ -104,14 +106,15 @@ def _joint(name: str, parent: str, child: str, lift: float, axis: str | None) ->
 
 def draw_build(rng: np.random.Generator) -> Build:
     """An arm of five to seven joints, from a hobby arm's size to an industrial one's."""
-    joints, size = int(rng.integers(5, 8)), float(np.exp(rng.uniform(np.log(0.3), np.log(1.5))))
+    joints, size = RANGES.whole("joints", rng), RANGES.one("size", rng)
     links = []
     for i in range(joints):
-        length = size * float(rng.uniform(0.15, 0.4)) * (1.0 if i < 3 else 0.5)
+        length = size * RANGES.one("length", rng) * (1.0 if i < 3 else 0.5)
         radius = length / 5
-        mass = 40.0 * length * size * float(rng.uniform(0.6, 1.4))
-        off = rng.uniform(-0.3, 0.3, 2) * length
-        links.append(Link(length, mass, (off[0], off[1], length * rng.uniform(0.3, 0.7)), radius))
+        mass = 40.0 * length * size * RANGES.one("mass", rng)
+        off = RANGES.many("aside", rng, 2) * length
+        centre = (off[0], off[1], length * RANGES.one("height", rng))
+        links.append(Link(length, mass, centre, radius))
     return Build(tuple(links))
 
 
@@ -130,9 +133,9 @@ def draw_course(joints: int, rows: int, rng: np.random.Generator) -> Course:
     time = np.arange(rows) * 0.02
     q, v, a = (np.zeros((rows, joints)) for _ in range(3))
     for j in range(joints):
-        q[:, j] += rng.uniform(-1.0, 1.0)
-        for w in 2 * np.pi * rng.uniform(0.1, 0.8, 3):
-            size, phase = rng.uniform(0.15, 0.6), rng.uniform(0, 2 * np.pi)
+        q[:, j] += RANGES.one("middle", rng)
+        for w in 2 * np.pi * RANGES.many("frequency", rng, 3):
+            size, phase = RANGES.one("swing", rng), rng.uniform(0, 2 * np.pi)
             q[:, j] += size * np.sin(w * time + phase)
             v[:, j] += size * w * np.cos(w * time + phase)
             a[:, j] -= size * w**2 * np.sin(w * time + phase)

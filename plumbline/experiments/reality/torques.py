@@ -14,11 +14,12 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.cases import Plan
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.recorder import Recording, numbered, write
 from plumbline.experiments.reality.torque_arm import Build, Course, G, draw_build, draw_course
 
+RANGES = Ranges("torque")
 ROWS = 4  # rows here for each row of a plan: neighbours are 20 ms apart
-NOISE = (0.003, 0.03)  # of a joint's efforts
 VELOCITY_NOISE = 2e-3  # of the fastest
 ALIKE = 3.0  # log likelihood that a rival may lack
 MOST = 1.5  # of a joint's largest effort: no mechanism exerts more
@@ -103,8 +104,8 @@ def outside_mechanism(bench: Bench, name: str, j: int, rng: np.random.Generator)
     c, tau = bench.course, bench.tau[:, j]
     q, on = c.q[:, j], (f"q{j + 1}",)
     if name == "cogging":
-        order = int(rng.integers(4, 9))
-        shape = np.sin(order * q + rng.uniform(0, 6))
+        order = RANGES.whole("cogging_order", rng)
+        shape = np.sin(order * q + RANGES.one("cogging_phase", rng))
     elif name == "heating":
         shape, on = tau * (c.time / c.time[-1]) ** 2, ("time",)
     elif name == "bristles":
@@ -131,11 +132,11 @@ def drawn(bench: Bench, name: str, rng: np.random.Generator) -> Mechanism:
     if name in BEYOND:
         return outside_mechanism(bench, name, j, rng)
     if name in OF_JOINTS:
-        found = joint_mechanism(bench, name, j, slow=float(rng.uniform(0.05, 0.25)))
+        found = joint_mechanism(bench, name, j, slow=RANGES.one("slow", rng))
     else:
         found = body_mechanism(bench, name, int(rng.integers(1, n)))
     if name == "payload":  # a mass hangs within half a link of the tip
-        place = bench.build.links[-1].length * rng.uniform(-0.5, 0.5, 3)
+        place = bench.build.links[-1].length * RANGES.many("hangs", rng, 3)
         held = replace(bench.build, load=(1.0, place[0], place[1], place[2]))
         return replace(found, basis=bench.of(held)[None])
     weights = rng.normal(size=len(found.basis))
@@ -214,8 +215,7 @@ def simulate_torques(folder: Path, plan: Plan, name: str, seed: int) -> dict[str
     bench = Bench(build, course, build.efforts(course.q, course.v, course.a))
     most = np.abs(bench.tau).max(axis=0)
     most = np.maximum(most, 0.01 * most.max())
-    low, high = (float(np.log(share)) for share in NOISE)
-    sigma = most * np.exp(rng.uniform(low, high, build.joints))
+    sigma = most * RANGES.many("noise", rng, build.joints)
     names = _names(plan, rng)
     found, gaps, alike = [], [], []
     total = np.zeros_like(bench.tau)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from plumbline.experiments.reality.drives import INSIDE, OUTSIDE, Plane, Wrong, commands, follow
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.running import run_set
@@ -40,8 +41,8 @@ def test_each_thing_that_is_wrong_is_its_closed_form():
 
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_what_nobody_lists_makes_a_gap(name):
-    field, strength, depends = OUTSIDE[name]
-    _, u, _, q = moved(**{field: strength(np.random.default_rng(1))})
+    field, depends = OUTSIDE[name]
+    _, u, _, q = moved(**{field: Ranges("drive").one(field, np.random.default_rng(1))})
     assert np.sqrt(np.mean((q - u) ** 2)) > 1e-3
     assert depends
 

@@ -32,9 +32,11 @@ from plumbline.experiments.reality.parts.room import (
     plan,
     ranges,
 )
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.ranging.writing import flange_columns
 from plumbline.experiments.reality.recorder import Recording, numbered, robot_lines, write
 
+RANGES = Ranges("part")
 RANGE_NOISE, TOUCH_NOISE = 0.05e-3, 0.3e-3  # 1 sigma [m]
 STEP = 1e-6  # of a nuisance, for its derivative [m or rad]
 ROUNDS = 12  # until a size gives the gap that is asked for
@@ -183,9 +185,9 @@ def draw_head(rng: np.random.Generator, markers: int, touches: int) -> Head:
     way[:, 2] = np.abs(way[:, 2])
     place = np.array(AXES) * way / np.linalg.norm(way, axis=1, keepdims=True)
     order = np.concatenate([rng.permutation(markers) for _ in range(touches)])
-    time = np.cumsum(rng.uniform(3.0, 9.0, len(order)))
+    time = np.cumsum(RANGES.many("touch", rng, len(order)))
     R = rotations(rng.normal(size=3))
-    return Head(place, order.astype(np.int64), time, R, rng.uniform(-0.5, 0.5, 3))
+    return Head(place, order.astype(np.int64), time, R, RANGES.many("head", rng, 3))
 
 
 def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> Flaw:
@@ -195,8 +197,8 @@ def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> Flaw:
     element = int(rng.integers(1, len(head.markers) + 1)) if marked else None
     form = {
         "way": way / np.linalg.norm(way),
-        "period": rng.uniform(3.0, 5.5, 1),
-        "moment": rng.uniform(0.3, 0.7, 1) * head.time.max(),
+        "period": RANGES.many("breath", rng, 1),
+        "moment": RANGES.many("moment", rng, 1) * head.time.max(),
         "axis": rng.integers(0, 4, 1).astype(float),
         "spot": head.markers[rng.integers(len(head.markers))],
     }

@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, load_torque, placed, rotations
+from plumbline.experiments.reality.ranges import Ranges
 
+RANGES = Ranges("part")
 HALF = 0.45  # half side of a board [m]
 NEAREST, FARTHEST = 0.15, 1.1  # ranges that the finder reads [m]
 STEEPEST = np.deg2rad(62.0)  # largest angle from a board's normal that it reads [rad]
@@ -143,11 +145,11 @@ def draw_flaw(name: str, room: Room, rows: int, rng: np.random.Generator) -> Fla
         "phase": rng.uniform(0.0, 2 * np.pi, 1),
         "way": _unit(rng.normal(size=3)),
         "turn": _unit(rng.normal(size=3)),
-        "moment": rng.uniform(0.3, 0.7, 1) * rows * PACE,
-        "foot": rng.uniform(0.35, 0.6, 1),
-        "middle": rng.uniform(-0.1, 0.1, 2),
+        "moment": RANGES.many("moment", rng, 1) * rows * PACE,
+        "foot": RANGES.many("foot", rng, 1),
+        "middle": RANGES.many("middle", rng, 2),
         "edge": rng.integers(0, 2, 1).astype(float),
-        "period": rng.uniform(0.1, 0.2, 1),
+        "period": RANGES.many("period", rng, 1),
     }
     element = None
     if name in OF_ARM:

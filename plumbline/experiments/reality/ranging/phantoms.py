@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.arm import Array, forward, placed, rotations
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.ranging.aim import Cone, each_reached, taking
 from plumbline.experiments.reality.ranging.finder import ORDERS, Board
 from plumbline.experiments.reality.ranging.scene import Scene, aimed, true_flange
 
+RANGES = Ranges("ranging")
 BLOCK = (0.090, 0.055, 0.045)  # m, the paper's
 FLAT = np.zeros(len(ORDERS))
 SEMI_AXES = np.array([0.095, 0.075, 0.115])  # m: front to back, side to side, bottom to top
@@ -113,8 +115,8 @@ def block(scene: Scene, rng: np.random.Generator, grid: tuple[int, int] = (5, 3)
 
 def _faces(rng: np.random.Generator) -> list[Board]:
     """Top, front and side of the block on the table before the arm; machined, so flat."""
-    turn = rotations(np.array([0.0, 0.0, rng.uniform(-0.2, 0.2)]))
-    centre = np.array([0.42, 0.03, 0.30]) + rng.uniform(-0.02, 0.02, 3)
+    turn = rotations(np.array([0.0, 0.0, RANGES.one("block_turn", rng)]))
+    centre = np.array([0.42, 0.03, 0.30]) + RANGES.many("put", rng, 3)
     a, b, c = np.array(BLOCK) / 2.0
     frames = [  # x, y and outward normal of a face, its half sides, and its offset
         (np.eye(3), (a, b), c),
@@ -131,13 +133,15 @@ def draw_head(rng: np.random.Generator, points: int = 20_000) -> Head:
     """A head before the arm, facing it and up, and its CT."""
     face = np.array([[-0.6, 0.0, 0.8], [0.0, -1.0, 0.0], [0.8, 0.0, 0.6]]).T  # x of the head
     turn = rotations(rng.normal(0.0, 0.05, 3)) @ face
-    T = placed(turn, np.array([0.50, 0.0, 0.10]) + rng.uniform(-0.02, 0.02, 3))
-    T_ct = placed(rotations(rng.normal(0.0, 0.6, 3)), rng.uniform(-0.1, 0.1, 3))
+    T = placed(turn, np.array([0.50, 0.0, 0.10]) + RANGES.many("put", rng, 3))
+    T_ct = placed(rotations(rng.normal(0.0, 0.6, 3)), RANGES.many("ct", rng, 3))
     ways = rng.normal(size=(points, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     surface = ways * (radius(ways) + rng.normal(0.0, CT_NOISE, points))[:, None]
     inside = rng.normal(size=(TARGETS, 3))
-    inside *= rng.uniform(0.2, 0.7, (TARGETS, 1)) / np.linalg.norm(inside, axis=1, keepdims=True)
+    inside *= RANGES.many("inside", rng, (TARGETS, 1)) / np.linalg.norm(
+        inside, axis=1, keepdims=True
+    )
     marks = np.array([w for _, _, w in FEATURES])
     marks /= np.linalg.norm(marks, axis=1, keepdims=True)
     return Head(

@@ -26,9 +26,11 @@ from numpy.typing import NDArray
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, rotations
 from plumbline.experiments.reality.arms import vs060
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.ranging.aim import Cone, each_reached, tilted, together
 from plumbline.experiments.reality.ranging.finder import Board, Finder, draw_bumps, spoil
 
+DRAWN = Ranges("ranging")
 GRID = (5, 3)  # patches along and across a board
 LEAN = (0.20, 0.35)  # tilt of the groups of translations over the largest
 STAND = (0.25, 0.36)  # m: lengths of the beams in the groups of translations
@@ -108,9 +110,9 @@ def draw_scene(
 
 def _mounted(given: Instrument, rng: np.random.Generator) -> Finder:
     """A range finder near where the drawing of its holder has it."""
-    lean = tilted(NOMINAL[1], rng.uniform(0.0, 0.06, 1), rng.uniform(0.0, 2 * np.pi, 1))[0]
+    lean = tilted(NOMINAL[1], DRAWN.many("lean", rng, 1), rng.uniform(0.0, 2 * np.pi, 1))[0]
     return Finder(
-        NOMINAL[0] + rng.uniform(-8e-3, 8e-3, 3), lean,
+        NOMINAL[0] + DRAWN.many("mount", rng, 3), lean,
         given.noise, given.spot, given.grain, given.skew,
     )  # fmt: skip
 
@@ -128,7 +130,7 @@ def _boards(given: Instrument, angles: float, rng: np.random.Generator) -> tuple
     found = []
     for centre, axes in zip(centres, (floor, front, side), strict=True):
         own = rotations(rng.normal(0.0, given.square, 3))
-        place = centre + rng.uniform(-0.02, 0.02, 3)
+        place = centre + DRAWN.many("board", rng, 3)
         bumps = draw_bumps(given.flatness, rng)
         found.append(Board(place, whole @ own @ axes, np.array([0.16, 0.13]), bumps))
     return tuple(found)
@@ -191,7 +193,7 @@ def translations(scene: Scene, board: Board, group: int, rng: np.random.Generato
     points = board.at(patches())
     for attempt in range(40):
         tilt = rng.uniform(*LEAN) * scene.instrument.tilt
-        azimuth = 2 * np.pi * group / GROUPS + rng.uniform(-0.3, 0.3)
+        azimuth = 2 * np.pi * group / GROUPS + DRAWN.one("azimuth", rng)
         seen = tilted(NOMINAL[1], np.array([tilt]), np.array([azimuth]))[0]
         # Stand-offs shrink where the arm runs out of space for them.
         stand = rng.uniform(STAND[0], max(STAND[1] - 0.003 * attempt, STAND[0]), len(points))
@@ -255,7 +257,7 @@ def marks(
     for k in which:
         board = scene.boards[k]
         for _ in range(40):
-            place = rng.uniform(-0.8, 0.8, (1, 2)) * board.half
+            place = DRAWN.many("mark", rng, (1, 2)) * board.half
             point = board.at(place)
             q, good = aimed(scene, point, -board.normal[None], views, rng)
             if good.all():

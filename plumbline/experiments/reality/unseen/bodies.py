@@ -8,10 +8,20 @@ import numpy as np
 
 from plumbline.experiments.reality.arm import Array, loads
 from plumbline.experiments.reality.body_effects import LinkMechanism, link_vector
+from plumbline.experiments.reality.chances import (
+    long_link,
+    phase,
+    spread,
+    turning,
+    twist,
+    unit,
+    vector,
+)  # fmt: skip
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Mechanism, Scene
 from plumbline.experiments.reality.session import lagged
-from plumbline.experiments.reality.unseen.chances import TURN, seconds, turning, unit
 
+RANGES = Ranges("unseen")
 CAGE = 0.4  # turns of the cage for one of the ring
 
 
@@ -37,18 +47,15 @@ class BearingRunout(Mechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> BearingRunout:
         """Three to nine balls that are not alike."""
         order = CAGE * float(rng.choice([3, 4, 6, 7, 8, 9]))
-        return cls(0.0, turning(scene, rng), order, float(rng.uniform(0.0, TURN)))
+        return cls(0.0, turning(scene, rng), order, phase(rng))
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         angle = self.order * scene.session.q[:, self.joint - 1] + self.phase
-        tilt = self.size * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        flat = np.zeros_like(angle)
+        tilt = self.size * np.stack([np.cos(angle), np.sin(angle), flat], axis=1)
         if self.joint == 1:
-            base = scene.base.copy()
-            base[:, 3:5] += tilt
-            return replace(scene, base=base)
-        flex = scene.shape.flex.copy()
-        flex[:, self.joint - 2, 3:5] += tilt
-        return replace(scene, shape=replace(scene.shape, flex=flex))
+            return scene.turned_base(tilt)
+        return scene.flexed(self.joint - 2, np.hstack([np.zeros_like(tilt), tilt]))
 
 
 @dataclass(frozen=True)
@@ -72,12 +79,11 @@ class Draught(Mechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> Draught:
         """Within the session, over before it ends."""
-        weights = rng.normal(size=6) * [1.0, 1.0, 1.0, 1.5, 1.5, 1.5]
-        moment = float(scene.session.time[0]) + seconds(scene, 0.1, 0.6, rng)
-        fading = seconds(scene, 0.05, 0.15, rng)
-        return cls(0.0, tuple(float(w) for w in weights), moment, fading)
+        weights, length = twist(rng), np.ptp(scene.session.time)
+        opens, fades = (float(RANGES.one(name, rng) * length) for name in ("opens", "fades"))
+        return cls(0.0, weights, float(scene.session.time[0]) + opens, fades)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         since = scene.session.time - self.moment
         course = np.where(since >= 0.0, np.exp(-np.maximum(since, 0.0) / self.fading), 0.0)
         moved = self.size * course[:, None] * np.array(self.weights)
@@ -106,17 +112,14 @@ class FloorSag(Mechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> FloorSag:
         """A middle that the weight comes to, and a bell narrower than its way."""
         feet = weight_above(scene)
-        spread = float(np.sqrt(np.mean(np.sum((feet - feet.mean(axis=0)) ** 2, axis=1))))
-        middle = feet[int(rng.integers(len(feet)))]
-        width = spread * float(rng.uniform(0.5, 0.9))
-        return cls(0.0, tuple(float(v) for v in middle), width)
+        middle = vector(feet[int(rng.integers(len(feet)))])
+        return cls(0.0, middle, spread(feet) * RANGES.one("bell", rng))
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         away = np.sum((weight_above(scene) - np.array(self.middle)) ** 2, axis=1)
         down = scene.arm.gravity / np.linalg.norm(scene.arm.gravity)
-        base = scene.base.copy()
-        base[:, :3] += self.size * np.exp(-0.5 * away / self.width**2)[:, None] * down
-        return replace(scene, base=base)
+        sunk = self.size * np.exp(-0.5 * away / self.width**2)[:, None] * down
+        return replace(scene, base=scene.base + np.hstack([sunk, np.zeros_like(sunk)]))
 
 
 def weight_above(scene: Scene) -> Array:
@@ -148,21 +151,22 @@ class LooseBolt(Mechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> LooseBolt:
         """Open in a quarter to a half of the rows."""
-        turn = float(rng.uniform(0.0, TURN))
+        turn = phase(rng)
         moment = cls(0.0, turn)._moment(scene)
-        closed = float(np.quantile(moment, rng.uniform(0.5, 0.75)))
+        closed = float(np.quantile(moment, RANGES.one("closed", rng)))
         return cls(0.0, turn, closed, float(moment.max()))
 
     def _moment(self, scene: Scene) -> Array:
         _, moment = loads(scene.arm, scene.frames())
-        return np.asarray(moment[:, 0] @ [np.cos(self.turn), np.sin(self.turn), 0.0])
+        return np.asarray(moment[:, 0] @ self._axis)
 
-    def _body(self, scene: Scene) -> Scene:
+    @property
+    def _axis(self) -> Array:
+        return np.array([np.cos(self.turn), np.sin(self.turn), 0.0])
+
+    def body(self, scene: Scene) -> Scene:
         beyond = np.maximum(self._moment(scene) - self.preload, 0.0) / (self.largest - self.preload)
-        base = scene.base.copy()
-        base[:, 3] += self.size * beyond * np.cos(self.turn)
-        base[:, 4] += self.size * beyond * np.sin(self.turn)
-        return replace(scene, base=base)
+        return scene.turned_base(np.outer(self.size * beyond, self._axis))
 
 
 @dataclass(frozen=True)
@@ -187,27 +191,21 @@ class ThermalBow(LinkMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> ThermalBow:
         """A long link; heat that takes a tenth to three tenths of the session to soak through."""
-        long = [
-            i + 1
-            for i in range(scene.arm.joints)
-            if np.linalg.norm(link_vector(scene, i)[0]) > 0.12 and not scene.arm.prismatic[i]
-        ]
-        link = int(rng.choice(long))
+        link = long_link(scene, rng)
         along = link_vector(scene, link - 1)[0]
         side = np.cross(along, unit(rng))
         side /= np.linalg.norm(side)
         rise = float(np.ptp(scene.session.warmth))
-        return cls(0.0, link, rise, seconds(scene, 0.1, 0.3, rng), tuple(map(float, side)))
+        soaks = float(RANGES.one("soaks", rng) * np.ptp(scene.session.time))
+        return cls(0.0, link, rise, soaks, vector(side))
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         session, i = scene.session, self.link - 1
         across = session.warmth - lagged(session.time, session.warmth, self.delay)
         along, side = link_vector(scene, i)[0], np.array(self.side)
         length = float(np.linalg.norm(along))
         bend = np.concatenate([-0.5 * length * side, np.cross(side, along / length)])
-        flex = scene.shape.flex.copy()
-        flex[:, i] += self.size * (across / self.rise)[:, None] * bend
-        return replace(scene, shape=replace(scene.shape, flex=flex))
+        return scene.flexed(i, self.size * (across / self.rise)[:, None] * bend)
 
 
 @dataclass(frozen=True)
@@ -232,10 +230,10 @@ class ToolRocking(Mechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> ToolRocking:
         """Any face, any way."""
-        bias, softness = rng.uniform(-0.3, 0.3), rng.uniform(0.03, 0.15)
-        return cls(0.0, unit(rng), unit(rng), float(bias), float(softness))
+        bias, softness = RANGES.one("bias", rng), RANGES.one("softness", rng)
+        return cls(0.0, unit(rng), unit(rng), bias, softness)
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         down = scene.arm.gravity / np.linalg.norm(scene.arm.gravity)
         along = down @ (scene.frames()[:, -1, :3, :3] @ np.array(self.face)).T
         rocked = np.tanh((along - self.bias) / self.softness)

@@ -7,10 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality.chances import (
+    any_joint,
+    loaded,
+    phase,
+    sign,
+    torques,
+    turning,
+    vector,
+)  # fmt: skip
 from plumbline.experiments.reality.joint_effects import GearRipple, JointMechanism
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Mechanism, Scene
-from plumbline.experiments.reality.unseen import chances
 
+RANGES = Ranges("unseen")
 HARDENING = 1.5  # power of the depth that pushes back, as of spheres in contact (Hertz)
 EDGE = 0.05  # rad over which a worn tooth takes over from a whole one
 PICKS = 0.15  # share of the largest load that seats the pulley
@@ -36,12 +46,12 @@ class CableCreep(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> CableCreep:
         """Forgets over two to eight readings."""
-        joint, largest = chances.loaded(scene, rng)
+        joint, largest = loaded(scene, rng)
         step = float(np.median(np.diff(scene.session.time)))
-        return cls(0.0, joint, largest, float(rng.uniform(2.0, 8.0)) * step)
+        return cls(0.0, joint, largest, RANGES.one("forgets", rng) * step)
 
     def _error(self, scene: Scene) -> Array:
-        torque, time = chances.torques(scene)[:, self.joint - 1], scene.session.time
+        torque, time = torques(scene)[:, self.joint - 1], scene.session.time
         stretch = np.zeros(len(torque))
         for k in range(1, len(torque)):
             keep = np.exp(-(time[k] - time[k - 1]) / self.constant)
@@ -71,9 +81,9 @@ class EncoderInterpolation(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> EncoderInterpolation:
         """Eight to 128 lines, both quadrature errors of like size."""
-        offset = float(rng.uniform(0.15, 0.3))
-        gain = offset * float(rng.uniform(1.6, 2.4))
-        return cls(0.0, chances.turning(scene, rng), int(rng.integers(3, 8)), offset, gain)
+        offset = RANGES.one("offset", rng)
+        gain = offset * RANGES.one("gain", rng)
+        return cls(0.0, turning(scene, rng), RANGES.whole("bits", rng), offset, gain)
 
     def alike(self) -> tuple[tuple[Mechanism, ...], ...]:
         """Gears with one tooth a line, two, or both together are what a library may take it for."""
@@ -112,9 +122,9 @@ class EndCushion(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> EndCushion:
         """Felt in the last tenth to quarter of the readings."""
-        joint, side = int(rng.integers(1, scene.arm.joints + 1)), chances.sign(rng)
+        joint, side = any_joint(scene, rng), sign(rng)
         out = side * scene.session.q[:, joint - 1]
-        begins = float(np.quantile(out, rng.uniform(0.75, 0.9)))
+        begins = float(np.quantile(out, RANGES.one("cushioned", rng)))
         return cls(0.0, joint, side * begins, max(float(out.max()) - begins, 1e-3), side)
 
     def _error(self, scene: Scene) -> Array:
@@ -143,10 +153,10 @@ class FlexsplineLoad(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> FlexsplineLoad:
         """Any loaded joint, any phase."""
-        return cls(0.0, *chances.loaded(scene, rng), float(rng.uniform(0.0, chances.TURN)))
+        return cls(0.0, *loaded(scene, rng), phase(rng))
 
     def _error(self, scene: Scene) -> Array:
-        share = chances.torques(scene)[:, self.joint - 1] / self.largest
+        share = torques(scene)[:, self.joint - 1] / self.largest
         return self.size * share * np.sin(2.0 * self.reading(scene) + self.phase)
 
 
@@ -169,9 +179,9 @@ class GearPit(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> GearPit:
         """Where some reading is, a seventh to a quarter of a radian wide."""
-        joint = chances.turning(scene, rng)
+        joint = turning(scene, rng)
         centre = float(rng.choice(scene.session.q[:, joint - 1]))
-        return cls(0.0, joint, centre, float(rng.uniform(0.07, 0.12)) * 2.0)
+        return cls(0.0, joint, centre, 2.0 * RANGES.one("pit", rng))
 
     def _error(self, scene: Scene) -> Array:
         away = np.angle(np.exp(1j * (self.reading(scene) - self.centre)))
@@ -197,10 +207,10 @@ class HubSlip(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> HubSlip:
         """At the largest load of the middle three fifths of the session."""
-        joint, _ = chances.loaded(scene, rng)
+        joint, _ = loaded(scene, rng)
         rows = scene.session.rows
         middle = slice(rows // 5, rows - rows // 5)
-        worst = int(np.abs(chances.torques(scene)[middle, joint - 1]).argmax()) + middle.start
+        worst = int(np.abs(torques(scene)[middle, joint - 1]).argmax()) + middle.start
         return cls(0.0, joint, float(scene.session.time[worst]))
 
     def _error(self, scene: Scene) -> Array:
@@ -226,10 +236,10 @@ class LoadWindup(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> LoadWindup:
         """Any loaded joint."""
-        return cls(0.0, *chances.loaded(scene, rng))
+        return cls(0.0, *loaded(scene, rng))
 
     def _error(self, scene: Scene) -> Array:
-        share = np.abs(chances.torques(scene)[:, self.joint - 1]) / self.largest
+        share = np.abs(torques(scene)[:, self.joint - 1]) / self.largest
         return -self.size * share * scene.session.direction[:, self.joint - 1]
 
 
@@ -253,8 +263,8 @@ class MaxwellSlip(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> MaxwellSlip:
         """Springs that slip after 0.2 to 3 rad."""
-        widths = np.sort(np.exp(rng.uniform(np.log(0.2), np.log(3.0), 4)))
-        return cls(0.0, chances.turning(scene, rng), tuple(float(w) for w in widths))
+        widths = np.sort(RANGES.many("slips", rng, 4))
+        return cls(0.0, turning(scene, rng), vector(widths))
 
     def _error(self, scene: Scene) -> Array:
         width = np.array(self.widths)
@@ -286,8 +296,10 @@ class MotorHeat(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> MotorHeat:
         """Cools within a twentieth to a fifth of the session."""
-        trial = cls(0.0, chances.turning(scene, rng), chances.seconds(scene, 0.05, 0.2, rng))
-        return cls(0.0, trial.joint, trial.cooling, float(trial._heat(scene).max()))
+        joint = turning(scene, rng)
+        cooling = float(RANGES.one("cools", rng) * np.ptp(scene.session.time))
+        trial = cls(0.0, joint, cooling)
+        return cls(0.0, joint, cooling, float(trial._heat(scene).max()))
 
     def _heat(self, scene: Scene) -> Array:
         time = scene.session.time
@@ -324,13 +336,13 @@ class WornBelt(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> WornBelt:
         """A third to a half of the readings are on worn teeth."""
-        joint, largest = chances.loaded(scene, rng)
-        low = float(rng.uniform(0.05, 0.5))
-        high = low + float(rng.uniform(0.3, 0.45))
+        joint, largest = loaded(scene, rng)
+        low = RANGES.one("worn_from", rng)
+        high = low + RANGES.one("worn_for", rng)
         start, end = np.quantile(scene.session.q[:, joint - 1], [low, high])
         return cls(0.0, joint, largest, float(start), float(end))
 
     def _error(self, scene: Scene) -> Array:
-        q, torque = self.reading(scene), chances.torques(scene)[:, self.joint - 1]
+        q, torque = self.reading(scene), torques(scene)[:, self.joint - 1]
         worn = 0.5 * (np.tanh((q - self.start) / EDGE) - np.tanh((q - self.end) / EDGE))
         return np.asarray(self.size * np.tanh(torque / (PICKS * self.largest)) * worn)

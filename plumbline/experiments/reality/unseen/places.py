@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.reality.chances import phase, spread, unit, vector
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Mechanism, Scene, Session
-from plumbline.experiments.reality.unseen.chances import TURN, unit
+
+RANGES = Ranges("unseen")
 
 
 @dataclass(frozen=True)
@@ -35,12 +38,11 @@ class FieldBody(Mechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> FieldBody:
         """Beside the cloud of tips."""
         points, _ = scene.pose_in_device()
-        spread = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
-        centre = points[int(rng.integers(len(points)))] + 0.4 * spread * np.array(unit(rng))
-        radius = spread * float(rng.uniform(0.3, 0.7))
-        return cls(0.0, tuple(float(v) for v in centre), radius, unit(rng))
+        size = spread(points)
+        centre = points[int(rng.integers(len(points)))] + 0.4 * size * np.array(unit(rng))
+        return cls(0.0, vector(centre), size * RANGES.one("dipole", rng), unit(rng))
 
-    def _sense(self, points: Array, session: Session) -> Array:
+    def sense(self, points: Array, session: Session) -> Array:
         r, m = points - np.array(self.centre), np.array(self.axis)
         s = np.sqrt(np.sum(r**2, axis=1, keepdims=True) + self.radius**2)
         field = 3.0 * r * (r @ m)[:, None] / s**5 - m / s**3
@@ -67,13 +69,11 @@ class HoseDrag(Mechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> HoseDrag:
         """Hung beside the cloud of tips, taut in a third to a half of the rows."""
         _, tips = scene.tip()
-        spread = float(np.sqrt(np.mean(np.sum((tips - tips.mean(axis=0)) ** 2, axis=1))))
-        anchor = tips.mean(axis=0) + spread * np.array(unit(rng))
+        anchor = tips.mean(axis=0) + spread(tips) * np.array(unit(rng))
         away = np.linalg.norm(tips - anchor, axis=1)
-        length = float(np.quantile(away, rng.uniform(0.5, 0.67)))
-        return cls(0.0, tuple(float(v) for v in anchor), length)
+        return cls(0.0, vector(anchor), float(np.quantile(away, RANGES.one("slack", rng))))
 
-    def _body(self, scene: Scene) -> Scene:
+    def body(self, scene: Scene) -> Scene:
         _, tips = scene.tip()
         back = np.array(self.anchor) - tips
         away = np.linalg.norm(back, axis=1, keepdims=True)
@@ -104,9 +104,9 @@ class StitchedVolume(Mechanism):
         """A seam through the cloud of tips."""
         points, _ = scene.pose_in_device()
         seam = points.mean(axis=0) + 0.3 * points.std(axis=0) * rng.normal(size=3)
-        return cls(0.0, tuple(float(v) for v in seam), unit(rng), unit(rng))
+        return cls(0.0, vector(seam), unit(rng), unit(rng))
 
-    def _sense(self, points: Array, session: Session) -> Array:
+    def sense(self, points: Array, session: Session) -> Array:
         behind = (points - np.array(self.seam)) @ np.array(self.normal) > 0.0
         return np.asarray(points + self.size * behind[:, None] * np.array(self.way))
 
@@ -137,16 +137,10 @@ class TrackerRefraction(Mechanism):
         """A layer about as high as the cloud of tips."""
         points, _ = scene.pose_in_device()
         middle = points.mean(axis=0)
-        spread = float(np.sqrt(np.mean((points - middle) ** 2)))
-        return cls(
-            0.0,
-            float(middle[2]),
-            spread * float(rng.uniform(0.7, 1.5)),
-            tuple(float(v) for v in middle),
-            float(rng.uniform(0.0, TURN)),
-        )
+        height = float(np.sqrt(np.mean((points - middle) ** 2))) * RANGES.one("layer", rng)
+        return cls(0.0, float(middle[2]), height, vector(middle), phase(rng))
 
-    def _sense(self, points: Array, session: Session) -> Array:
+    def sense(self, points: Array, session: Session) -> Array:
         up = np.array([np.cos(self.turn), np.sin(self.turn), 0.0])
         height = (points - np.array(self.centre)) @ up
         bent = (points[:, 2] / self.depth) ** 2 * np.exp(-height / self.height)
