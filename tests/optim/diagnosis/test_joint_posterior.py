@@ -297,6 +297,39 @@ def apart():
     return np.stack([s + 3 * u, s - 3 * u, s + 3 * v, s - 3 * v], axis=1) / 2.0, s
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("unlisted", [False, True])
+def test_chains_cross_from_one_term_to_two_that_together_do_as_well(seed, unlisted):
+    """Of the two neither goes in alone, and none of them fills the place of the one."""
+    X, _ = drawn(2, count=4, mixed=0.0, strength=15.0)
+    t = X[:, 0] + X[:, 1] + np.random.default_rng(1).normal(0.0, SIGMA, N)
+    X[:, 2] = X[:, 0] + X[:, 1] + 0.2 * X[:, 2]
+    asked, one = problem(X, t), frozenset({2})
+    expected = by_enumeration(asked)[0][0]
+    if unlisted:
+        asked = replace(asked, unlisted=np.arange(4) == 2)
+    assert 0.05 < expected[:2].min() < expected[:3].max() < 0.95
+    np.testing.assert_allclose(sample(asked, [one], seed).marginals[0], expected, atol=0.02)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_one_for_two_and_two_for_one_are_as_often_as_the_posterior_has_them(seed):
+    """By these moves alone a chain is in every state as often as that is probable."""
+    asked = problem(*drawn(seed, count=4, strength=3.0))
+    asked = replace(asked, log_priors=asked.log_priors + 3.0)  # states of two and three count
+    rng = np.random.default_rng(seed)
+    chain = joint._Chain(asked, rng, frozenset({0}), {})
+    states = [frozenset(s) for k in (1, 2, 3, 4) for s in combinations(range(4), k)]
+    been = dict.fromkeys(states, 0)
+    for _ in range(20000):
+        mine = sorted(chain.state)
+        chain._part(mine) if rng.random() < 0.5 else chain._join(mine)
+        been[chain.state] += 1
+    logs = np.array([joint.look_at(asked, s).log_posterior for s in states])
+    share = np.array([*been.values()]) / 20000
+    np.testing.assert_allclose(share, np.exp(logs - logsumexp(logs)), atol=0.02)
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_names_and_order_of_the_terms_change_no_probability(seed):
     X, t = drawn(seed)
@@ -611,9 +644,11 @@ def test_where_nothing_is_at_work_nothing_is_named():
     assert named(X, t, lacked)[0] == []
 
 
-def test_of_seven_moves_one_asks_whether_rows_are_gross(monkeypatch):
+def test_of_seven_moves_one_asks_whether_rows_are_gross_and_of_the_rest_one_in_five_asks_two(
+    monkeypatch,
+):
     """Half of them would leave the terms too few: a probability moves by 0.03."""
-    asked = dict.fromkeys(("row", "rows", "terms"), 0)
+    asked = dict.fromkeys(("row", "rows", "terms", "part", "join"), 0)
 
     def count(kind):
         return lambda *_: asked.update({kind: asked[kind] + 1})
@@ -621,12 +656,24 @@ def test_of_seven_moves_one_asks_whether_rows_are_gross(monkeypatch):
     monkeypatch.setattr(joint._Chain, "_ask_a_row", count("row"))
     monkeypatch.setattr(joint._Chain, "_ask_all_rows", count("rows"))
     monkeypatch.setattr(joint._Chain, "_fill", count("terms"))
-    rows = SimpleNamespace(gross=np.array([True]), linear=SimpleNamespace(n=9.0))
-    chain = joint._Chain(rows, np.random.default_rng(0), frozenset(), {})
+    monkeypatch.setattr(joint._Chain, "_part", count("part"))
+    monkeypatch.setattr(joint._Chain, "_join", count("join"))
+    rows = SimpleNamespace(gross=np.array([False, True]), linear=SimpleNamespace(n=9.0))
+    chain = joint._Chain(rows, np.random.default_rng(0), frozenset({0}), {})
     for _ in range(2000):
         chain._move()
     assert (asked["row"] + asked["rows"]) / 2000 == pytest.approx(1 / 7, abs=0.03)
     assert asked["row"] == pytest.approx(asked["rows"], rel=0.3)
+    two = asked["part"] + asked["join"]
+    assert two / (two + asked["terms"]) == pytest.approx(1 / 5, abs=0.03)
+    assert asked["part"] == pytest.approx(asked["join"], rel=0.3)
+
+
+def test_of_two_terms_for_one_one_is_among_the_first_twelve():
+    look = joint.look_at(problem(*drawn(0, count=20, mixed=0.0, causes=0)), frozenset())
+    rank = np.argsort(np.argsort(-look.log_odds)).tolist()
+    assert max(min(rank[i] for i in two) for two in look.pairs) == 11
+    assert sum(look.pairs.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -8,16 +8,18 @@ About the fit, nuisances eliminated, the residual is a sum of terms, each of whi
 and the set M with its scales s is sampled. One move takes a term out at random and asks what
 fills its place, if anything; the other asks whether one more is there. With n terms after it, what
 the second adds is accepted with probability 1/n, which makes the two a Markov chain whose
-stationary distribution is the posterior (Hastings 1970). The chains find what states there are;
-marginals are sums over all states that they have been in, or that have one term more, each with its
-own weight (Clyde, Ghosh and Littman 2011, J. Comput. Graph. Stat. 20:80), so that a probability
-does not depend on luck.
+stationary distribution is the posterior (Hastings 1970). A third asks two listed terms for one, or
+one for two: of two that are worth little alone neither would go in first. The chains find what
+states there are; marginals are sums over all states that they have been in, or that have one term
+more, each with its own weight (Clyde, Ghosh and Littman 2011, J. Comput. Graph. Stat. 20:80), so
+that a probability does not depend on luck.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,8 +36,10 @@ from plumbline.optim.diagnosis.prior import (
     MANY_CAUSES,
     MOVES,
     NEARLY_NOTHING,
+    PAIRED,
     SETTLED,
     TILT,
+    TWO_FOR_ONE,
 )
 
 State = frozenset[int]
@@ -151,6 +155,8 @@ class _Chain:
         mine = sorted(i for i in self.state if not self.problem.gross[i])
         if self.problem.gross.any() and self.rng.random() < GROSS_TURN:
             self._ask_a_row() if self.rng.random() < 0.5 else self._ask_all_rows()
+        elif 0 < len(mine) < self.most and self.rng.random() < TWO_FOR_ONE:
+            self._part(mine) if self.rng.random() < 0.5 else self._join(mine)
         elif mine and (len(mine) >= self.most or self.rng.random() < 0.5):
             self._fill(self.state - {mine[int(self.rng.integers(len(mine)))]}, 1.0)
         else:
@@ -164,6 +170,31 @@ class _Chain:
             self.state = rest
         elif self.rng.random() < accepted:
             self.state = rest | {drawn}
+
+    def _part(self, mine: Sequence[int]) -> None:
+        """Ask two listed terms for one."""
+        one = mine[int(self.rng.integers(len(mine)))]
+        pairs = self._look(self.state - {one}).pairs
+        if pairs and len(mine) + 1 < self.most:
+            two = list(pairs)[int(self.rng.choice(len(pairs), p=[*pairs.values()]))]
+            self._exchange(self.state - {one}, one, two, len(mine), 1.0)
+
+    def _join(self, mine: Sequence[int]) -> None:
+        """Ask one term for two."""
+        two = frozenset(self.rng.choice(mine, min(len(mine), 2), replace=False).tolist())
+        one = int(np.searchsorted(self._look(self.state - two).up_to, self.rng.random()))
+        if len(two) == 2 and one < len(self.problem.candidates):
+            self._exchange(self.state - two, one, two, len(mine) - 1, -1.0)
+
+    def _exchange(self, rest: State, one: int, two: State, filled: int, sign: float) -> None:
+        """Two terms for one of so many, or back where the sign is so (Metropolis-Hastings)."""
+        look, new = self._look(rest), rest | (two if sign > 0.0 else {one})
+        gained = self._look(rest | two).log_posterior - self._look(rest | {one}).log_posterior
+        with np.errstate(divide="ignore"):  # of what is never asked
+            asked = np.log([shares_of(look.log_odds)[one], look.pairs.get(two, 0.0)])
+        log = gained + float(asked[0] - asked[1] + np.log(2.0 / (filled + 1)))
+        if np.log(self.rng.random()) < sign * log:
+            self.state = new
 
     def _look(self, state: State) -> _Look:
         """What is known of a state."""
@@ -193,6 +224,7 @@ class _Chain:
 class _Look:
     """A state, looked at."""
 
+    problem: JointProblem
     # its terms, each at its most probable scale given those before it
     terms: tuple[SelectedTerm, ...]
     log_posterior: float  # against the empty state
@@ -209,6 +241,24 @@ class _Look:
         """Probability that one of the terms up to each fills one place (C,)."""
         return np.cumsum(shares_of(self.log_odds))
 
+    @cached_property
+    def pairs(self) -> Mapping[State, float]:
+        """Of pairs of listed terms, the probability that they fill two places.
+
+        One of a pair is among the first to fill one place.
+        """
+        none = self.problem.gross if self.problem.unlisted is None else self.problem.unlisted
+        listed = replace(self.problem, asked=np.flatnonzero(~(none | self.problem.gross)))
+        log_odds, scores = listed.odds(listed.reduce(self.terms))
+        found = defaultdict[State, float](lambda: -np.inf)
+        for i in np.argsort(-log_odds, kind="stable")[:PAIRED].tolist():
+            both = listed.reduce([*self.terms, SelectedTerm(i, float(scores.scale[i]))])
+            logs = log_odds[i] + listed.odds(both)[0]
+            for k in np.flatnonzero(logs > logs.max(initial=-np.inf) - NEARLY_NOTHING).tolist():
+                found[frozenset((i, k))] = np.logaddexp(found[frozenset((i, k))], logs[k])
+        logs = np.array([*found.values()])
+        return dict(zip(found, np.exp(logs - np.logaddexp.reduce(logs)).tolist(), strict=True))
+
 
 def look_at(problem: JointProblem, state: State) -> _Look:
     """A state's posterior, and the odds of one term more."""
@@ -219,7 +269,7 @@ def look_at(problem: JointProblem, state: State) -> _Look:
     log_odds, scores = problem.odds(problem.reduce(terms))
     rows = np.where(problem.gross, scores.log_bayes + LOG_GROSS_ODDS, -np.inf)
     rows[indices] = -np.inf
-    return _Look(terms, total, log_odds, rows)
+    return _Look(problem, terms, total, log_odds, rows)
 
 
 def shares_of(log_odds: Array) -> Array:
