@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.evaluate import Array, over_rows
+from plumbline.kinematics.evaluate import Array, Flags, over_rows
 from plumbline.kinematics.frames import Transform, axis_rotation, by_columns, constant, homogeneous
 
 PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
@@ -74,6 +74,11 @@ class Chain:
     def kinds(self) -> tuple[str, ...]:
         """``"revolute"`` or ``"prismatic"``, joint by joint."""
         return tuple(joint.kind for joint in self.joints)
+
+    @property
+    def turning(self) -> Flags:
+        """Which joints (n,) are revolute."""
+        return np.array(self.kinds) == "revolute"
 
     @property
     def lower(self) -> Array:

@@ -62,12 +62,6 @@ class Loss(Protocol):
     def variance(self, e: Array) -> float:
         """Variance of one axis [m^2] that the typical misfit of (N, 3) stands for."""
 
-    def cost(self, e: cs.SX) -> cs.SX:
-        """The cost in symbols."""
-
-    def curvature(self, e: cs.SX) -> cs.SX:
-        """The Hessian (3, 3) in symbols."""
-
     def residual(self, e: cs.SX) -> cs.SX:
         """A residual (3,) of which half the square is the cost."""
 
@@ -113,15 +107,6 @@ class Norms:
         """From the median length, 1.54 sigma of Gaussian noise: outliers hardly count."""
         return float(np.median(np.einsum("nk,nk->n", e, e)) / MEDIAN)
 
-    def cost(self, e: cs.SX) -> cs.SX:
-        """The cost in symbols."""
-        return cs.sqrt(cs.sumsqr(e) + self.smoothing**2) - self.smoothing
-
-    def curvature(self, e: cs.SX) -> cs.SX:
-        """The Hessian (3, 3) in symbols."""
-        size = cs.sqrt(cs.sumsqr(e) + self.smoothing**2)
-        return (cs.SX.eye(3) - e @ e.T / size**2) / size
-
     def residual(self, e: cs.SX) -> cs.SX:
         """A residual (3,) of which half the square is the cost."""
         size = cs.sqrt(cs.sumsqr(e) + self.smoothing**2)
@@ -156,14 +141,6 @@ class Squares:
     def variance(self, e: Array) -> float:
         """The mean square of one axis."""
         return float(np.mean(e**2))
-
-    def cost(self, e: cs.SX) -> cs.SX:
-        """The cost in symbols."""
-        return cs.sumsqr(e)
-
-    def curvature(self, e: cs.SX) -> cs.SX:
-        """The Hessian (3, 3) in symbols."""
-        return 2 * cs.SX.eye(3)
 
     def residual(self, e: cs.SX) -> cs.SX:
         """A residual (3,) of which half the square is the cost."""

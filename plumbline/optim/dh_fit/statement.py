@@ -157,7 +157,8 @@ class DHStatement:
 
     def problem(self, readings: Readings) -> LinkProblem:
         """The problem of some readings: residuals of which half the mean square is the loss."""
-        misfit = self.tip - unpacked(self.frame).point(self.reading)
+        frame = Transform(cs.reshape(self.frame[:9], 3, 3), self.frame[9:])
+        misfit = self.tip - frame.point(self.reading)
         return LinkProblem(
             x=self.x,
             names=self.names,
@@ -203,16 +204,6 @@ class LinkProblem(Problem):
 
     statement: DHStatement = field(kw_only=True)  # the problem of one reading
     readings: Readings = field(kw_only=True)  # the readings (N)
-
-
-def packed(T: Transform) -> cs.SX:
-    """The twelve numbers (12,) of a transform."""
-    return cs.vertcat(cs.vec(T.R), T.t)
-
-
-def unpacked(m: cs.SX) -> Transform:
-    """The transform of its twelve numbers (12,)."""
-    return Transform(cs.reshape(m[:9], 3, 3), m[9:])
 
 
 def link_unknowns(
@@ -279,7 +270,8 @@ def state(
         registered = Registered(points, registration.tips, steps, x)
         frame = registered.value
     else:
-        frame = packed(_free_frame(at, predict, nominal, readings))
+        T = _free_frame(at, predict, nominal, readings)
+        frame = cs.vertcat(cs.vec(T.R), T.t)
     return DHStatement(table, tool, tuple(unknowns), x, q, tip, frame, loss, registered)
 
 

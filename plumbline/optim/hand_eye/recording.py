@@ -82,7 +82,7 @@ def read_flange(settings: Section, place: Path, table: Table) -> Flange:
 def _check_angles(table: Table, names: tuple[str, ...], q: Array, chain: Chain) -> None:
     for j, name in enumerate(names):
         worst = int(np.argmax(np.abs(q[:, j])))
-        if chain.kinds[j] == "revolute" and abs(q[worst, j]) > LARGEST_ANGLE:
+        if chain.turning[j] and abs(q[worst, j]) > LARGEST_ANGLE:
             found, mend = shown(float(q[worst, j])), "looks like degrees: multiply by pi/180"
             raise fault(table.origin.at(name, worst), found, "an angle within two turns", mend)
 

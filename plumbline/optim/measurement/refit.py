@@ -34,7 +34,7 @@ def gap_unit(recording: Recording) -> tuple[str, bool]:
     kind = recording.kind
     if not kind.encoders:
         return kind.unit, not (kind.efforts or kind.ranges)
-    turning = any(recording.chain.kinds[j] == "revolute" for j in recording.measured_joints)
+    turning = recording.chain.turning[list(recording.measured_joints)].any()
     return ("rad" if turning else "m"), False
 
 

@@ -19,12 +19,12 @@ from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.pointing.aim import Aim, checked_angles
 from plumbline.optim.pointing.constants import LARGEST_RCM_ERROR, MAP_ROUNDS, STARTS, TRIES
-from plumbline.optim.pointing.judge import Found, judged, why_not
+from plumbline.optim.pointing.judge import Angles, Found, judged, why_not
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import settled, solved, starts
 from plumbline.optim.pointing.status import Status
-from plumbline.optim.pointing.surroundings import Clearance, surroundings
-from plumbline.optim.pointing.task import NeedleTask, needle_task, smallest_singular_values
+from plumbline.optim.pointing.surroundings import Clearance
+from plumbline.optim.pointing.task import Bounded, NeedleTask, smallest_singular_values
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,7 +103,6 @@ def safe_angle_map(
     Raises:
         PlumblineError: Angles out of range, not finite or not ascending.
     """
-    options = options or PointingOptions()
     thetas, betas = np.atleast_1d(theta), np.atleast_1d(beta)
     if thetas.ndim != 1 or betas.ndim != 1:
         raise PlumblineError(
@@ -113,41 +112,31 @@ def safe_angle_map(
     grid = checked_angles(thetas[:, None], betas[None, :])
     if (np.diff(grid[0][:, 0]) <= 0).any():
         raise PlumblineError("theta: ascending values expected; sort them and drop repeated ones")
-    return _mapped(aim, options, grid[0], grid[1])
-
-
-def _mapped(aim: Aim, options: PointingOptions, theta: Array, beta: Array) -> AngleMap:
-    T, B = theta.shape
-    task = needle_task(aim.chain, aim.needle.axis)
-    flat_theta, flat_beta = theta.ravel(), beta.ravel()
-    rows = aim.rows(flat_theta, flat_beta)
-    candidates, missed = _candidates(task, options, rows, (T, B))
-    q, found = _chosen(aim, options, candidates, flat_theta, flat_beta)
+    T, B = grid[0].shape
+    asked = Angles.of(aim, options, grid[0].ravel(), grid[1].ravel())
+    candidates, missed = _candidates(asked.arm, asked.rows, (T, B))
+    q, found = _chosen(asked, candidates)
     status, reasons = list(found.status), list(found.reasons)
     missing = np.array([k for k, s in enumerate(status) if s == Status.REACH], dtype=np.intp)
-    why = why_not(aim, task, options, flat_theta[missing], flat_beta[missing], missed[missing])
+    why = why_not(asked.some(missing), missed[missing])
     for k, (kind, words) in zip(missing.tolist(), why, strict=True):
         status[k], reasons[k] = kind, words
-    rcm_error, singular_value, clearance, spare = (
-        values.reshape(T, B)
-        for values in (found.rcm_error, found.singular_value, found.clearance, found.spare)
-    )
+    told = (found.rcm_error, found.singular_value, found.clearance, found.spare)
+    rcm_error, singular_value, clearance, spare = (values.reshape(T, B) for values in told)
     return AngleMap(
-        aim, theta[:, 0], beta[0], np.array(status).reshape(T, B), np.array(reasons).reshape(T, B),
-        q.reshape(T, B, -1), rcm_error, singular_value, clearance, spare,
+        aim, grid[0][:, 0], grid[1][0], np.array(status).reshape(T, B),
+        np.array(reasons).reshape(T, B), q.reshape(T, B, -1), rcm_error,
+        singular_value, clearance, spare,
         tuple(near for near in found.worst if near is not None),
     )  # fmt: skip
 
 
-def _candidates(
-    task: NeedleTask, options: PointingOptions, rows: Array, shape: tuple[int, int]
-) -> tuple[Array, Array]:
+def _candidates(arm: Bounded, rows: Array, shape: tuple[int, int]) -> tuple[Array, Array]:
     """Postures (N, TRIES, n), the farthest from a singularity first, and least squares (N,)."""
-    lower, upper = options.limits(task)
-    first = starts(task, STARTS)
-    q = np.tile(first, (len(rows), 1))
+    task = arm.task
+    q = np.tile(starts(task, STARTS), (len(rows), 1))
     repeated = np.repeat(rows, STARTS, axis=0)
-    q, found, cost = solved(task, q, repeated, lower, upper)
+    q, found, cost = solved(arm, q, repeated)
     best = _best(task, q, found, repeated, len(rows))
     for _ in range(MAP_ROUNDS):
         empty = np.flatnonzero(np.isnan(best[:, 0, 0]))
@@ -158,13 +147,13 @@ def _candidates(
             break
         tried = np.zeros(len(here), dtype=bool)
         x = np.zeros_like(around)
-        x[there], tried[there], _ = solved(task, around[there], here[there], lower, upper)
+        x[there], tried[there], _ = solved(arm, around[there], here[there])
         if not tried.any():
             break
         best[empty] = _best(task, x, tried, here, len(empty))
     flat = best.reshape(-1, q.shape[1])
     there = np.isfinite(flat).all(axis=1)
-    flat[there] = settled(task, flat[there], np.repeat(rows, TRIES, axis=0)[there], lower, upper)
+    flat[there] = settled(arm, flat[there], np.repeat(rows, TRIES, axis=0)[there])
     return flat.reshape(best.shape), cost.reshape(len(rows), -1).min(axis=1)
 
 
@@ -192,19 +181,16 @@ def _neighbours(cells: Indices, shape: tuple[int, int]) -> Indices:
     return np.stack([a * shape[1] + b for a, b in around], axis=1)
 
 
-def _chosen(
-    aim: Aim, options: PointingOptions, candidates: Array, theta: Array, beta: Array
-) -> tuple[Array, Found]:
+def _chosen(asked: Angles, candidates: Array) -> tuple[Array, Found]:
     """The first safe posture of each angle, else the first."""
     q = candidates[:, 0].copy()
-    around = surroundings(aim, options.least_clearance)
     for k in range(1, TRIES):
-        found = judged(aim, options, q, theta, beta, around, False)
+        found = judged(asked, q, False)
         unsafe = np.array([s in (Status.COLLISION, Status.SINGULAR) for s in found.status])
         again = np.flatnonzero(unsafe & np.isfinite(candidates[:, k, 0]))
         if not len(again):
             break
-        other = judged(aim, options, candidates[again, k], theta[again], beta[again], around, False)
+        other = judged(asked.some(again), candidates[again, k], False)
         safe = np.array([s == Status.SAFE for s in other.status])
         q[again[safe]] = candidates[again[safe], k]
-    return q, judged(aim, options, q, theta, beta, around, False)
+    return q, judged(asked, q, False)

@@ -29,7 +29,7 @@ optimisation: Schulman et al. 2014, Int. J. Robotics Research 33(9), sec. 4). Fo
 nearest point alone, so that the plane is right to first order only; that is for coal to judge.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import casadi as cs
@@ -50,6 +50,11 @@ class Between:
 
     least: Array  # by pair (K, P) [m]; infinite where the bound proves the limit without looking
     where: Array  # share of the way (K, P) at which that is
+
+    def note(self, k: int, p: int, value: float, share: float) -> None:
+        """A clearance of pair p [m] at a share of the way to angle k."""
+        if value < self.least[k, p]:
+            self.least[k, p], self.where[k, p] = value, share
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,15 +108,10 @@ def _open(around: Surroundings, now: _Stretches, sag: Array, found: Between) -> 
     still = now.asked & (bound < aim_for)
     settled = still & (loss < RESOLUTION / 2)
     for i, p in zip(*np.nonzero(settled), strict=True):
-        k = now.step[i]
-        if bound[i, p] < found.least[k, p]:
-            found.least[k, p], found.where[k, p] = bound[i, p], (now.start[i] + now.end[i]) / 2
+        found.note(now.step[i], p, bound[i, p], (now.start[i] + now.end[i]) / 2)
     still &= ~settled
     keep = still.any(axis=1)
-    return _Stretches(
-        now.step[keep], now.start[keep], now.end[keep], now.d0[keep], now.d1[keep],
-        now.segments0[keep], now.segments1[keep], still[keep],
-    )  # fmt: skip
+    return _Stretches(**{k: v[keep] for k, v in vars(replace(now, asked=still)).items()})
 
 
 def _sharpened(around: Surroundings, now: _Stretches) -> _Stretches:
@@ -120,7 +120,7 @@ def _sharpened(around: Surroundings, now: _Stretches) -> _Stretches:
     for i, p in zip(*np.nonzero(now.asked), strict=True):
         d0[i, p] = around.distance(now.segments0[i], around.pairs[p])
         d1[i, p] = around.distance(now.segments1[i], around.pairs[p])
-    return _Stretches(now.step, now.start, now.end, d0, d1, now.segments0, now.segments1, now.asked)
+    return replace(now, d0=d0, d1=d1)
 
 
 def _halved(
@@ -133,20 +133,15 @@ def _halved(
     d = np.full(now.d0.shape, np.inf)
     for i, p in zip(*np.nonzero(now.asked), strict=True):
         d[i, p] = around.distance(segments[i], around.pairs[p])
-        k = now.step[i]
-        if d[i, p] < found.least[k, p]:
-            found.least[k, p], found.where[k, p] = d[i, p], share[i]
-    two = np.concatenate
-    return _Stretches(
-        two([now.step, now.step]), two([now.start, share]), two([share, now.end]),
-        two([now.d0, d]), two([d, now.d1]), two([now.segments0, segments]),
-        two([segments, now.segments1]), two([now.asked, now.asked]),
-    )  # fmt: skip
+        found.note(now.step[i], p, d[i, p], share[i])
+    first = vars(replace(now, end=share, d1=d, segments1=segments))
+    second = vars(replace(now, start=share, d0=d, segments0=segments))
+    return _Stretches(**{k: np.concatenate([first[k], second[k]]) for k in first})
 
 
 def curvatures(chain: Chain, reach: float, q: Array) -> Array:
     """Bounds h (M, n, n) on second derivatives of points of all capsules [m/rad^2]."""
-    n, slides = chain.n, np.array(chain.kinds) == "prismatic"
+    n, slides = chain.n, ~chain.turning
     out = np.where(slides, np.abs(q).max(axis=0), 0.0)
     lengths = [np.linalg.norm(joint.T_parent_joint[:3, 3]) for joint in chain.joints[1:]]
     lengths.append(np.linalg.norm(chain.T_last_tip[:3, 3]))
@@ -207,15 +202,10 @@ class Planes:
     @classmethod
     def none(cls, count: int, task: NeedleTask) -> Self:
         """No rows at all, for ``count`` angles."""
-        C = points(task)
-        shape = (count, SLOTS)
-        return cls(
-            np.zeros((*shape, 3)),
-            np.zeros(shape),
-            np.zeros((*shape, C)),
-            np.zeros(count, int),
-            set(),
+        normals, offsets, weights = (
+            np.zeros((count, SLOTS, *k)) for k in ((3,), (), (points(task),))
         )
+        return cls(normals, offsets, weights, np.zeros(count, int), set())
 
     @property
     def data(self) -> Array:
@@ -238,11 +228,9 @@ class Planes:
             rows = [a - b for a in rows for b in _ends(pair.link, count, share)]
         if self.used[k] < SLOTS:
             self.pairs.add(pair.name)
-        for weights in rows[: SLOTS - int(self.used[k])]:
-            slot = int(self.used[k])
+        for slot, weights in zip(range(int(self.used[k]), SLOTS), rows, strict=False):
             self.normals[k, slot], self.offsets[k, slot] = normal, asked
-            self.weights[k, slot] = weights
-            self.used[k] += 1
+            self.weights[k, slot], self.used[k] = weights, slot + 1
 
 
 def before_planes(

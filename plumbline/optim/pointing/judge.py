@@ -3,7 +3,9 @@
 Nothing of a plan's quality is taken from its solver.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +17,42 @@ from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.status import Status
 from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
-from plumbline.optim.pointing.task import NeedleTask, pointed
+from plumbline.optim.pointing.task import Bounded, needle_task, pointed
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """Angles (N,) of an aim, and what postures there are judged by."""
+
+    aim: Aim  # what is pointed at, with which arm
+    options: PointingOptions  # what counts as safe
+    theta: Array  # puncture angles (N,) [rad]
+    beta: Array  # azimuths (N,) [rad]
+    around: Surroundings  # what must not meet
+
+    @classmethod
+    def of(cls, aim: Aim, options: PointingOptions | None, theta: Array, beta: Array) -> Self:
+        """By the default options if none are given."""
+        given = options or PointingOptions()
+        return cls(aim, given, theta, beta, surroundings(aim, given.least_clearance))
+
+    @cached_property
+    def arm(self) -> Bounded:
+        """The needle's task within the joints' limits."""
+        return self.options.bounded(needle_task(self.aim.chain, self.aim.needle.axis))
+
+    @cached_property
+    def rows(self) -> Array:
+        """Data of the task (N, 7)."""
+        return self.aim.rows(self.theta, self.beta)
+
+    def some(self, which: Indices) -> Self:
+        """Some of the angles."""
+        return replace(self, theta=self.theta[which], beta=self.beta[which])
+
+    def capsules(self, q: Array) -> Array:
+        """Axes of all capsules (N, M, 2, 3) [m] at postures (N, n), the needle as it should be."""
+        return pointed(self.aim, q, self.theta, self.beta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +69,8 @@ def checked(aim: Aim, q: Array, theta: Array, beta: Array) -> Checked:
     model = aim.chain.model
     data = model.createData()
     T_last_tip = pin.SE3(aim.chain.T_last_tip)
-    axis, steps = np.asarray(aim.needle.axis), _steps(aim)
+    axis = np.asarray(aim.needle.axis)
+    steps = needle_task(aim.chain, aim.needle.axis).steps
     inward = -aim.outward(theta, beta)
     found = np.full((len(q), 3), np.nan)
     for k in np.flatnonzero(np.isfinite(q).all(axis=1)):
@@ -50,12 +88,7 @@ def checked(aim: Aim, q: Array, theta: Array, beta: Array) -> Checked:
         away = np.linalg.norm(point - aim.target)
         turned = np.arctan2(np.linalg.norm(np.cross(needle, inward[k])), needle @ inward[k])
         found[k] = away, turned, sizes[constants.EQUATIONS - 1]
-    return Checked(found[:, 0], found[:, 1], found[:, 2])
-
-
-def _steps(aim: Aim) -> Array:
-    turning = np.array(aim.chain.kinds) == "revolute"
-    return np.where(turning, 1.0, aim.chain.reach)
+    return Checked(*found.T)
 
 
 def drift(aim: Aim, q: Array) -> Array:
@@ -68,14 +101,11 @@ def drift(aim: Aim, q: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Found(Checked):
     """One status an angle, and what it rests on; NaN where there is no posture."""
 
     status: tuple[Status, ...]  # (N)
     reasons: tuple[str, ...]  # the same in a few words with value and limit (N)
-    rcm_error: Array  # distance of the tool centre point from the lesion (N,) [m]
-    direction_error: Array  # angle between needle and wanted direction (N,) [rad]
-    singular_value: Array  # smallest singular value of the needle's task (N,) [rad/rad]
     clearance: Array  # least of all pairs that must not meet (N,) [m]; infinite if there are none
     spare: Array  # how much of the stand-off lies outside of the body (N,) [m]
     # clearances of all pairs (N, P), lower bounds of those that are not a nearest [m]
@@ -84,37 +114,32 @@ class Found:
     worst: tuple[Clearance | None, ...]
 
 
-def judged(
-    aim: Aim, options: PointingOptions, q: Array, theta: Array, beta: Array,
-    around: Surroundings | None = None, pairs_too: bool = True,
-) -> Found:  # fmt: skip
-    """Judge postures (N, n) for angles (N,) [rad]; rows of NaN are angles without a posture.
+def judged(asked: Angles, q: Array, pairs_too: bool = True) -> Found:
+    """Judge postures (N, n) for angles; rows of NaN are angles without a posture.
 
     ``pairs_too``: whether each pair's nearest is told exactly, too, not only each angle's.
     """
-    found = checked(aim, q, theta, beta)
-    around = around or surroundings(aim, options.least_clearance)
-    values = around.table(pointed(aim, q, theta, beta), pairs_too).values
+    aim, around = asked.aim, asked.around
+    found = checked(aim, q, asked.theta, asked.beta)
+    values = around.table(asked.capsules(q), pairs_too).values
     clearance = values.min(axis=1, initial=np.inf)
     clearance[~np.isfinite(q).all(axis=1)] = np.nan
-    spare = aim.needle.standoff - aim.way_out(theta, beta)
-    status, reasons = [Status.SAFE] * len(q), ["safe"] * len(q)
-    worst: list[Clearance | None] = [None] * len(q)
+    spare = aim.needle.standoff - aim.way_out(asked.theta, asked.beta)
+    held = (found.rcm_error <= constants.LARGEST_RCM_ERROR) & (
+        found.direction_error <= constants.LARGEST_TURN
+    )
+    status, reasons, worst = [], [], []
     for k in range(len(q)):
-        held = (
-            found.rcm_error[k] <= constants.LARGEST_RCM_ERROR
-            and found.direction_error[k] <= constants.LARGEST_TURN
-        )
         blocked = _shortest(around, values[k], k, around.on_path)
         near = _shortest(around, values[k], k, ~around.on_path)
-        status[k], reasons[k] = _verdict(
-            options, bool(held), found.singular_value[k], near, blocked, spare[k]
+        kind, words = _verdict(
+            asked.options, bool(held[k]), found.singular_value[k], near, blocked, spare[k]
         )
-        worst[k] = {Status.BLOCKED: blocked, Status.COLLISION: near}.get(status[k])
-    return Found(
-        tuple(status), tuple(reasons), found.rcm_error, found.direction_error,
-        found.singular_value, clearance, spare, values, tuple(worst),
-    )  # fmt: skip
+        status.append(kind)
+        reasons.append(words)
+        worst.append({Status.BLOCKED: blocked, Status.COLLISION: near}.get(kind))
+    judged = tuple(status), tuple(reasons), clearance, spare, values, tuple(worst)
+    return Found(found.rcm_error, found.direction_error, found.singular_value, *judged)
 
 
 def _shortest(around: Surroundings, values: Array, k: int, which: Flags) -> Clearance | None:
@@ -148,27 +173,19 @@ def _verdict(
     return Status.SAFE, "safe"
 
 
-def why_not(
-    aim: Aim,
-    task: NeedleTask,
-    options: PointingOptions,
-    theta: Array,
-    beta: Array,
-    missed: Array | None = None,
-) -> list[tuple[Status, str]]:
-    """Why no posture was found for angles (N,) [rad], ``JUMP`` where some posture does hold.
+def why_not(asked: Angles, missed: Array | None = None) -> list[tuple[Status, str]]:
+    """Why no posture was found for angles (N), ``JUMP`` where some posture does hold.
 
     ``missed`` (N,) are the least sums of squares of the equations within the limits, where known.
     """
-    rows = aim.rows(theta, beta)
-    lower, upper = options.limits(task)
-    inside = best_of_starts(task, rows, lower, upper) if missed is None else missed
-    turning = np.array(task.chain.kinds) == "revolute"
-    wider = inside
-    if (turning & (upper - lower < constants.TURN)).any():
+    arm = asked.arm
+    wider = inside = _best_of_starts(arm, asked.rows) if missed is None else missed
+    turning = arm.task.chain.turning
+    if (turning & (arm.upper - arm.lower < constants.TURN)).any():
         endless = np.where(turning, np.inf, 0.0)
-        wider = best_of_starts(task, rows, lower - endless, upper + endless)
-    return [_why(i, w, aim.needle.reach) for i, w in zip(inside, wider, strict=True)]
+        wide = replace(arm, lower=arm.lower - endless, upper=arm.upper + endless)
+        wider = _best_of_starts(wide, asked.rows)
+    return [_why(i, w, asked.aim.needle.reach) for i, w in zip(inside, wider, strict=True)]
 
 
 def _why(inside: float, wider: float, reach: float) -> tuple[Status, str]:
@@ -180,13 +197,13 @@ def _why(inside: float, wider: float, reach: float) -> tuple[Status, str]:
     return Status.REACH, f"the best posture misses by {miss}; mount the arm elsewhere"
 
 
-def best_of_starts(task: NeedleTask, rows: Array, lower: Array, upper: Array) -> Array:
+def _best_of_starts(arm: Bounded, rows: Array) -> Array:
     """Least sum of squares (N,) that any start reaches at rows (N, 7)."""
     if not len(rows):
         return np.empty(0)
-    first = starts(task, constants.WHY_STARTS)
+    first = starts(arm.task, constants.WHY_STARTS)
     q, repeated = np.tile(first, (len(rows), 1)), np.repeat(rows, len(first), axis=0)
-    cost = solved(task, q, repeated, lower, upper)[2]
+    cost = solved(arm, q, repeated)[2]
     return np.asarray(cost.reshape(len(rows), -1).min(axis=1))
 
 

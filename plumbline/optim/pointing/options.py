@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.pointing.given import number
 from plumbline.optim.pointing.statement import IPOPT, SweepWeights
-from plumbline.optim.pointing.task import NeedleTask
+from plumbline.optim.pointing.task import Bounded, NeedleTask
 
 
 @dataclass(frozen=True)
@@ -44,8 +43,8 @@ class PointingOptions:
         if self.branches < 1:
             raise PlumblineError(f"branches = {self.branches}: at least 1 expected")
 
-    def limits(self, task: NeedleTask) -> tuple[Array, Array]:
-        """Joint limits (n,) with their margin [rad or m], refused where no range is left."""
+    def bounded(self, task: NeedleTask) -> Bounded:
+        """A task within its joint limits and their margin, refused where no range is left."""
         margin = self.limit_margin * task.steps
         lower, upper = task.chain.lower + margin, task.chain.upper - margin
         if (lower >= upper).any():
@@ -54,4 +53,4 @@ class PointingOptions:
                 f"limit_margin = {self.limit_margin:g}: nothing is left of the range of joint "
                 f"{task.chain.joint_names[j]!r}; choose a smaller one"
             )
-        return lower, upper
+        return Bounded(task, lower, upper)

@@ -17,7 +17,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.pointing import constants
-from plumbline.optim.pointing.task import NeedleTask
+from plumbline.optim.pointing.task import Bounded, NeedleTask
 
 
 def starts(task: NeedleTask, count: int) -> Array:
@@ -27,26 +27,24 @@ def starts(task: NeedleTask, count: int) -> Array:
     for _ in range(60):
         ratio = (1.0 + ratio) ** (1.0 / (n + 1))
     shares = (0.5 + np.outer(np.arange(count), ratio ** -np.arange(1, n + 1))) % 1.0
-    half = np.where(np.array(task.chain.kinds) == "revolute", np.pi, task.chain.reach)
+    half = np.where(task.chain.turning, np.pi, task.chain.reach)
     low = np.maximum(task.chain.lower, task.home - half)
     high = np.minimum(task.chain.upper, task.home + half)
     return low + shares * (high - low)
 
 
-def solved(
-    task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
-) -> tuple[Array, Flags, Array]:
+def solved(arm: Bounded, q: Array, rows: Array) -> tuple[Array, Flags, Array]:
     """Postures (N, n) that hold the needle, which do (N,), and the sums of squares (N,)."""
-    x = np.clip(q, lower, upper)
-    r, J = task.seek(x, rows)
+    x = arm.clip(q)
+    r, J = arm.task.seek(x, rows)
     cost, mu = (r**2).sum(axis=1), np.full(len(x), 1e-2)
     stalled = np.zeros(len(x), dtype=int)
     for _ in range(constants.ITERATIONS):
         live = np.flatnonzero((cost > constants.ZERO) & (stalled < constants.STALLED))
         if not len(live):
             break
-        trial = _step(task, x[live], r[live], J[live], mu[live], lower, upper)
-        r_new, J_new = task.seek(trial, rows[live])
+        trial = _step(arm, x[live], r[live], J[live], mu[live])
+        r_new, J_new = arm.task.seek(trial, rows[live])
         cost_new = (r_new**2).sum(axis=1)
         better = cost_new < cost[live]
         slow = cost_new > 0.999 * cost[live]
@@ -58,45 +56,43 @@ def solved(
     return x, cost <= constants.ZERO, cost
 
 
-def _step(
-    task: NeedleTask, x: Array, r: Array, J: Array, mu: Array, lower: Array, upper: Array
-) -> Array:
+def _step(arm: Bounded, x: Array, r: Array, J: Array, mu: Array) -> Array:
     g = np.einsum("nij,ni->nj", J, r)
-    blocked = ((x <= lower) & (g > 0)) | ((x >= upper) & (g < 0))
+    blocked = ((x <= arm.lower) & (g > 0)) | ((x >= arm.upper) & (g < 0))
     free = J * ~blocked[:, None, :]
     A = free.transpose(0, 2, 1) @ free
     index = np.arange(x.shape[1])
     A[:, index, index] += mu[:, None]
     delta = -np.linalg.solve(A, (g * ~blocked)[..., None])[..., 0]
-    return np.clip(x + delta * task.steps, lower, upper)
+    return arm.clip(x + delta * arm.task.steps)
 
 
-def settled(task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array) -> Array:
+def settled(arm: Bounded, q: Array, rows: Array) -> Array:
     """The same solutions (N, n), with what is left free moved towards the middle of the ranges."""
-    first = x = unwound(task, q, lower, upper)
+    task = arm.task
+    first = x = unwound(arm, q)
     for _ in range(15):
         r, J = task.seek(x, rows)
         pull = 0.5 * (task.home - x) / task.steps
         # Least motion from the pull back onto the task: only what the task leaves free remains.
         wanted = r + np.einsum("nij,nj->ni", J, pull)
         delta = pull + task.least_motion(J, wanted)
-        x = np.clip(x + np.clip(delta, -0.5, 0.5) * task.steps, lower, upper)
+        x = arm.clip(x + np.clip(delta, -0.5, 0.5) * task.steps)
     # At the edge of the reach the free turn has an end: stay with what was found there.
     kept = (task.seek(x, rows)[0] ** 2).sum(axis=1) <= constants.ZERO
     return np.where(kept[:, None], x, first)
 
 
-def unwound(task: NeedleTask, q: Array, lower: Array, upper: Array) -> Array:
+def unwound(arm: Bounded, q: Array) -> Array:
     """Postures (N, n) with whole turns taken off where the limits allow it."""
-    turning = np.array(task.chain.kinds) == "revolute"
-    turns = np.where(turning, np.round((q - task.home) / constants.TURN), 0.0)
+    turns = np.where(arm.task.chain.turning, np.round((q - arm.task.home) / constants.TURN), 0.0)
     less = q - constants.TURN * turns
-    return np.where((less >= lower) & (less <= upper), less, q)
+    return np.where((less >= arm.lower) & (less <= arm.upper), less, q)
 
 
 def distinct(task: NeedleTask, q: Array) -> Indices:
     """Indices of postures (N, n) of which none repeats another, whole turns aside."""
-    turning = np.array(task.chain.kinds) == "revolute"
+    turning = task.chain.turning
     kept: list[int] = []
     for i, posture in enumerate(q):
         gaps = (q[kept] - posture) / task.steps
@@ -114,83 +110,74 @@ class Tracks:
     reached: Flags  # where the needle is held (B, K)
 
 
-def follow(task: NeedleTask, rows: Array, lower: Array, upper: Array) -> Tracks:
+def follow(arm: Bounded, rows: Array) -> Tracks:
     """Every branch found at the anchors, and at angles that none holds, along rows (K, 7)."""
     K = len(rows)
-    found = Tracks(np.empty((0, K, task.chain.n)), np.empty((0, K), dtype=bool))
-    for anchor in dict.fromkeys(
-        np.linspace(0, K - 1, constants.ANCHORS).round().astype(int).tolist()
-    ):
-        found = _anchored(task, rows, int(anchor), found, lower, upper)
+    found = Tracks(np.empty((0, K, arm.task.chain.n)), np.empty((0, K), dtype=bool))
+    for anchor in _spread(K, constants.ANCHORS):
+        found = _anchored(arm, rows, anchor, found)
     for _ in range(constants.MORE_ANCHORS):
-        unheld = np.flatnonzero(~found.reached.any(axis=0))
-        reachable = _reachable(task, rows, unheld, lower, upper)
+        reachable = _reachable(arm, rows, np.flatnonzero(~found.reached.any(axis=0)))
         if not len(reachable) or len(found.q) >= constants.MOST_TRACKS:
             break
         before = len(found.q)
-        found = _anchored(task, rows, int(reachable[len(reachable) // 2]), found, lower, upper)
+        found = _anchored(arm, rows, int(reachable[len(reachable) // 2]), found)
         if len(found.q) == before:
             break
     return found
 
 
-def _anchored(
-    task: NeedleTask, rows: Array, anchor: int, known: Tracks, lower: Array, upper: Array
-) -> Tracks:
+def _spread(count: int, most: int) -> list[int]:
+    """Indices of so many out of ``count`` at most, evenly."""
+    return list(dict.fromkeys(np.linspace(0, count - 1, most).round().astype(int).tolist()))
+
+
+def _anchored(arm: Bounded, rows: Array, anchor: int, known: Tracks) -> Tracks:
     """The tracks with those that start from new branches at one angle."""
     here = np.tile(rows[anchor], (constants.TRACK_STARTS, 1))
-    q, found, _ = solved(task, starts(task, constants.TRACK_STARTS), here, lower, upper)
+    q, found, _ = solved(arm, starts(arm.task, constants.TRACK_STARTS), here)
     if not found.any():
         return known
-    q = settled(task, q[found], here[found], lower, upper)
+    q = settled(arm, q[found], here[found])
     old = known.q[:, anchor][known.reached[:, anchor]]
-    new = distinct(task, np.vstack([old, q]))
+    new = distinct(arm.task, np.vstack([old, q]))
     q = np.vstack([old, q])[new[new >= len(old)]][: constants.MOST_TRACKS - len(known.q)]
     if not len(q):
         return known
-    path, held = _both_ways(task, q, rows, anchor, lower, upper)
+    path, held = _both_ways(arm, q, rows, anchor)
     return Tracks(np.vstack([known.q, path]), np.vstack([known.reached, held]))
 
 
-def _reachable(
-    task: NeedleTask, rows: Array, unheld: Indices, lower: Array, upper: Array
-) -> Indices:
+def _reachable(arm: Bounded, rows: Array, unheld: Indices) -> Indices:
     """Those of some angles that a few starts reach; of many, a few are asked."""
-    some = unheld[
-        np.linspace(0, len(unheld) - 1, min(constants.ASKED, len(unheld))).round().astype(int)
-    ]
-    if not len(some):
-        return some
-    first = starts(task, constants.FEW_STARTS)
-    q = np.tile(first, (len(some), 1))
-    _, held, _ = solved(task, q, np.repeat(rows[some], constants.FEW_STARTS, axis=0), lower, upper)
+    if not len(unheld):
+        return unheld
+    some = unheld[_spread(len(unheld), min(constants.ASKED, len(unheld)))]
+    q = np.tile(starts(arm.task, constants.FEW_STARTS), (len(some), 1))
+    held = solved(arm, q, np.repeat(rows[some], constants.FEW_STARTS, axis=0))[1]
     return some[held.reshape(len(some), -1).any(axis=1)]
 
 
-def _both_ways(
-    task: NeedleTask, q: Array, rows: Array, anchor: int, lower: Array, upper: Array
-) -> tuple[Array, Flags]:
+def _both_ways(arm: Bounded, q: Array, rows: Array, anchor: int) -> tuple[Array, Flags]:
     K = len(rows)
     path, held = np.empty((len(q), K, q.shape[1])), np.zeros((len(q), K), dtype=bool)
     for order in (range(anchor, K), range(anchor, -1, -1)):
         last, was_held = q, np.ones(len(q), dtype=bool)
         for k in order:
             here = np.tile(rows[k], (len(q), 1))
-            x, now = _newton(task, last, here, lower, upper)
+            x, now = _newton(arm, last, here)
             lost = was_held & ~now
             if lost.any():
-                x[lost], now[lost] = _sought(task, last[lost], here[lost], lower, upper)
+                x[lost], now[lost] = _sought(arm, last[lost], here[lost])
             # From where the needle was lost, look for it again from the last good posture.
             last = np.where(now[:, None], x, last)
             path[:, k], held[:, k], was_held = x, now, now
     return path, held
 
 
-def _newton(
-    task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
-) -> tuple[Array, Flags]:
+def _newton(arm: Bounded, q: Array, rows: Array) -> tuple[Array, Flags]:
     """Steps of least motion from postures (B, n)."""
-    x = q.copy()
+    task, x = arm.task, q.copy()
     for left in range(constants.NEWTON_STEPS, -1, -1):
         r, J = task.seek(x, rows)
         held = (r**2).sum(axis=1) <= constants.HELD
@@ -199,13 +186,11 @@ def _newton(
         delta = task.least_motion(J, r)
         size = np.abs(delta).max(axis=1, keepdims=True)
         delta = delta * np.minimum(1.0, constants.LONGEST_STEP / np.maximum(size, 1e-12))
-        x = np.clip(x + delta * task.steps, lower, upper)
+        x = arm.clip(x + delta * task.steps)
     return x, held
 
 
-def _sought(
-    task: NeedleTask, q: Array, rows: Array, lower: Array, upper: Array
-) -> tuple[Array, Flags]:
+def _sought(arm: Bounded, q: Array, rows: Array) -> tuple[Array, Flags]:
     """Damped steps where Newton's fail, as beside a singularity; far ways off do not count."""
-    x, found, _ = solved(task, q, rows, lower, upper)
-    return x, found & (np.abs((x - q) / task.steps).max(axis=1) < 2 * constants.LONGEST_STEP)
+    x, found, _ = solved(arm, q, rows)
+    return x, found & (np.abs((x - q) / arm.task.steps).max(axis=1) < 2 * constants.LONGEST_STEP)

@@ -24,13 +24,13 @@ from plumbline.optim.pointing.between import (
     with_ways,
 )
 from plumbline.optim.pointing.constants import HELD_WITHIN, LOOKS, PATIENCE, ROUNDS, SPARE
-from plumbline.optim.pointing.judge import drift, judged, settled_status, why_not
+from plumbline.optim.pointing.judge import Angles, drift, judged, settled_status, why_not
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import Tracks, follow
 from plumbline.optim.pointing.statement import sweep_statement
 from plumbline.optim.pointing.status import Status
-from plumbline.optim.pointing.surroundings import Clearance, Surroundings, surroundings
-from plumbline.optim.pointing.task import NeedleTask, needle_task, pointed, smallest_singular_values
+from plumbline.optim.pointing.surroundings import Clearance
+from plumbline.optim.pointing.task import NeedleTask, smallest_singular_values
 
 NO_SOLVE = JudgedByResidual("no solve: the track that the path starts from", False, float("nan"))
 
@@ -126,43 +126,29 @@ def plan_sweep(
     Raises:
         PlumblineError: Angles out of range or not finite.
     """
-    options = options or PointingOptions()
-    thetas, betas = (values.ravel() for values in checked_angles(theta, beta))
-    task = needle_task(aim.chain, aim.needle.axis)
-    around = surroundings(aim, options.least_clearance)
-    lower, upper = options.limits(task)
-    rows = aim.rows(thetas, betas)
-    tracks = follow(task, rows, lower, upper)
-    best: Sweep | None = None
-    for b in _ranked(aim, around, task, options, tracks, thetas, betas)[: options.branches]:
-        held = tracks.reached[b]
-        found = _planned(aim, around, options, tracks.q[b], held, thetas, betas)
-        if best is None or _merit(found) > _merit(best):
-            best = found
-    if best is None:
-        nowhere = np.full((len(rows), task.chain.n), np.nan)
-        nothing = _Path(nowhere, "no posture to start from", 0, NO_SOLVE)
-        best, _ = _reported(aim, around, task, options, thetas, betas, nothing)
-    return best
+    asked = Angles.of(aim, options, *(values.ravel() for values in checked_angles(theta, beta)))
+    tracks = follow(asked.arm, asked.rows)
+    ranked = _ranked(asked, tracks)[: asked.options.branches]
+    if ranked:
+        return max((_planned(asked, tracks.q[b], tracks.reached[b]) for b in ranked), key=_merit)
+    nowhere = np.full((len(asked.rows), aim.chain.n), np.nan)
+    return _reported(asked, _Path(nowhere, "no posture to start from", 0, NO_SOLVE))[0]
 
 
-def _planned(
-    aim: Aim, around: Surroundings, options: PointingOptions, track: Array,
-    held: Flags, theta: Array, beta: Array,
-) -> Sweep:  # fmt: skip
+def _planned(asked: Angles, track: Array, held: Flags) -> Sweep:
     """A track's path; planned again in front of planes while the arm comes too near something."""
-    task, rows = needle_task(aim.chain, aim.needle.axis), aim.rows(theta, beta)
-    solved = _path(task, options, track, rows, held)
-    now, ways = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+    aim, around = asked.aim, asked.around
+    solved = _path(asked, track, held)
+    now, ways = _reported(asked, _released(solved, held))
     best, nearest, idle = now, (-1.0, -np.inf), 0
     for k in range(ROUNDS):
         idle = 0 if _nearness(now) > nearest else idle + 1
         if Status.COLLISION not in now.status or not around.of_arm.any() or idle == PATIENCE:
             break
         nearest = max(nearest, _nearness(now))
-        planes = before_planes(aim, around, task, now.joints, ways, SPARE * 2**k)
-        solved = _path(task, options, solved.q, rows, held, planes)
-        now, ways = _reported(aim, around, task, options, theta, beta, _released(solved, held))
+        planes = before_planes(aim, around, asked.arm.task, now.joints, ways, SPARE * 2**k)
+        solved = _path(asked, solved.q, held, planes)
+        now, ways = _reported(asked, _released(solved, held))
         now = replace(now, constrained=tuple(sorted(planes.pairs)))
         if _merit(now) > _merit(best):
             best = now
@@ -180,22 +166,18 @@ def _released(solved: _Path, held: Flags) -> _Path:
     return replace(solved, q=np.where(held[:, None], solved.q, np.nan))
 
 
-def _ranked(
-    aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, tracks: Tracks,
-    theta: Array, beta: Array,
-) -> list[int]:  # fmt: skip
+def _ranked(asked: Angles, tracks: Tracks) -> list[int]:
     """Indices of the tracks, the most promising first: what they hold, clear of what, how well."""
     count, K = tracks.reached.shape
     looks = np.unique(np.linspace(0, K - 1, LOOKS).round().astype(int))
-    rows, merits = aim.rows(theta, beta), []
+    task, options, merits = asked.arm.task, asked.options, []
     for b in range(count):
         q, held = tracks.q[b], tracks.reached[b]
-        sigma = smallest_singular_values(task, q, rows)
-        steps = np.abs(np.diff(q, axis=0) / task.steps).max(axis=1, initial=0.0)
-        smooth = np.concatenate([[True], steps <= options.longest_step])
+        sigma = smallest_singular_values(task, q, asked.rows)
+        smooth = _steps(task, q) <= options.longest_step
         good = held & (sigma >= options.least_singular_value) & smooth
         seen = looks[held[looks]]
-        clear = float(around.clear(pointed(aim, q[seen], theta[seen], beta[seen])).sum())
+        clear = float(asked.around.clear(asked.some(seen).capsules(q[seen])).sum())
         least = float(sigma[held].min(initial=np.inf))
         merits.append(
             (float(good.mean()) * clear / len(looks), float(held.mean()), min(least, 1e3))
@@ -203,17 +185,21 @@ def _ranked(
     return sorted(range(count), key=lambda b: merits[b], reverse=True)
 
 
-def _path(
-    task: NeedleTask, options: PointingOptions, track: Array, rows: Array,
-    held: Flags, planes: Planes | None = None,
-) -> _Path:  # fmt: skip
+def _steps(task: NeedleTask, q: Array) -> Array:
+    """Largest motion (K,) of a joint of a path (K, n) since the posture before, 0 at the first."""
+    moves = np.abs(np.diff(q, axis=0) / task.steps).max(axis=1, initial=0.0)
+    return np.concatenate([[0.0], moves])
+
+
+def _path(asked: Angles, track: Array, held: Flags, planes: Planes | None = None) -> _Path:
     """The path from a track; without bounds on the steps, or the track itself, if that fails."""
+    arm, options, rows = asked.arm, asked.options, asked.rows
+    task = arm.task
     statement = sweep_statement(task, len(rows), options.weights, planes is not None)
-    lower, upper = options.limits(task)
     for longest in (options.longest_step, np.inf):
-        problem = statement.at(rows, held, lower, upper, longest, planes)
+        problem = statement.at(rows, held, arm.lower, arm.upper, longest, planes)
         found = options.solver.solve(problem, statement.start(track))
-        q = np.clip(statement.postures(found.x), lower, upper)
+        q = arm.clip(statement.postures(found.x))
         if not np.isfinite(q).all():
             continue
         # Point and direction: a path that lets go of either to keep its steps short is none.
@@ -229,22 +215,17 @@ def _judged(found: Solution) -> JudgedByResidual:
     return judgement
 
 
-def _reported(
-    aim: Aim, around: Surroundings, task: NeedleTask, options: PointingOptions, theta: Array,
-    beta: Array, solved: _Path,
-) -> tuple[Sweep, Between]:  # fmt: skip
-    q = solved.q
-    found = judged(aim, options, q, theta, beta, around)
+def _reported(asked: Angles, solved: _Path) -> tuple[Sweep, Between]:
+    q, aim, around = solved.q, asked.aim, asked.around
+    found, steps = judged(asked, q), _steps(asked.arm.task, q)
     ways = between(aim, around, q, found.values)
     missing = np.flatnonzero(~np.isfinite(q).all(axis=1))
-    moves = np.abs(np.diff(q, axis=0) / task.steps).max(axis=1, initial=0.0)
-    steps = np.concatenate([[0.0], moves])
-    why = why_not(aim, task, options, theta[missing], beta[missing])
-    status, reasons = settled_status(found, options, steps, missing, why)
+    why = why_not(asked.some(missing))
+    status, reasons = settled_status(found, asked.options, steps, missing, why)
     status, reasons = with_ways(status, reasons, around, ways)
     pairs = whole_way(around, q, found.values, ways)
     sweep = Sweep(
-        aim, theta, beta, q, status, reasons, found.rcm_error, found.direction_error,
+        aim, asked.theta, asked.beta, q, status, reasons, found.rcm_error, found.direction_error,
         found.singular_value, found.clearance, steps, solved.message, solved.iterations,
         drift(aim, q), pairs, around.left_out, solved.judged,
     )  # fmt: skip

@@ -40,7 +40,7 @@ class NeedleTask:
     @cached_property
     def steps(self) -> Array:
         """What counts as one radian of each joint (n,): slides are counted in arm lengths [m]."""
-        return np.where(np.array(self.chain.kinds) == "revolute", 1.0, self.chain.reach)
+        return np.where(self.chain.turning, 1.0, self.chain.reach)
 
     @cached_property
     def home(self) -> Array:
@@ -87,6 +87,19 @@ class NeedleTask:
         return -(J_transposed @ np.linalg.solve(square, r[..., None]))[..., 0]
 
 
+@dataclass(frozen=True, eq=False)
+class Bounded:
+    """A task whose joints stay within limits."""
+
+    task: NeedleTask  # the arm and its needle
+    lower: Array  # limits (n,) [rad or m]
+    upper: Array
+
+    def clip(self, q: Array) -> Array:
+        """Postures (N, n) within them."""
+        return np.clip(q, self.lower, self.upper)
+
+
 @lru_cache(maxsize=16)
 def needle_task(chain: Chain, axis: tuple[float, float, float]) -> NeedleTask:
     """The task of a chain, made once."""
@@ -129,10 +142,7 @@ def _points(chain: Chain) -> cs.Function:
 
 def links(chain: Chain, q: Array) -> Array:
     """Axes of the arm's capsules (N, 2 n + 1, 2, 3) at postures (N, n), base frame [m]."""
-    return _links(over_rows(_points(chain), q)[0])
-
-
-def _links(points: Array) -> Array:
+    points = over_rows(_points(chain), q)[0]
     return np.stack([points[:, :-4], points[:, 1:-3]], axis=2)
 
 
@@ -154,7 +164,7 @@ def moving(chain: Chain, held: Needle, q: Array) -> Array:
     along = np.einsum("nji,j->ni", points[:, -3:], np.asarray(held.axis))
     top = points[:, -4]
     tip, centre = top + held.length * along, top + held.reach * along
-    return _with_needle(_links(points), tip, top, centre)
+    return _with_needle(np.stack([points[:, :-4], points[:, 1:-3]], axis=2), tip, top, centre)
 
 
 def pointed(aim: Aim, q: Array, theta: Array, beta: Array) -> Array:

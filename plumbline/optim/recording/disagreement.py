@@ -56,7 +56,7 @@ def counted_from_one_turn(r: Recording, origin: Origin) -> tuple[Recording, list
     measured, notes = r.measured.copy(), []
     for j in r.measured_joints if r.kind.encoders else ():
         turns = whole_turns(r.measured[:, j] - r.q[:, j])
-        if r.chain.kinds[j] == "revolute" and turns.any():
+        if r.chain.turning[j] and turns.any():
             measured[:, j] -= 2 * np.pi * turns
             off = f"{np.median(turns):+.0f} whole turns" if turns.all() else "whole turns"
             rows = f"in {np.count_nonzero(turns)} of {len(r)} rows: taken to a turn"

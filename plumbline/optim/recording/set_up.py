@@ -32,7 +32,7 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.constants import FRAME_STEPS, UNTOLD
-from plumbline.optim.recording.table import Array, Integers
+from plumbline.optim.recording.table import Array, Flags, Integers
 from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def signs(q: Array) -> Iterator[Slip]:
         yield Slip(f"the sign of {named([j])} turned", turned_signs(q, [j]))
 
 
-def zeros(q: Array, turns: Sequence[bool]) -> Iterator[Slip]:
+def zeros(q: Array, turns: Flags) -> Iterator[Slip]:
     """One zero moved by quarters of a turn, of joints that turn."""
     for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
         change = f"{TURNED[quarter]} added to q{j + 1}"
@@ -73,7 +73,7 @@ def turned_round(q: Array) -> Iterator[Slip]:
     yield Slip("the joints in reverse order", q[:, ::-1])
 
 
-def counted_from_others(q: Array, turns: Sequence[bool]) -> Iterator[Slip]:
+def counted_from_others(q: Array, turns: Flags) -> Iterator[Slip]:
     """Joints in a row, each of which counts from where the one before it points, or against it.
 
     So the drives of parallelograms count, whose links keep their direction.
@@ -271,7 +271,7 @@ def _a_row_off(recording: Recording, some: Integers) -> Iterator[tuple[str, Reco
 
 def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
     """Other simple set-ups with what is other in them, the likeliest first."""
-    turns = [kind == "revolute" for kind in r.chain.kinds]
+    turns = r.chain.turning
     slips = (
         signs(r.q),
         zeros(r.q, turns),
@@ -348,7 +348,7 @@ def _positions_alone(r: Recording) -> Iterator[tuple[str, Recording]]:
 def _wrong_encoder(r: Recording) -> WrongSetUp | None:
     """The second encoder that another joint, the other sign or a quarter of a turn explains."""
     for j in r.measured_joints:
-        if r.chain.kinds[j] != "revolute":
+        if not r.chain.turning[j]:
             continue
         read = r.measured[:, j]
         own = _scatter(read - r.q[:, j])

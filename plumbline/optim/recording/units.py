@@ -106,7 +106,7 @@ def joints_are_in_si(r: Recording, origin: Origin) -> Iterator[str]:
 
 
 def _check_turns(r: Recording, prefix: str, values: Array, origin: Origin) -> None:
-    turning = np.array([kind == "revolute" for kind in r.chain.kinds])
+    turning = r.chain.turning
     lower, upper = r.chain.lower, r.chain.upper
     limit = np.maximum(np.abs(lower), np.abs(upper))
     widest = np.maximum(at.TURNS, np.where(np.isfinite(limit), limit + at.SLACK, 0.0))
@@ -155,7 +155,7 @@ def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
     meets = at.MEETS * spread(tips)
     if as_given <= meets:
         return
-    turning = np.array([kind == "revolute" for kind in r.chain.kinds])
+    turning = r.chain.turning
     for there, factor, unit, si, mend in (
         (turning, np.pi / 180.0, "degrees", "rad", "multiply revolute joints by pi/180"),
         (~turning, 1e-3, "millimetres", "m", "divide by 1000"),
@@ -283,10 +283,9 @@ def _within(
 def _bound(r: Recording) -> float:
     """Reach of the arm [m], with slides as far out as they were, whatever their limits."""
     limits = np.maximum(np.abs(r.chain.lower), np.abs(r.chain.upper))
-    sliding = np.array(r.chain.kinds) == "prismatic"
     known = np.where(np.isfinite(limits), limits, 0.0)
     further = np.maximum(np.abs(r.q).max(axis=0) - known, 0.0)
-    return r.chain.reach + float(further[sliding].sum())
+    return r.chain.reach + float(further[~r.chain.turning].sum())
 
 
 def _outside(values: Array, lower: Array, upper: Array) -> Flags:

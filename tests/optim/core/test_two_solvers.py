@@ -59,10 +59,10 @@ def sweep():
     aim = Aim(UR3, placed(), LESION, NEEDLE, PHANTOM)
     theta, beta = np.full(5, deg(35.0)), deg(np.linspace(260.0, 280.0, 5))
     task, rows = needle_task(UR3, NEEDLE.axis), aim.rows(theta, beta)
-    lower, upper = PointingOptions().limits(task)
-    track = follow(task, rows, lower, upper).q[0]
+    arm = PointingOptions().bounded(task)
+    track = follow(arm, rows).q[0]
     statement = sweep_statement(task, 5, SweepWeights())
-    problem = statement.at(rows, np.ones(5, dtype=bool), lower, upper, 0.6)
+    problem = statement.at(rows, np.ones(5, dtype=bool), arm.lower, arm.upper, 0.6)
     return problem, statement.start(track)
 
 

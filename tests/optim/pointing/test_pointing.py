@@ -20,11 +20,12 @@ from plumbline.optim.pointing import (
     safe_angle_map,
     tip_and_top,
 )
-from plumbline.optim.pointing.judge import checked, judged, why_not
+from plumbline.optim.pointing.judge import Angles, checked, judged, why_not
 from plumbline.optim.pointing.postures import solved, starts
 from plumbline.optim.pointing.statement import SweepStatement, SweepWeights
 from plumbline.optim.pointing.surroundings import surroundings
 from plumbline.optim.pointing.task import (
+    Bounded,
     across,
     links,
     needle_task,
@@ -188,8 +189,7 @@ def test_joint_limits_are_told_from_the_reach():
     aim = Aim(tight, placed(), LESION, NEEDLE)
     found = plan_sweep(aim, deg(35), deg([260.0, 270.0]))
     assert set(found.status) == {Status.LIMIT}
-    task, options = needle_task(UR3, NEEDLE.axis), PointingOptions()
-    ((kind, _words),) = why_not(AIM, task, options, deg([35.0]), deg([270.0]))
+    ((kind, _words),) = why_not(Angles.of(AIM, None, deg([35.0]), deg([270.0])))
     assert kind == Status.JUMP  # another posture would hold it
 
 
@@ -291,7 +291,8 @@ def test_the_hessian_handed_to_ipopt_is_that_of_the_lagrangian():
 
 def test_a_needle_turned_about_its_own_point_is_not_held(sweep):
     # The tool centre point stays; a needle that comes from elsewhere is no pointing.
-    found = judged(AIM, PointingOptions(), sweep.joints[:3], sweep.theta[:3], sweep.beta[:3] + 1e-3)
+    other = Angles.of(AIM, None, sweep.theta[:3], sweep.beta[:3] + 1e-3)
+    found = judged(other, sweep.joints[:3])
     assert found.rcm_error.max() < 1e-8
     assert set(found.status) == {Status.REACH}
 
@@ -309,7 +310,7 @@ def test_solved_postures_stay_within_limits():
     task = needle_task(UR3, NEEDLE.axis)
     row = np.tile(AIM.rows(deg([35.0]), deg([270.0])), (32, 1))
     lower, upper = np.full(6, -2.9), np.full(6, 2.9)
-    q, held, _ = solved(task, starts(task, 32), row, lower, upper)
+    q, held, _ = solved(Bounded(task, lower, upper), starts(task, 32), row)
     assert held.any()
     assert (q >= lower).all()
     assert (q <= upper).all()

@@ -152,7 +152,7 @@ def joint_range(recording: Recording, within: str) -> tuple[Array, Array]:
     if within != LIMITS:
         raise PlumblineError(f"within {within!r} not recognised: {RECORDED} or {LIMITS}")
     lower, upper = recording.chain.lower, recording.chain.upper
-    turning = np.array([kind == "revolute" for kind in recording.chain.kinds])
+    turning = recording.chain.turning
     # Without limits a revolute joint may turn once; a slide keeps to where it has been.
     lower = np.where(np.isfinite(lower), lower, np.where(turning, np.minimum(low, -TURN), low))
     upper = np.where(np.isfinite(upper), upper, np.where(turning, np.maximum(high, TURN), high))
