@@ -24,6 +24,8 @@ REPEATABILITY, ABSOLUTE = 1.0, 2.0  # [mm] within which the paper's fifty points
 POINTS, VISITS, FRESH = 50, 5, 300  # the paper's points and visits, poses that no fit has seen
 GROSS_SHARE, GROSS = 0.1, (3e-3, 15e-3)  # share of readings, range of their errors [m]
 
+Three = tuple[float, float, float]
+
 
 @dataclass(frozen=True, eq=False)
 class Group:
@@ -63,8 +65,20 @@ def run(
             _groups_table(groups),
             _forms_table(groups, fine),
             *sessions.beyond_tables([group.fits[1] for group in groups], beyond),
-            _points_table(points),
-            _outliers_table(outliers),
+            Table(
+                "Fifty points over the whole workspace, mm",
+                ("arm", "repeatability", "absolute, mean", "absolute, largest"),
+                (
+                    *_threes(points),
+                    ("paper", f"within {REPEATABILITY:g}", "", f"within {ABSOLUTE:g}"),
+                ),
+            ),
+            Table(
+                "Three gross errors of 3 to 15 mm among 30 readings: mean misfit of 300 fresh "
+                "poses, mm",
+                ("group", "mean of norms", "mean of squares", "squares, no outlier"),
+                _threes(outliers),
+            ),
         ),
         NOTES,
         compared=(Compared("Misfits before and after the fit", tuple(_shown(groups))),),
@@ -111,16 +125,8 @@ def _floor(session: Session, seen: Readings) -> float:
     return float(np.linalg.norm(misfits, axis=1).mean())
 
 
-@dataclass(frozen=True)
-class Fifty:
-    """Fifty points over the workspace [m]: repeatability, mean and largest misfit."""
-
-    repeatability: float
-    mean: float
-    absolute: float
-
-
-def _fifty(seed: int, k: int) -> Fifty:
+def _fifty(seed: int, k: int) -> Three:
+    """Fifty points over the workspace [mm]: repeatability, mean and largest misfit."""
     session = sessions.draw(seed, k, sessions.NOISE, sessions.WANDER, None)
     fit = fit_dh(
         sessions.recording_of(session),
@@ -133,19 +139,11 @@ def _fifty(seed: int, k: int) -> Fifty:
     away = np.linalg.norm(visits - visits.mean(axis=0), axis=2)
     repeatability = away.mean(axis=0) + 3.0 * away.std(axis=0, ddof=1)
     sizes = np.linalg.norm(fit.misfits(Readings(q, visits[0])), axis=1)
-    return Fifty(float(repeatability.mean()), float(sizes.mean()), float(sizes.max()))
+    return 1e3 * float(repeatability.mean()), 1e3 * float(sizes.mean()), 1e3 * float(sizes.max())
 
 
-@dataclass(frozen=True)
-class Outliers:
-    """Mean misfit [m] of clean fresh poses after fits to readings, some of them grossly wrong."""
-
-    norms: float
-    squares: float
-    clean: float
-
-
-def _outliers(seed: int, k: int) -> Outliers:
+def _outliers(seed: int, k: int) -> Three:
+    """Mean misfits [mm] of clean poses by norms, by squares, and by squares without outliers."""
     session = sessions.draw(seed, k, sessions.NOISE, sessions.WANDER, SURGICAL)
     rng = np.random.default_rng([seed, k, 4])
     clean = sessions.recording_of(session)
@@ -168,65 +166,54 @@ def _outliers(seed: int, k: int) -> Outliers:
         fit_dh(spoilt, DHOptions(loss=Squares())),
         fit_dh(clean, DHOptions(loss=Squares())),
     )
-    norms, squares, reference = (Misfit.of(fit.misfits(seen)).mean for fit in fits)
-    return Outliers(norms, squares, reference)
+    norms, squares, clean_squares = (1e3 * Misfit.of(fit.misfits(seen)).mean for fit in fits)
+    return norms, squares, clean_squares
 
 
 def _figures(
     groups: list[Group],
     beyond: list[sessions.Beyond],
     fine: list[Group],
-    points: list[Fifty],
-    outliers: list[Outliers],
+    points: list[Three],
+    outliers: list[Three],
 ) -> dict[str, Any]:
+    repeatability, mean, _ = np.mean(points, axis=0)
+    kinds = zip(("norms", "squares", "without_outliers"), np.mean(outliers, axis=0), strict=True)
+    absolute = max(largest for _, _, largest in points)
     return {
         "groups": [
             {**_group_figures(k, group), **sessions.beyond_figures(more)}
             for k, (group, more) in enumerate(zip(groups, beyond, strict=True))
         ],
-        "fine": [_fine_figures(group) for group in fine],
-        "repeatability": figure(
-            1e3 * float(np.mean([p.repeatability for p in points])), "mm", REPEATABILITY
-        ),
-        "absolute": figure(
-            1e3 * max(p.absolute for p in points),
-            "mm",
-            ABSOLUTE,
-            mean=1e3 * float(np.mean([p.mean for p in points])),
-        ),
-        "outliers": {
-            "unit": "mm",
-            "norms": 1e3 * float(np.mean([o.norms for o in outliers])),
-            "squares": 1e3 * float(np.mean([o.squares for o in outliers])),
-            "without_outliers": 1e3 * float(np.mean([o.clean for o in outliers])),
-        },
+        "fine": [
+            {
+                "unit": "mm",
+                "after": sessions.in_mm(group.fits[1].after),
+                "noise_floor": 1e3 * group.floor,
+                "fresh": sessions.in_mm(group.fresh[1]),
+                "fresh_free_frame": sessions.in_mm(group.fresh[2]),
+                "fresh_noise_floor": 1e3 * group.fresh_floor,
+            }
+            for group in fine
+        ],
+        "repeatability": figure(repeatability, "mm", REPEATABILITY),
+        "absolute": figure(absolute, "mm", ABSOLUTE, mean=float(mean)),
+        "outliers": {"unit": "mm"} | {kind: float(value) for kind, value in kinds},
     }
 
 
 def _group_figures(k: int, group: Group) -> dict[str, Any]:
     published, tilted, joint = group.fits
-    names = ("mean", "max", "std")
-    before, after = (dict(zip(names, values, strict=True)) for values in sessions.PAPER[k])
+    paper = (dict(zip(("mean", "max", "std"), v, strict=True)) for v in sessions.PAPER[k])
     return {
         "unit": "mm",
         "before": sessions.in_mm(tilted.before),
         "after": sessions.in_mm(tilted.after),
-        "paper": {"before": before, "after": after},
+        "paper": dict(zip(("before", "after"), paper, strict=True)),
         "published_form": sessions.in_mm(published.after),
         "free_frame": sessions.in_mm(joint.after),
         "fresh": sessions.in_mm(group.fresh[1]),
         "noise_floor": 1e3 * group.floor,
-    }
-
-
-def _fine_figures(group: Group) -> dict[str, Any]:
-    return {
-        "unit": "mm",
-        "after": sessions.in_mm(group.fits[1].after),
-        "noise_floor": 1e3 * group.floor,
-        "fresh": sessions.in_mm(group.fresh[1]),
-        "fresh_free_frame": sessions.in_mm(group.fresh[2]),
-        "fresh_noise_floor": 1e3 * group.fresh_floor,
     }
 
 
@@ -242,13 +229,9 @@ def _shown(groups: list[Group]) -> Iterator[tuple[str, dict[str, Any]]]:
 def _groups_table(groups: list[Group]) -> Table:
     rows = []
     for k, group in enumerate(groups):
-        before, after = (
-            " / ".join(f"{value:.3f}" for value in values) for values in sessions.PAPER[k]
-        )
-        fit = group.fits[1]
-        rows.append(
-            (f"{k + 1}", before, sessions.words(fit.before), after, sessions.words(fit.after))
-        )
+        paper = [" / ".join(f"{value:.3f}" for value in values) for values in sessions.PAPER[k]]
+        own = [sessions.words(m) for m in (group.fits[1].before, group.fits[1].after)]
+        rows.append((f"{k + 1}", paper[0], own[0], paper[1], own[1]))
     heads = ("group", "before, paper", "before, ours", "after, paper", "after, ours")
     return Table("Mean / maximum / standard deviation of 30 misfits, mm", heads, tuple(rows))
 
@@ -270,19 +253,5 @@ def _forms_table(groups: list[Group], fine: list[Group]) -> Table:
     return Table(title, heads, tuple(rows))
 
 
-def _points_table(points: list[Fifty]) -> Table:
-    figures = [(p.repeatability, p.mean, p.absolute) for p in points]
-    rows = [(f"{k + 1}", *(f"{1e3 * v:.3f}" for v in three)) for k, three in enumerate(figures)]
-    rows.append(("paper", f"within {REPEATABILITY:g}", "", f"within {ABSOLUTE:g}"))
-    heads = ("arm", "repeatability", "absolute, mean", "absolute, largest")
-    return Table("Fifty points over the whole workspace, mm", heads, tuple(rows))
-
-
-def _outliers_table(outliers: list[Outliers]) -> Table:
-    rows = tuple(
-        (f"{k + 1}", f"{1e3 * o.norms:.3f}", f"{1e3 * o.squares:.3f}", f"{1e3 * o.clean:.3f}")
-        for k, o in enumerate(outliers)
-    )
-    heads = ("group", "mean of norms", "mean of squares", "squares, no outlier")
-    title = "Three gross errors of 3 to 15 mm among 30 readings: mean misfit of 300 fresh poses, mm"
-    return Table(title, heads, rows)
+def _threes(rows: list[Three]) -> tuple[tuple[str, ...], ...]:
+    return tuple((f"{k}", *(f"{v:.3f}" for v in row)) for k, row in enumerate(rows, start=1))

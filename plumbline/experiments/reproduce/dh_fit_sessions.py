@@ -82,15 +82,9 @@ def draw(
     Camera's noise [m], joints' wander [m, rad], box and part of the tilts are those of
     :func:`~plumbline.experiments.reality.tip_readings.draw_session`.
     """
-    before = 1e-3 * PAPER[k][0][0]
+    before, own = 1e-3 * PAPER[k][0][0], 1000 * seed + k
     return draw_session(
-        1000 * seed + k,
-        readings=READINGS,
-        before=before,
-        noise=noise,
-        wander=wander,
-        box=box,
-        tilt=tilt,
+        own, readings=READINGS, before=before, noise=noise, wander=wander, box=box, tilt=tilt
     )
 
 
@@ -137,11 +131,8 @@ def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> B
     true = session.built.tips(q)
     exact = Readings(q, (true - session.camera.t) @ session.camera.R)
     errors, within = [fit.misfits(exact) for fit in fits], SURGICAL.holds(true).astype(bool)
-    wide = replace(
-        PUBLISHED,
-        delta_length=WIDER * PUBLISHED.delta_length,
-        delta_angle=WIDER * PUBLISHED.delta_angle,
-    )
+    length, angle = WIDER * PUBLISHED.delta_length, WIDER * PUBLISHED.delta_angle
+    wide = replace(PUBLISHED, delta_length=length, delta_angle=angle)
     return Beyond(
         (_tilted(1.0, session, published), *(_less_tilted(seed, k, part) for part in LESS)),
         fit_dh(recording_of(session), wide, registration=four).after.mean,
@@ -155,11 +146,7 @@ def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> B
 
 def _less_tilted(seed: int, k: int, part: float) -> Tilted:
     session = draw(seed, k, NOISE, WANDER, SURGICAL, tilt=part)
-    fit = fit_dh(
-        recording_of(session),
-        PUBLISHED,
-        registration=registration_of(session),
-    )
+    fit = fit_dh(recording_of(session), PUBLISHED, registration=registration_of(session))
     return _tilted(part, session, fit)
 
 
@@ -192,12 +179,8 @@ def beyond_figures(found: Beyond) -> dict[str, Any]:
 
 def beyond_tables(fits: Sequence[DHFit], several: Sequence[Beyond]) -> tuple[Table, ...]:
     """The same for people."""
-    return (
-        _tilts_table(several),
-        _shares_table(several),
-        _points_table(fits, several),
-        _workspace_table(several),
-    )
+    points = _points_table(fits, several)
+    return _tilts_table(several), _shares_table(several), points, _workspace_table(several)
 
 
 def _tilts_table(groups: Sequence[Beyond]) -> Table:

@@ -14,6 +14,7 @@ from plumbline.experiments.reproduce.hand_eye_trials import (
     GROSS,
     RATIOS,
     Detail,
+    Lengths,
     Trial,
     detail,
     set_up,
@@ -42,6 +43,29 @@ METHODS = (  # in words, and as a figure's key
     ("true beam (marks and readings alone)", "floor"),
     (f"ours, {GROSS:.0%} gross readings", "gross"),
 )
+ACCURACY = (  # in words, and as a figure's key
+    ("FRE against the tracker, five poses a mark [mm]", "fre"),
+    ("TRE, left out one by one [mm]", "tre"),
+    ("FRE, one pose a mark [mm]", "fre_one_pose"),
+    ("TRE, one pose a mark [mm]", "tre_one_pose"),
+    ("FRE, 20 points of the planes of 10 readings [mm]", "fre_plane_points"),
+    ("TRE, the same, left out one by one [mm]", "tre_plane_points"),
+    ("angles of the block, 15 points a face [deg]", "angle_error"),
+    ("scan of the head from the CT surface [mm]", "surface"),
+    ("13 targets inside [mm]", "inner_targets"),
+    ("a camera's place by OpenCV, same motions [mm]", "camera_opencv"),
+)
+PAPER: dict[str, dict[str, float]] = {  # mm
+    "single_plane": {"paper": 1.37, "paper_std": 0.24},
+    "three_planes": {"paper": 0.37, "paper_std": 0.05},
+    "three_planes_as_printed": {"paper": 0.37, "paper_std": 0.05},
+    "fre": {"paper": 0.24},
+    "tre": {"paper": 0.26, "paper_std": 0.10},
+    "fre_plane_points": {"paper": 0.24},
+    "tre_plane_points": {"paper": 0.26, "paper_std": 0.10},
+    "surface": {"paper": 0.3, "paper_std": 0.2},
+    "inner_targets": {"paper": 1.23, "paper_std": 0.43, "paper_max": 1.96},
+}
 
 
 def run(
@@ -73,35 +97,23 @@ def trials_of(
 
 def figures(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, Any]:
     """The figures by name, mm and deg."""
-    single = np.concatenate([t.single for t in trials])
+    lengths = _joined([t.lengths for t in trials]) | _joined([d.lengths for d in details])
     angles = np.rad2deg(np.concatenate([d.angles for d in details]))
     found: dict[str, Any] = {
-        "single_plane": _mm(single, 1.37, paper_std=0.24),
-        "three_planes": _mm(_of(trials, "three"), 0.37, paper_std=0.05),
-        "best": _mm(_of(trials, "best"), half_of_three_planes=_mean(trials, "three") / 2.0),
-        "closed_form": _mm(_of(trials, "closed")),
-        "scipy": _mm(_of(trials, "scipy")),
-        "scipy_cauchy": _mm(_of(trials, "cauchy")),
-        "three_planes_as_printed": _mm(_of(trials, "printed"), 0.37, paper_std=0.05),
-        "as_aimed": _as_aimed(trials),
-        "flat_boards": _mm(_of(details, "flat")),
-        "floor": _mm(_of(trials, "truth")),
-        "fre": _mm(_of(details, "fre"), 0.24),
-        "tre": _mm(np.concatenate([d.tre for d in details]), 0.26, paper_std=0.10),
-        "fre_one_pose": _mm(_of(details, "fre_once")),
-        "tre_one_pose": _mm(np.concatenate([d.tre_once for d in details])),
-        "fre_plane_points": _mm(_of(details, "plane_fre"), 0.24),
-        "tre_plane_points": _mm(
-            np.concatenate([d.plane_tre for d in details]), 0.26, paper_std=0.10
-        ),
+        key: _mm(values, **PAPER.get(key, {}))
+        for key, values in lengths.items()
+        if np.isfinite(values).all()  # without OpenCV there is no camera
+    }
+    found["best"]["half_of_three_planes"] = found["three_planes"]["value"] / 2.0
+    return found | {
+        "as_aimed": {
+            key: _mm(values, paper=PAPER.get(key, {}).get("paper"))
+            for key, values in _joined([t.as_aimed for t in trials]).items()
+        },
         "angle_error": figure(
             float(angles.mean()), "deg", 0.4, std=float(angles.std()), max=float(angles.max())
         ),
-        "surface": _mm(np.concatenate([d.surface for d in details]), 0.3, paper_std=0.2),
-        "inner_targets": _mm(
-            np.concatenate([d.targets for d in details]), 1.23, paper_std=0.43, paper_max=1.96
-        ),
-        "gross": _gross(trials, details),
+        "gross": found["gross"] | _gross(trials, details),
         "selection": selection_figures(trials),
         "beta_over_alpha": [
             {"ratio": ratio, **_mm(np.array([d.ratios[k] for d in details]))}
@@ -109,36 +121,27 @@ def figures(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, Any
         ],
         "covariance": _honesty(trials),
     }
-    camera = _of(details, "camera")
-    if np.isfinite(camera).all():
-        found["camera_opencv"] = _mm(camera)
-    return found
 
 
-def _as_aimed(trials: Sequence[Trial]) -> dict[str, object]:
-    """The same calibrations on marks aimed to 0.4 mm from up to 45 deg, as the paper did."""
-    found = _of(trials, "as_aimed")
-    paper = {"single_plane": 1.37, "three_planes": 0.37, "best": None, "floor": None}
-    return {name: _mm(found[:, k], given) for k, (name, given) in enumerate(paper.items())}
+def _joined(several: Sequence[Lengths]) -> Lengths:
+    return {key: np.concatenate([one[key] for one in several]) for key in several[0]}
 
 
 def _gross(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, object]:
     chosen = np.linspace(0, len(trials) - 1, len(details)).astype(int)
-    clean = float(np.mean([trials[k].best for k in chosen]))
-    spoilt = _mm(_of(details, "spoilt"))
+    clean = float(np.mean([trials[k].lengths["best"] for k in chosen]))
     return {
-        **spoilt,
         "share": GROSS,
         "clean": clean * MM,
-        "loss": float(np.mean(_of(details, "spoilt"))) / clean - 1.0,
-        "named": float(np.mean(_of(details, "found"))),
-        "three_planes": float(np.mean(_of(details, "spoilt_three"))) * MM,
+        "loss": float(np.mean([d.lengths["gross"] for d in details])) / clean - 1.0,
+        "named": float(np.mean([d.named for d in details])),
+        "three_planes": float(np.mean([d.spoilt_three for d in details])) * MM,
     }
 
 
 def _honesty(trials: Sequence[Trial]) -> dict[str, object]:
     """Root mean square of true errors over stated standard errors: 1 where they are honest."""
-    error, std = _of(trials, "error"), _of(trials, "std")
+    error, std = np.array([(t.error, t.std) for t in trials]).T
     # The prior of a bias that these beams hardly have is r along the beam's, and nothing else's.
     plain = np.sqrt(std**2 - BIAS_STD**2)
     whole, without = (float(np.sqrt(np.mean((error / s) ** 2))) for s in (std, plain))
@@ -167,76 +170,42 @@ def mean_curve(trials: Sequence[Trial], longest: int = 40) -> Array:
 
 def tables(f: dict[str, Any]) -> tuple[Table, ...]:
     """The same for people."""
-    return (_methods(f), _aiming(f), _accuracy(f), _weights(f), _selection(f))
-
-
-def _methods(f: dict[str, object]) -> Table:
-    return Table(
-        "Repeatability on marks that no method has seen [mm]",
-        ("method", "ours", "paper"),
-        tuple((words, *_pair(f[key])) for words, key in METHODS),
-    )
-
-
-def _aiming(f: dict[str, object]) -> Table:
-    as_aimed = f["as_aimed"]
-    assert isinstance(as_aimed, dict)
-    rows = [(words, key) for words, key in METHODS if key in as_aimed]
-    return Table(
-        "The same beams on marks aimed to 0.05 mm from 30 deg, and as in the paper [mm]",
-        ("method", "0.05 mm, 30 deg", "0.4 mm, 45 deg", "paper"),
-        tuple(
-            (words, _pair(f[key])[0], _pair(as_aimed[key])[0], _pair(f[key])[1])
-            for words, key in rows
+    aimed, curve = f["as_aimed"], f["selection"]["curve"]
+    steps = range(0, len(curve), 4)
+    return (
+        Table(
+            "Repeatability on marks that no method has seen [mm]",
+            ("method", "ours", "paper"),
+            tuple((words, *_pair(f[key])) for words, key in METHODS),
+        ),
+        Table(
+            "The same beams on marks aimed to 0.05 mm from 30 deg, and as in the paper [mm]",
+            ("method", "0.05 mm, 30 deg", "0.4 mm, 45 deg", "paper"),
+            tuple(
+                (words, _pair(f[key])[0], _pair(aimed[key])[0], _pair(f[key])[1])
+                for words, key in METHODS
+                if key in aimed
+            ),
+        ),
+        Table(
+            "What it is good for, by our calibration",
+            ("figure", "ours", "paper"),
+            tuple((words, *_pair(f[key])) for words, key in ACCURACY if key in f),
+        ),
+        Table(
+            "Three planes over the weights' ratio (lengths in mm)",
+            ("beta / alpha", "repeatability [mm]"),
+            tuple((f"{entry['ratio']:.0e}", _pair(entry)[0]) for entry in f["beta_over_alpha"]),
+        ),
+        Table(
+            "The selection loop: repeatability over iterations, mean of all planes [mm]",
+            ("iteration", *map(str, steps)),
+            (("repeatability", *(f"{curve[k]:.2f}" for k in steps)),),
         ),
     )
 
 
-def _accuracy(f: dict[str, object]) -> Table:
-    rows = [
-        ("FRE against the tracker, five poses a mark [mm]", "fre"),
-        ("TRE, left out one by one [mm]", "tre"),
-        ("FRE, one pose a mark [mm]", "fre_one_pose"),
-        ("TRE, one pose a mark [mm]", "tre_one_pose"),
-        ("FRE, 20 points of the planes of 10 readings [mm]", "fre_plane_points"),
-        ("TRE, the same, left out one by one [mm]", "tre_plane_points"),
-        ("angles of the block, 15 points a face [deg]", "angle_error"),
-        ("scan of the head from the CT surface [mm]", "surface"),
-        ("13 targets inside [mm]", "inner_targets"),
-    ]
-    if "camera_opencv" in f:
-        rows.append(("a camera's place by OpenCV, same motions [mm]", "camera_opencv"))
-    return Table(
-        "What it is good for, by our calibration",
-        ("figure", "ours", "paper"),
-        tuple((words, *_pair(f[key])) for words, key in rows),
-    )
-
-
-def _weights(f: dict[str, object]) -> Table:
-    entries = f["beta_over_alpha"]
-    assert isinstance(entries, list)
-    return Table(
-        "Three planes over the weights' ratio (lengths in mm)",
-        ("beta / alpha", "repeatability [mm]"),
-        tuple((f"{entry['ratio']:.0e}", _pair(entry)[0]) for entry in entries),
-    )
-
-
-def _selection(f: dict[str, object]) -> Table:
-    selection = f["selection"]
-    assert isinstance(selection, dict)
-    curve = selection["curve"]
-    steps = range(0, len(curve), 4)
-    return Table(
-        "The selection loop: repeatability over iterations, mean of all planes [mm]",
-        ("iteration", *(str(k) for k in steps)),
-        (("repeatability", *(f"{curve[k]:.2f}" for k in steps)),),
-    )
-
-
-def _pair(entry: object) -> tuple[str, str]:
-    assert isinstance(entry, dict)
+def _pair(entry: dict[str, Any]) -> tuple[str, str]:
     ours = f"{entry['value']:.3f} ± {entry['std']:.3f}"
     paper = f"{entry['paper']:.2f}" if "paper" in entry else "–"
     spread = f" ± {entry['paper_std']:.2f}" if "paper_std" in entry else ""
@@ -263,16 +232,7 @@ def notes(trials: Sequence[Trial], details: Sequence[Detail]) -> tuple[str, ...]
     )
 
 
-def _of(found: Sequence[Trial] | Sequence[Detail], name: str) -> Array:
-    return np.array([getattr(one, name) for one in found])
-
-
-def _mean(found: Sequence[Trial], name: str) -> float:
-    return float(np.mean(_of(found, name))) * MM
-
-
-def _mm(values: Array, paper: float | None = None, **more: float) -> dict[str, object]:
+def _mm(values: Array, **paper: float | None) -> dict[str, Any]:
     """A figure of lengths [m] in mm: mean, std and largest."""
     v = values * MM
-    spread = {"std": float(v.std()), "max": float(v.max())}
-    return figure(float(v.mean()), "mm", paper, **spread, **more)
+    return figure(float(v.mean()), "mm", std=float(v.std()), max=float(v.max()), **paper)

@@ -34,7 +34,11 @@ PAPER_AIM = replace(REALITY, aim=0.4e-3 / np.sqrt(2.0), tilt=float(np.deg2rad(45
 PLANE_POINTS = (20, 10)  # the paper's: points, and readings of each
 PER_SCENE = 5  # range finders that go through one programme
 GROSS = 0.1  # share of the readings that is spoilt
+AS_AIMED = ("single_plane", "three_planes", "best", "floor")
 RATIOS = tuple(10.0**k for k in range(-8, 5, 2))  # of beta to alpha, lengths in mm
+
+
+Lengths = dict[str, Array]  # one or several [m], by the name of the figure that they go into
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,38 +46,21 @@ class Trial:
     """One set-up: repeatability [m] of every method on marks that none has seen."""
 
     selections: tuple[Selection, ...]  # the selection loop on each plane
-    closed: float  # the closed form on all readings, mean over the planes
-    single: Array  # the selected closed form on each plane (3,)
-    three: float  # the three planes jointly
-    scipy: float  # sciPy's least squares on eq. 5.
-    best: float  # our statement
-    cauchy: float  # sciPy's with Cauchy's loss, on all readings
-    printed: float  # the three planes jointly, each group with a plane of its own
-    truth: float  # the true beam: what marks and readings leave to nobody
-    as_aimed: Array  # single (mean), three, best and truth on marks aimed as the paper did (4,)
+    lengths: Lengths  # on marks aimed as well as they can be
+    as_aimed: Lengths  # on marks aimed as the paper did
     error: float  # error of a point at 0.3 m by our beam [m]
     std: float  # what our covariance says of it [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Detail:
-    """What takes longer, on some of the set-ups; lengths in m."""
+    """What takes longer, on some of the set-ups."""
 
-    flat: float  # repeatability of our statement with boards taken as flat
-    spoilt: float  # repeatability of our statement where a tenth of the readings is gross
-    spoilt_three: float  # the same of the three planes jointly
-    found: float  # share of the gross readings that were named
-    ratios: Array  # repeatability of the three planes over beta / alpha
-    fre: float  # against the tracker, marks rebuilt from five poses
-    tre: Array  # the same, left out one by one (12,)
-    fre_once: float  # marks rebuilt from a single pose
-    tre_once: Array  # the same, left out (12,)
-    plane_fre: float  # against the tracker, 20 points of the planes, 10 readings each
-    plane_tre: Array  # the same, left out one by one (20,)
+    lengths: Lengths
+    named: float  # share of the gross readings that were named
+    spoilt_three: float  # repeatability of the three planes jointly with gross readings [m]
+    ratios: Array  # repeatability of the three planes over beta / alpha [m]
     angles: Array  # errors of the block's three angles [rad]
-    surface: Array  # distances of the scanned head from the CT surface
-    targets: Array  # errors of the 13 targets inside
-    camera: float  # error of a camera's place by OpenCV on the same motions; NaN without OpenCV
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,41 +147,37 @@ def trial(case: SetUp) -> Trial:
     ours = calibrate(case.readings)
     printed = solve_three_planes(kept, [s.best for s in selections], own_planes=True)
 
-    def judged(beam: Beam) -> float:
-        return repeatability(beam, case.judged_on)
+    single = [s.best.beam for s in selections]
+    beams = {
+        "single_plane": single,
+        "three_planes": [joint.beam],
+        "best": [ours.beam],
+        "closed_form": [s.first.beam for s in selections],
+        "scipy": [scipy_direct(kept, start)],
+        "scipy_cauchy": [scipy_direct(case.readings, start, "cauchy")],
+        "three_planes_as_printed": [printed.beam],
+        "floor": [case.truth],
+    }
+    lengths = {key: _repeated(several, case.judged_on) for key, several in beams.items()}
+    lengths["closed_form"] = lengths["closed_form"].mean(keepdims=True)
+    as_aimed = {key: _repeated(beams[key], case.as_aimed) for key in AS_AIMED}
+    as_aimed["single_plane"] = as_aimed["single_plane"].mean(keepdims=True)
+    error = ours.beam.error_at(case.truth, 0.3)
+    return Trial(selections, lengths, as_aimed, error, ours.point_std(0.3))
 
-    return Trial(
-        selections=selections,
-        closed=float(np.mean([judged(s.first.beam) for s in selections])),
-        single=np.array([judged(s.best.beam) for s in selections]),
-        three=judged(joint.beam),
-        scipy=judged(scipy_direct(kept, start)),
-        best=judged(ours.beam),
-        cauchy=judged(scipy_direct(case.readings, start, "cauchy")),
-        printed=judged(printed.beam),
-        truth=judged(case.truth),
-        as_aimed=_as_aimed(case, selections, joint.beam, ours.beam),
-        error=ours.beam.error_at(case.truth, 0.3),
-        std=ours.point_std(0.3),
-    )
 
-
-def _as_aimed(case: SetUp, selections: Sequence[Selection], three: Beam, best: Beam) -> Array:
-    """The mean of single planes, the three, ours and the truth, on marks aimed as the paper did."""
-    single = np.mean([repeatability(s.best.beam, case.as_aimed) for s in selections])
-    others = [repeatability(beam, case.as_aimed) for beam in (three, best, case.truth)]
-    return np.array([single, *others])
+def _repeated(beams: Sequence[Beam], marks: Marks) -> Array:
+    return np.array([repeatability(beam, marks) for beam in beams])
 
 
 def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     """What takes longer, on one set-up."""
     rng = np.random.default_rng([seed, number, 3])
     beam = calibrate(case.readings).beam
-    spoilt, spoilt_three, found = _spoilt(case, done, rng)
+    spoilt, spoilt_three, named = _spoilt(case, done, rng)
     head = phantoms.draw_head(rng)
     scan, seen = phantoms.tracked(case.scene, head, rng)
-    points = rebuilt(beam, scan)
-    views = points.reshape(len(seen), -1, 3)
+    views = rebuilt(beam, scan).reshape(len(seen), -1, 3)
     many, once = leave_one_out(views.mean(axis=1), seen), leave_one_out(views[:, 0], seen)
     planes = _plane_points(case, beam, np.random.default_rng([seed, number, 5]))
     faces = phantoms.block(case.scene, rng)
@@ -205,38 +188,30 @@ def detail(case: SetUp, done: Trial, seed: int, number: int) -> Detail:
     kept = Readings.joined([s.readings for s in done.selections])
     ratios = [solve_three_planes(kept, singles, Weights(1.0, b)).beam for b in RATIOS]
     flat = calibrate(case.readings, HandEyeOptions(shapes=0)).beam
+    lengths = {
+        "flat_boards": repeatability(flat, case.judged_on),
+        "fre": many.fre, "tre": many.tre,  # marks rebuilt from five poses; left out one by one
+        "fre_one_pose": once.fre, "tre_one_pose": once.tre,
+        "fre_plane_points": planes.fre, "tre_plane_points": planes.tre,
+        "surface": surface, "inner_targets": targets, "gross": spoilt,
+        "camera_opencv": _camera(case.scene, case.survey, rng),
+    }  # fmt: skip
     return Detail(
-        flat=repeatability(flat, case.judged_on),
-        spoilt=spoilt,
-        spoilt_three=spoilt_three,
-        found=found,
-        ratios=np.array([repeatability(b, case.judged_on) for b in ratios]),
-        fre=many.fre,
-        tre=many.tre,
-        fre_once=once.fre,
-        tre_once=once.tre,
-        plane_fre=planes.fre,
-        plane_tre=planes.tre,
-        angles=np.abs(angles - np.pi / 2.0),
-        surface=surface,
-        targets=targets,
-        camera=_camera(case.scene, case.survey, rng),
-    )
+        {key: np.atleast_1d(np.asarray(values)) for key, values in lengths.items()},
+        named, spoilt_three, _repeated(ratios, case.judged_on), np.abs(angles - np.pi / 2.0),
+    )  # fmt: skip
 
 
 def _spoilt(case: SetUp, done: Trial, rng: np.random.Generator) -> tuple[float, float, float]:
     """Our statement and the joint one where a tenth of the readings is gross; share named."""
     distance, rows = spoil(case.survey.distance, GROSS, rng)
-    T = case.readings
-    readings = Readings.from_arrays(T.R, T.t, distance, T.plane, T.motion)
+    own = case.readings
+    readings = Readings.from_arrays(own.R, own.t, distance, own.plane, own.motion)
     ours = calibrate(readings)
     joint = solve_three_planes(readings, [s.best for s in done.selections])
     found = len(np.intersect1d(ours.gross, rows)) / len(rows)
-    return (
-        repeatability(ours.beam, case.judged_on),
-        repeatability(joint.beam, case.judged_on),
-        found,
-    )
+    spoilt, three = _repeated([ours.beam, joint.beam], case.judged_on)
+    return float(spoilt), float(three), found
 
 
 def _plane_points(case: SetUp, beam: Beam, rng: np.random.Generator) -> Accuracy:
