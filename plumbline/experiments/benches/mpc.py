@@ -257,10 +257,10 @@ def picture(growth: pd.DataFrame) -> Figure:
             axes.plot(rows[key], rows["thread p99"], "o--", color=AFTER, alpha=0.5, label="p99")
             axes.set_xlabel(name)
             axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-            axes.set_title(
-                ", ".join(f"{v} {a}" if a != "p" else f"p = {v}" for a, v in fixed.items())
+            axes.set(
+                title=", ".join(f"{v} {a}" if a != "p" else f"p = {v}" for a, v in fixed.items()),
+                ylim=(0.0, None),
             )
-            axes.set_ylim(bottom=0.0)
         figure.axes[0].set_ylabel("time of a step [ms]")
         figure.axes[0].legend()
     return figure

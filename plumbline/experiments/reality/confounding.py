@@ -149,5 +149,5 @@ def confounded(
 
 
 def _left(target: Array, basis: Array, columns: Array | None) -> float:
-    """What a rival leaves of a displacement, always-fitted columns beside it."""
+    """What a rival leaves of a displacement, given the always-fitted columns."""
     return gap.unabsorbed(target, basis if columns is None else np.hstack([columns, basis]))

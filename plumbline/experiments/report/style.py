@@ -83,6 +83,16 @@ def house_style() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def drawing(
+    width: float, height: float, rows: int = 1, columns: int = 1, **how: Any
+) -> Iterator[tuple[Figure, Any]]:
+    """An empty figure of that size [in] and its axes, in the house's style for the time being."""
+    with house_style():
+        figure = new_figure(width, height)
+        yield figure, figure.subplots(rows, columns, **how)
+
+
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure of that size [in], laid out by itself."""
     return Figure(figsize=(width, height), layout="constrained", dpi=DPI)

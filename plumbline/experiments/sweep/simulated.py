@@ -1,4 +1,4 @@
-r"""Cases of a reality that is made up anew for each: a method's answer beside what is true.
+r"""Cases of a reality that is made up anew for each: a method's answer and what is true.
 
 .. math:: \text{options} \to (\text{recording}, \text{truth}) \to \text{answer} \to \text{figures}
 

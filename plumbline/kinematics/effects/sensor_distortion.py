@@ -8,7 +8,7 @@ the first term of Brown's radial model along the device's z, the optical axis (B
 Photogrammetric Engineering 32(3), eq. 7), by angle or by distance from that axis; its spherical
 counterpart for a range finder; and a scale that changes with depth, as a wrong base line of a
 stereo pair gives. These two are right where the device was calibrated, at f, somewhere within its
-field. Where, is tried: a growth of nothing, beside a level of its own, would be a scale.
+field. Where, is tried: a growth of nothing, together with a level of its own, would be a scale.
 """
 
 from collections.abc import Sequence

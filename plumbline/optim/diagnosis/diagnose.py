@@ -206,7 +206,7 @@ def _explained(
 
 
 def _idle(selected: SelectedModel) -> list[SelectedTerm]:
-    """Forms of a cause that a fit within bounds leaves at nothing beside other forms of it."""
+    """Forms of a cause that a fit within bounds leaves at nothing, given other forms of it."""
     columns = {term.effect: term.columns for term in selected.model.terms}
     size = selected.best.problem.scale
 

@@ -24,7 +24,7 @@ LOG_SCALE_WEIGHTS = LOG_SCALE_WEIGHTS - logsumexp(LOG_SCALE_WEIGHTS)
 # Equations that a stated noise is worth: what is worked out from n of them is known to
 # 1 / sqrt(2 n), 16 % (JCGM 100:2008, table E.1).
 STATED_NOISE_FREEDOM = 20.0
-# The same beside all that may be at work, 7 %: a noise that gives way more takes a gross row or two
+# The same given all that may be at work, 7 %: a noise that gives way more takes a gross row or two
 # for a part of it, and a slip or a bump of the base for what is left of them (test_gross_rows.py).
 KNOWN_NOISE_FREEDOM = 100.0
 # Rounds of noise and priors that weigh each other: a gap may be 1e4 times the noise. Half as many
@@ -108,13 +108,13 @@ LEAST_SPREAD = 0.05  # of the noise's variance that one axis has [mean]
 
 # The joint posterior (posterior/joint, discrepancy).
 UNLISTED = 0.2  # prior probability that a term is of no effect of the library (``--unlisted``)
-# Listed effects beside an unlisted mechanism, which need not be one term of ours, are parts of it
+# Listed effects with an unlisted mechanism, which need not be one term of ours, are parts of it
 # with this probability though their place, or what drives them, is another; of both, its square.
 # What its place cannot move may speak against that (posterior/parts.py; test_joint_posterior.py).
 PART_OF_UNLISTED = 0.4
 RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_resembling.py)
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
-MOST_RESEMBLED = 4  # effects at each look beside which such mechanisms are tried
+MOST_RESEMBLED = 4  # effects at each look with which such mechanisms are tried
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.01 (test_joint_posterior.py)
 LONG_MOVES = 600  # of each chain of a long state, of one place each (test_joint_posterior.py)
 LEAST_ASKED = 1e-4  # largest share of a place below which they do not ask a term (cost only)

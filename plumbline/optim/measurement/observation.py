@@ -92,7 +92,7 @@ def build_model(
 
     Args:
         recording: N rows.
-        effects: Effects to be fitted beside the nuisances.
+        effects: Effects to be fitted together with the nuisances.
         nuisance: Nuisances registered before; registered afresh if not given.
         weights: Weights of the rows (N,).
         ridge: For each effect, how strongly its parameters are held near their null: the noise

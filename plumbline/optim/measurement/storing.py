@@ -74,7 +74,7 @@ def _defined(kind: Any) -> Iterator[Any]:
 
 @dataclass(frozen=True, eq=False)
 class StoredFit:
-    """What a fit is made of beside its recording and its effects."""
+    """What a fit is made of besides its recording and its effects."""
 
     x: Array  # where it ended (P,)
     weights: Array  # weights of its rows (N,)

@@ -269,7 +269,7 @@ def refuse_strange(r: Recording, origin: Origin) -> None:
 
 
 def refuse_other_set_up(r: Recording, origin: Origin) -> None:
-    """Refuse efforts that another mounting or another unit explains far better, beside friction.
+    """Refuse efforts that another mounting or another unit explains far better, given friction.
 
     A rotor makes a multiple of what moves the bodies, never of what holds their weight.
 
@@ -311,7 +311,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
 
 
 def _off(r: Recording, read: Array) -> Array:
-    """Mean squares (n,) of what is left of efforts (N, n) beside friction of each joint.
+    """Mean squares (n,) of what is left of efforts (N, n) given friction of each joint.
 
     It goes with the sense of turning and the speed, and is never below nothing.
     """

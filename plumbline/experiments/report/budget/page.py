@@ -4,7 +4,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
-from plumbline.experiments.report.style import AFTER, GUILTY, MUTED, house_style, new_figure, says
+from plumbline.experiments.report.style import (
+    AFTER,
+    GUILTY,
+    MUTED,
+    drawing,
+    says,
+)
 from plumbline.optim.budget import Budget
 from plumbline.optim.budget.shares import COLUMNS, row_of
 from plumbline.optim.core.quantities import quantity
@@ -56,9 +62,7 @@ def waterfall(budget: Budget) -> Figure:
     steps = [*rises, *(falls[k] for k in cured)]
     names = [p.name for p in budget.parts] + [f"{budget.parts[k].name}, cured" for k in cured]
     tops = np.cumsum(steps)
-    with house_style():
-        figure = new_figure(6.4, 0.9 + 0.3 * (len(steps) + 1))
-        axes = figure.subplots()
+    with drawing(6.4, 0.9 + 0.3 * (len(steps) + 1)) as (figure, axes):
         for k, (step, top) in enumerate(zip(steps, tops, strict=True)):
             (bar,) = axes.barh(
                 k, 1e6 * step, left=1e6 * (top - step), color=GUILTY if step > 0 else AFTER

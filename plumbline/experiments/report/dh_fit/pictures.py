@@ -28,9 +28,7 @@ def error_map(found: LocalGlobal, space: Space, axes: tuple[int, int] = (0, 2)) 
         1e3 * np.linalg.norm(values, axis=1)
         for values in (found.nominal, found.local, found.everywhere)
     ]
-    with style.house_style():
-        figure = style.new_figure(9.6, 3.6)
-        panels = figure.subplots(1, 3, sharex=True, sharey=True)
+    with style.drawing(9.6, 3.6, 1, 3, sharex=True, sharey=True) as (figure, panels):
         fitted = Normalize(0.0, float(np.percentile(np.concatenate(sizes[1:]), BRIGHTEST)))
         before = Normalize(0.0, float(np.percentile(sizes[0], BRIGHTEST)))
         pairs = zip(panels, sizes, TITLES, (before, fitted, fitted), strict=True)
@@ -76,9 +74,7 @@ def correlations(fit: DHFit) -> Figure:
     names = [name for name, k in zip(fit.statement.names, known, strict=True) if k]
     C = fit.correlations[np.ix_(known, known)]
     size = 1.8 + 0.19 * len(names)
-    with style.house_style():
-        figure = style.new_figure(size + 0.7, size)
-        axes = figure.add_subplot()
+    with style.drawing(size + 0.7, size) as (figure, axes):
         drawn = axes.imshow(C, cmap=SIGNED, vmin=-1.0, vmax=1.0)
         places = list(range(len(names)))
         axes.set_xticks(places, names, rotation=90, fontsize=7.5)
@@ -95,9 +91,7 @@ def correlations(fit: DHFit) -> Figure:
 def rows_picture(fit: DHFit) -> Figure:
     """Misfits of all rows before and after [mm], by row as an editor counts."""
     numbers = np.arange(len(fit.readings)) + FIRST_ROW
-    with style.house_style():
-        figure = style.new_figure(4.6, 3.6)
-        axes = figure.add_subplot()
+    with style.drawing(4.6, 3.6) as (figure, axes):
         for values, colour, label in (
             (fit.nominal_misfits(), style.BEFORE, "nominal"),
             (fit.misfits(), style.AFTER, "fitted"),
@@ -116,9 +110,7 @@ def rows_picture(fit: DHFit) -> Figure:
 
 def designs(chosen: Sequence[tuple[str, Design]], blind: Sequence[Design]) -> Figure:
     """What designs promise: how well links are known, and the worst expected target error."""
-    with style.house_style():
-        figure = style.new_figure(5.4, 3.2)
-        axes = figure.add_subplot()
+    with style.drawing(5.4, 3.2) as (figure, axes):
         x = [d.log_determinant for d in blind]
         y = [1e3 * d.worst for d in blind]
         axes.scatter(
@@ -127,9 +119,11 @@ def designs(chosen: Sequence[tuple[str, Design]], blind: Sequence[Design]) -> Fi
         for (name, design), colour in zip(chosen, (style.AFTER, style.GUILTY), strict=False):
             place = (design.log_determinant, 1e3 * design.worst)
             axes.scatter(*place, color=colour, s=46, linewidths=0, label=name, zorder=3)
-        axes.set_ylim(bottom=0.0)
-        axes.set_xlabel("log det of the information: more is better")
-        axes.set_ylabel("worst expected target error [mm]")
+        axes.set(
+            ylim=(0.0, None),
+            xlabel="log det of the information: more is better",
+            ylabel="worst expected target error [mm]",
+        )
         axes.legend(loc="upper right")
         style.calm(axes)
         return figure

@@ -86,9 +86,7 @@ def arm(subject: Subject) -> Figure:
     )
     azimuth = best_azimuth(body.points)
     share = _Shares.of(subject.verdict.where)
-    with style.house_style():
-        figure = style.new_figure(3.3, 3.6)
-        axes = figure.add_subplot()
+    with style.drawing(3.3, 3.6) as (figure, axes):
         axes.set_aspect("equal")
         axes.axis("off")
         _ground(axes, body, azimuth, share)

@@ -25,6 +25,7 @@ from plumbline.experiments.report.style import (
     PAPER,
     SIZES,
     calm,
+    drawing,
     house_style,
     new_figure,
     numbered,
@@ -58,8 +59,7 @@ def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Fig
         look = {"c": sizes[order], "cmap": SIZES, "norm": scale, "s": _dot(len(x), 1.6)}
         cloud(ax, x, y, subject.rows[order], **look)
         ax.set_aspect("equal", adjustable="datalim")
-        ax.set_title(f"{when}, {seen}")
-        ax.set_ylabel(f"{'xyz'[b]} [m]")
+        ax.set(title=f"{when}, {seen}", ylabel=f"{'xyz'[b]} [m]")
         ax.xaxis.set_major_locator(MaxNLocator(4))
         ax.yaxis.set_major_locator(MaxNLocator(5))
         calm(ax, grid="both")
@@ -107,9 +107,7 @@ def _panel(subject: Subject, joint: int, x: Array, words: str) -> Figure:
     axes = figure.add_subplot()
     before, after = _values(subject, joint)
     drawn_pair(axes, factor * x, before, after, subject.rows, signed=subject.encoders)
-    axes.set_title(f"joint {joint + 1}")
-    axes.set_xlabel(words.format(unit))
-    axes.set_ylabel(_residual_label(subject))
+    axes.set(title=f"joint {joint + 1}", xlabel=words.format(unit), ylabel=_residual_label(subject))
     return figure
 
 
@@ -120,12 +118,12 @@ def over_time(subject: Subject) -> tuple[Figure, ...]:
         return ()
     since = time - time.min()
     divisor, unit = next((d, u) for end, d, u in TIMES if since.max() <= end)
-    with house_style():
-        figure = new_figure(WIDE_FIGURE, 2.5)
-        axes = figure.add_subplot()
+    with drawing(WIDE_FIGURE, 2.5) as (figure, axes):
         drawn_pair(axes, since / divisor, *subject.sizes, subject.rows, signed=False)
-        axes.set_xlabel(f"time since the first row [{unit}]")
-        axes.set_ylabel(_residual_label(subject, signed=False))
+        axes.set(
+            xlabel=f"time since the first row [{unit}]",
+            ylabel=_residual_label(subject, signed=False),
+        )
         return (figure,)
 
 
@@ -136,9 +134,7 @@ def against_noise(subject: Subject) -> Figure:
     sigma = subject.factor * subject.verdict.noise.sigma
     half = max(top_of(np.abs(before)), top_of(np.abs(after)), 3.0 * np.nan_to_num(sigma))
     edges = np.linspace(-half, half, 61)
-    with house_style():
-        figure = new_figure(WIDE_FIGURE, 2.5)
-        axes = figure.add_subplot()
+    with drawing(WIDE_FIGURE, 2.5) as (figure, axes):
         for values, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
             alpha = 0.55 if label == "before" else 0.75
             axes.hist(values, edges.tolist(), density=True, color=colour, alpha=alpha, label=label)

@@ -162,8 +162,7 @@ def bode(found: MotionDiagnosis, number: int) -> Figure | None:
             axes.xaxis.set_major_formatter("{x:g}")
             axes.xaxis.set_minor_formatter(NullFormatter())
         upper.set_ylabel("gain")
-        lower.set_ylabel("phase [deg]")
-        lower.set_xlabel("frequency [Hz]")
+        lower.set(ylabel="phase [deg]", xlabel="frequency [Hz]")
         return figure
 
 

@@ -42,7 +42,7 @@ from plumbline.optim.diagnosis.several.sections import Sections
 from plumbline.optim.diagnosis.verdict import words
 
 MOST_CAUSES = 6  # that are shown at once with their values: what a screen holds
-MOST_RIVALS = 5  # candidates that are told beside the causes
+MOST_RIVALS = 5  # candidates that are told with the causes
 MOST_LINES, MOST_ROWS = 12, 3  # that a terminal shows of what cannot be told, of rows to come
 Answered: TypeAlias = Diagnosis | MotionDiagnosis | Sections
 LISTED = 40  # rows that are named one by one
@@ -339,7 +339,7 @@ def _rows(gross: Sequence[int]) -> str:
 
 
 def transfer(verdict: Verdict) -> Grid:
-    """What one recording alone says of each cause, beside what all others say."""
+    """What one recording alone says of each cause, and what all others say."""
     columns = ("cause", "recording", "carries over?", "z", "parameter", "here alone", "the others")
     rows = [line for t in verdict.transfer for line in _of_transfer(t)]
     return Grid(columns, rows, (3, 5, 6), sorts=False)

@@ -13,6 +13,7 @@ from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,
     calm,
+    drawing,
     house_style,
     new_figure,
     numbered,
@@ -40,8 +41,7 @@ def _over(subject: Subject, values: Array, words: str) -> Figure:
     figure = new_figure(3.3, 2.6)
     axes = figure.add_subplot()
     drawn_pair(axes, values, subject.before[:, 0], subject.after[:, 0], subject.rows, signed=True)
-    axes.set_xlabel(words)
-    axes.set_ylabel(f"residual [{subject.unit}]")
+    axes.set(xlabel=words, ylabel=f"residual [{subject.unit}]")
     return figure
 
 
@@ -72,8 +72,7 @@ def _plane(subject: Subject, plane: int, scale: Normalize) -> Figure:
         )  # fmt: skip
         numbered(dots, subject.rows[mine])
         ax.set_aspect("equal", adjustable="datalim")
-        ax.set_title(f"plane {plane}{named}, {when}")
-        ax.set_ylabel("y [mm]")
+        ax.set(title=f"plane {plane}{named}, {when}", ylabel="y [mm]")
         _few_ticks(ax)
         calm(ax, grid="both")
     axes[1].set_xlabel("x on the plane, from the middle [mm]")
@@ -96,22 +95,18 @@ def by_marker(subject: Subject) -> tuple[Figure, ...]:
     count = len(recording.elements)
     turn = np.argsort(np.argsort(recording.element, kind="stable"))  # so that dots stand apart
     beside = SPREAD * (2.0 * (turn % 5) / 4.0 - 1.0)
-    with house_style():
-        figure = new_figure(5.2, 2.7)
-        axes = figure.add_subplot()
+    with drawing(5.2, 2.7) as (figure, axes):
         for sizes, colour, label, shift in zip(
             subject.sizes, (BEFORE, AFTER), ("before", "after"), (-0.2, 0.2), strict=True
         ):
             x = recording.element + shift + 0.6 * beside
             dots = axes.scatter(x, sizes, color=colour, s=14.0, alpha=0.8, lw=0, label=label)
             numbered(dots, subject.rows)
-        axes.set_xlim(0.5, count + 0.5)
-        axes.set_ylim(0.0, top_of(subject.sizes[0]))
+        axes.set(xlim=(0.5, count + 0.5), ylim=(0.0, top_of(subject.sizes[0])))
         if count <= MOST_PARTS:
             names = [f"{k}\n{name[:8]}" for k, name in enumerate(recording.elements, start=1)]
             axes.set_xticks(range(1, count + 1), names)
-        axes.set_xlabel("marker")
-        axes.set_ylabel(f"distance [{subject.unit}]")
+        axes.set(xlabel="marker", ylabel=f"distance [{subject.unit}]")
         axes.legend(loc="upper right")
         calm(axes)
         return (figure,)

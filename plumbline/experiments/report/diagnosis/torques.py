@@ -44,11 +44,11 @@ def _friction(subject: Subject, curve: FrictionCurve) -> Figure:
         axes.fill_between(v[side], low[side], high[side], color=AFTER, alpha=0.35, linewidth=0)
         axes.plot(v[side], torque[side], color=INK, linewidth=1.4)
     top = max(top_of(np.abs(seen)), 1.1 * float(np.abs(torque).max()))
-    axes.set_ylim(-top, top)
-    axes.set_title(f"joint {curve.joint}")
+    axes.set(ylim=(-top, top), title=f"joint {curve.joint}")
     slides = subject.recording.chain.kinds[curve.joint - 1] == "prismatic"
-    axes.set_xlabel(f"velocity [{'m/s' if slides else 'rad/s'}]")
-    axes.set_ylabel(f"friction [{subject.unit}]")
+    axes.set(
+        xlabel=f"velocity [{'m/s' if slides else 'rad/s'}]", ylabel=f"friction [{subject.unit}]"
+    )
     calm(axes)
     return figure
 
@@ -113,6 +113,5 @@ def over_time(traces: Traces) -> Figure:
         upper.set_ylabel(traces.what)
         lower.plot(t, traces.before, color=style.BEFORE, linewidth=1.0)
         lower.plot(t, traces.after, color=style.AFTER, linewidth=1.0)
-        lower.set_ylabel(traces.left)
-        lower.set_xlabel("time [s]")
+        lower.set(ylabel=traces.left, xlabel="time [s]")
         return figure

@@ -46,9 +46,7 @@ def scene(readings: Readings, beam: Beam) -> Figure:
 
 def selection_curves(selections: Sequence[Selection], mean: Array | None = None) -> Figure:
     """Repeatability over the iterations of the loop, plane by plane; the kept ones marked."""
-    with style.house_style():
-        figure = style.new_figure(5.2, 3.0)
-        axes = figure.add_subplot()
+    with style.drawing(5.2, 3.0) as (figure, axes):
         for i, selection in enumerate(selections):
             colour = BOARDS[i % len(BOARDS)]
             axes.plot(MM * selection.curve, color=colour, linewidth=1.3, label=f"plane {i + 1}")
@@ -66,9 +64,7 @@ def selection_curves(selections: Sequence[Selection], mean: Array | None = None)
 def residuals(calibration: Calibration) -> Figure:
     """What the fit leaves over, over the incidence, with the scatter that it found."""
     c = calibration
-    with style.house_style():
-        figure = style.new_figure(5.2, 3.0)
-        axes = figure.add_subplot()
+    with style.drawing(5.2, 3.0) as (figure, axes):
         angle = np.rad2deg(c.incidence)
         dots = axes.scatter(angle, MM * c.errors, s=9, color=style.AFTER, alpha=0.7, linewidths=0)
         style.numbered(dots, c.readings.row)
@@ -96,8 +92,7 @@ def bows(calibration: Calibration) -> Figure:
             places = MM * (points[rows] - c.frames.c[k]) @ c.frames.B[k][:, :2]
             drawn = _dots(axes, places, heights[rows], top)
             style.numbered(drawn, c.readings.row[rows])
-            axes.set_title(f"plane {c.readings.planes[k]}")
-            axes.set_xlabel("on the board [mm]")
+            axes.set(title=f"plane {c.readings.planes[k]}", xlabel="on the board [mm]")
         panels[0].set_ylabel("[mm]")
         figure.colorbar(drawn, ax=panels.tolist(), label="out of its plane [mm]")
     return figure

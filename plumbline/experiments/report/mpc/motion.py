@@ -74,9 +74,11 @@ class Film:
         self.plot.axhline(safe, color=FLOOR, lw=1.2)
         self.plot.annotate("$d_s$", (times[-1], safe), color=FLOOR, va="bottom", ha="right")
         self.plot.plot(times, self.gaps, color=FAINT, lw=1.0)
-        self.plot.set_ylim(0.0, max(6 * safe, float(np.percentile(self.gaps, 90))))
-        self.plot.set_xlim(0.0, times[-1])
-        self.plot.set_xlabel("time [s]")
+        self.plot.set(
+            ylim=(0.0, max(6 * safe, float(np.percentile(self.gaps, 90)))),
+            xlim=(0.0, times[-1]),
+            xlabel="time [s]",
+        )
         self.plot.set_ylabel("clearance [mm]", fontsize=8)
         (line,) = self.plot.plot([], [], color=INK, lw=1.6)
         (dot,) = self.plot.plot([], [], "o", color=INK, ms=4)
@@ -113,11 +115,9 @@ class Film:
             axes.plot(trail[:, a], trail[:, b], color=colour, lw=1.0, alpha=0.5)
             axes.plot(*self.scenario.goals[i, [a, b]], "x", color=colour, ms=7, mew=1.6)
             axes.plot(*kit.trocars[i, [a, b]], "o", mfc=PAPER, mec=colour, ms=4)
-        axes.set_aspect("equal")
-        axes.set_xlim(-85, 85)
+        axes.set(aspect="equal", xlim=(-85, 85))
         axes.set_ylim(*((-150, 35) if b == 2 else (-92, 92)))
-        axes.set_xlabel(f"{'xyz'[a]} [mm]")
-        axes.set_ylabel(f"{'xyz'[b]} [mm]")
+        axes.set(xlabel=f"{'xyz'[a]} [mm]", ylabel=f"{'xyz'[b]} [mm]")
 
 
 def film(scenario: Scenario, found: Run, path: Path, safe: float, every: int = SUBSTEPS) -> int:

@@ -71,10 +71,12 @@ def _section(axes: Axes, found: AngleMap, azimuth: float, colours: dict[str, str
                 linewidth=2.0 if safe else 1.2, linestyle="-" if safe else "--", zorder=4,
             )  # fmt: skip
     axes.plot(0.0, 0.0, "D", color=GUILTY, markeredgecolor=PAPER, markersize=8, zorder=6)
-    axes.set_aspect("equal")
-    axes.set_xlabel(f"from the lesion along β = {np.degrees(azimuth):.0f}° [mm]")
-    axes.set_ylabel("from the lesion along the CT's z [mm]")
-    axes.set_title("section through the lesion; needles from tip to lesion")
+    axes.set(
+        aspect="equal",
+        xlabel=f"from the lesion along β = {np.degrees(azimuth):.0f}° [mm]",
+        ylabel="from the lesion along the CT's z [mm]",
+        title="section through the lesion; needles from tip to lesion",
+    )
     calm(axes, grid="both")
 
 

@@ -91,9 +91,7 @@ def cone(sweep: Sweep, azimuth: float, shown: int = 4) -> Figure:
     """The arm at some angles of a sweep, the needle at all, the body; orthographic, mm."""
     held = np.flatnonzero(np.isfinite(sweep.joints).all(axis=1))
     tips, tops = sweep.tips_and_tops
-    with style.house_style():
-        figure = style.new_figure(6.4, 5.2)
-        axes = figure.add_subplot()
+    with style.drawing(6.4, 5.2) as (figure, axes):
         _floor(axes, azimuth)
         if isinstance(sweep.aim.body, Box):
             _solid(axes, sweep.aim.T_robot_ct, sweep.aim.body, azimuth)
@@ -115,8 +113,7 @@ def cone(sweep: Sweep, azimuth: float, shown: int = 4) -> Figure:
         )
         axes.plot([], [], color=style.MUTED, linewidth=1, label="body; base")
         axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel("across the line of sight [mm]")
-        axes.set_ylabel("upwards in the picture [mm]")
+        axes.set(xlabel="across the line of sight [mm]", ylabel="upwards in the picture [mm]")
         axes.margins(0.05)
         style.calm(axes, grid="both")
         figure.legend(loc="outside lower center", ncols=3)
@@ -168,12 +165,13 @@ def joint_path(sweep: Sweep) -> Figure:
         top.set_ylabel("joint [deg]" if turning.all() else "joint [deg or mm]")
         top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         middle.plot(beta, sweep.singular_value, color=style.AFTER, linewidth=1.7)
-        middle.set_ylabel("smallest singular\nvalue [rad/rad]")
-        middle.set_ylim(bottom=0.0)
+        middle.set(ylabel="smallest singular\nvalue [rad/rad]", ylim=(0.0, None))
         bottom.plot(beta, MM * sweep.clearance, color=style.GUILTY, linewidth=1.7)
-        bottom.set_ylabel("clearance\n[mm]")
-        bottom.set_ylim(bottom=0.0)
-        bottom.set_xlabel("azimuth β from the CT's x axis [deg]")
+        bottom.set(
+            ylabel="clearance\n[mm]",
+            ylim=(0.0, None),
+            xlabel="azimuth β from the CT's x axis [deg]",
+        )
         for ax in (top, middle, bottom):
             style.calm(ax, grid="both")
         off = sweep.rcm_error[np.isfinite(sweep.rcm_error)]

@@ -22,6 +22,7 @@ from plumbline.experiments.report.style import (
     PAPER,
     SIZES,
     calm,
+    drawing,
     house_style,
     new_figure,
     says,
@@ -38,9 +39,7 @@ def two_frames(
     markers: Mapping[str, Array], lesions: Mapping[str, Array], body: Box, T_RC: Array
 ) -> Figure:
     """The same markers in CT and in robot coordinates, each from above and from the side."""
-    with house_style():
-        figure = new_figure(7.2, 6.4)
-        axes = figure.subplots(2, 2)
+    with drawing(7.2, 6.4, 2, 2) as (figure, axes):
         corners = _corners(body)
         frames = (("CT", np.eye(4)), ("robot", T_RC))
         for column, (name, T) in enumerate(frames):
@@ -79,11 +78,13 @@ def error_regions(
                 if not region.unknown:
                     ax.add_patch(_shadow(region, a, b))
                 ax.plot(0, 0, "+", color=INK, markersize=8)
-                ax.set_xlim(-half, half)
-                ax.set_ylim(-half, half)
-                ax.set_aspect("equal")
-                ax.set_xlabel(f"robot {'xyz'[a]} error [mm]")
-                ax.set_ylabel(f"robot {'xyz'[b]} error [mm]")
+                ax.set(
+                    xlim=(-half, half),
+                    ylim=(-half, half),
+                    aspect="equal",
+                    xlabel=f"robot {'xyz'[a]} error [mm]",
+                    ylabel=f"robot {'xyz'[b]} error [mm]",
+                )
                 calm(ax, grid="both")
             axes[0, column].set_title(f"{name}\n{100 * inside:.1f} % inside, in space")
         first = axes[0, 0]
@@ -98,9 +99,7 @@ def misfits_and_targets(answer: Registration) -> Figure:
     recording, used = answer.recording, set(answer.used)
     errors = [answer.tre(place, None) for place in recording.targets.ct]
     names = [*answer.labels, *recording.targets.labels]
-    with house_style():
-        figure = new_figure(6.4, 0.3 * (len(answer.labels) + len(errors)) + 1.4)
-        axes = figure.add_subplot()
+    with drawing(6.4, 0.3 * (len(answer.labels) + len(errors)) + 1.4) as (figure, axes):
         for k, misfit in enumerate(MM * answer.misfits):
             ink = AFTER if k in used else PAPER
             (bar,) = axes.barh(k, misfit, color=ink, edgecolor=AFTER, height=0.6)
@@ -261,7 +260,6 @@ def _arrows(axes: Axes, T: Array, view: tuple[int, int], length: float) -> None:
 
 def _labelled(axes: Axes, a: int, b: int, frame: str) -> None:
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"{frame} {'xyz'[a]} [mm]")
-    axes.set_ylabel(f"{frame} {'xyz'[b]} [mm]")
+    axes.set(xlabel=f"{frame} {'xyz'[a]} [mm]", ylabel=f"{frame} {'xyz'[b]} [mm]")
     axes.margins(0.12)
     calm(axes, grid="both")

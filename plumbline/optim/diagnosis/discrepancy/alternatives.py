@@ -128,7 +128,7 @@ def alternatives(
 
     Args:
         pool: The candidates of the library, linearised.
-        chosen: Those that a search has chosen: what unlisted mechanisms are tried beside.
+        chosen: Those that a search has chosen: what unlisted mechanisms are tried with.
         unlisted: Prior probability that a term is of no effect of the library.
         seed: Of the random features.
     """
@@ -356,7 +356,7 @@ def spread_of_noise(
 
     Components may be noisier than others, and no mechanism is to be paid for explaining the noise
     of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978), each kind of
-    noise with what the library may lack beside it: a joint's own encoder may err alone.
+    noise together with what the library may lack: a joint's own encoder may err alone.
 
     Args:
         pool: The candidates.

@@ -179,7 +179,7 @@ class FamilyDesign:
         chosen: Sequence[SelectedTerm],
         gross: Array,
     ) -> NDArray[np.intp]:
-        """Families that do best beside the chosen causes, beside none, or in the place of one.
+        """Families that do best conditional on the chosen causes, on none, or on all but one.
 
         Each with the shifts of single rows that may be gross (R, m, N, m), and without them.
         """
@@ -190,7 +190,7 @@ class FamilyDesign:
     def most(
         self, found: Sequence[Dependence], shares: Array, pool: Pool, state: Sequence[SelectedTerm]
     ) -> float:
-        """Log evidence of all families together beside a state, weighed by their shares."""
+        """Log evidence of all families together given a state, weighed by their shares."""
         return float(np.logaddexp.reduce(self._conditional(found, pool, [state])[0] + shares))
 
     def _conditional(
@@ -242,7 +242,7 @@ def _evidence(
 
 
 def looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]]:
-    """States beside which families are tried: the causes, none, and all causes but one."""
+    """States given which families are tried: the causes, none, and all causes but one."""
     keys = dict.fromkeys(pool.candidates[c.index].key for c in chosen)
     found = [list(chosen), []]
     if 1 < len(keys) <= MANY_CAUSES:

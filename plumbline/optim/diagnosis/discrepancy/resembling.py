@@ -118,7 +118,7 @@ def _is_constant(effect: Effect) -> bool:
 
 
 def resembled(pool: Pool, looks: Sequence[Sequence[SelectedTerm]]) -> list[Candidate]:
-    """Effects that may be at work: the chosen ones, and the best beside them or in their place.
+    """Effects that may be at work: the chosen ones, and the best with them or in their place.
 
     Of many causes one form each: a joint's orders may be dozens, and each would be resembled anew.
 

@@ -205,7 +205,7 @@ class Models:
     def spared(self, key: Key) -> Key:
         """The model without effects that take next to nothing, alone or two together.
 
-        A climb that began with what stands for two others keeps it beside them: of many samples
+        A climb that began with what stands for two others keeps it with them: of many samples
         what little they leave, a simulator's steps or an encoder's, is evidence for more.
         """
         whole = key

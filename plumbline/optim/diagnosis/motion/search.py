@@ -45,9 +45,9 @@ class Joint:
     probability: Mapping[str, float]  # of every effect that was considered, by name
     # by name of an effect found: what may stand in its place, with its probability
     instead: Mapping[str, Mapping[str, float]]
-    # what a function beside all that was found would explain, by variable
+    # what a function more than all that was found would explain, by variable
     unlisted: tuple[UnlistedFunction, ...]
-    outside: float  # probability that something beside it is at work
+    outside: float  # probability that something else is at work with it
     # probability of every effect and of every function that nobody has listed, the latter as ``?``
     # and its variable
     mechanisms: Mapping[str, float]
@@ -119,7 +119,7 @@ def search(begun: Begun, prior: float, sigma: float | None = None) -> Joint:
 
 
 def errors_of(models: Models, fit: JointFit, prior: float, sigma: float | None) -> Array:
-    """Standard errors (P,) of a fit, with what nobody has listed at work beside it or not."""
+    """Standard errors (P,) of a fit, with what nobody has listed at work as well or not."""
     models.keep(fit)
     effective = fit.residual.size / correlation_time(fit.residual)
     rivals = FunctionRivals(
@@ -153,7 +153,7 @@ def _weights(
     """Names of the effects in each model, a function of a variable among them, and log weights.
 
     A model that leaves more than the stated noise is of that noise all the same, and so much less
-    probable, or something that nobody has listed is at work beside it, of whatever form.
+    probable, or something that nobody has listed is at work with it, of whatever form.
     """
     counted = [k for k in models.found if not models.negligible(k, key)]
     lacking = {k: models.lacking(k, time, sigma) for k in (*counted, key)}
@@ -187,7 +187,7 @@ def _weights(
             weight = score + each - np.log(2)  # functions, and the effect modulated
             instead = weight + resembles - models.odds[effect.name]
             size, rest = sizes[effect.name], {n: s for n, s in sizes.items() if n != effect.name}
-            for u in (*rivals.resembling(i, size), *past):  # beside the effect, or instead of it
+            for u in (*rivals.resembling(i, size), *past):  # with the effect, or instead
                 if u.share > LEAST_SHARE:
                     found.append((names_of(less) | {f"?{u.on}"}, weight + u.gain))
                     found += _with_parts(rest, size, u.on, instead + u.gain)
@@ -197,7 +197,7 @@ def _weights(
 def _with_parts(
     sizes: Mapping[str, float], large: float, on: str, weight: float
 ) -> list[tuple[frozenset[str], float]]:
-    """A model beside which something unlisted is at work: some of its effects may be parts of it.
+    """A model with which something unlisted is at work: some of its effects may be parts of it.
 
     What nobody has listed need not be one function; an effect than which it is no smaller by far
     may fit what the function leaves of it.

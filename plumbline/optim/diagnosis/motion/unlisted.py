@@ -5,12 +5,12 @@ With :math:`n_e` effective samples and features :math:`\Phi` of one thing that a
 the residual is :math:`r = \Phi w + J z + \epsilon`, :math:`w \sim N(0, \tau^2 I)`, summed over a
 grid of :math:`\tau`; z lets the named causes give way.
 
-What resembles a cause has its column, too, but not just its form: beside it stands such a function,
+What resembles a cause has its column, too, but not just its form: with it stands such a function,
 or the column times a smooth function of what the joint goes by, a share of the cause's own size
-(as in :mod:`plumbline.optim.diagnosis.discrepancy.resembling`). Where something is left beside a
+(as in :mod:`plumbline.optim.diagnosis.discrepancy.resembling`). Where something is left given a
 cause, it may be this, and the cause not be there at all.
 
-Standard errors are of all these together: of what stands beside a cause, part may be the cause's.
+Standard errors are of all these together: of what stands with a cause, part may be the cause's.
 Their squares are means over the models m, by probability, of variance and of squared shift,
 
 .. math:: \sigma^2 = \sum_m P(m)\, \bigl(\sigma_m^2 + (\theta_m - \hat\theta)^2\bigr)
@@ -55,7 +55,7 @@ class UnlistedFunction:
 
 
 class _Beside:
-    """Features (n, F) beside a fit, in the sums that evidence takes."""
+    """Features (n, F) conditional on a fit, in the sums that evidence takes."""
 
     def __init__(
         self, fit: JointFit, effective: float, least: float, stated: float, Phi: Array
@@ -110,7 +110,7 @@ class _Beside:
 
 
 class FunctionRivals:
-    """What may be at work beside a fit, or in the place of one of its causes."""
+    """What may be at work together with a fit, or in the place of one of its causes."""
 
     def __init__(
         self,

@@ -163,7 +163,7 @@ class _Chain:
             self._fill(self.state, 1.0 / (1 + len(mine)))
 
     def _fill(self, rest: State, accepted: float) -> None:
-        """Draw what fills the place beside these terms, if anything."""
+        """Draw what fills the place given these terms, if anything."""
         up_to = self._look(rest).up_to
         drawn = int(np.searchsorted(up_to, self.rng.random()))
         if drawn >= len(up_to):

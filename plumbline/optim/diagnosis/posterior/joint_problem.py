@@ -45,7 +45,7 @@ LOG_GROSS_ODDS = float(np.log(GROSS_ODDS / (1.0 - GROSS_ODDS)))
 
 
 def log_slot(filled: int) -> float:
-    """Log odds that one slot more is filled, beside so many.
+    """Log odds that one slot more is filled, given so many.
 
     How many causes there are is geometric, and k of them are drawn in k! orders: a robot with many
     was never calibrated, and has more.
@@ -114,7 +114,7 @@ class JointProblem(TermProblem):
         return replace(self, linear=self.linear.share(of), shared=shared)
 
     def conditional(self, indices: Sequence[int], linear: Linear) -> Evidence:
-        """What tells the evidence of some of these terms beside the others, in another problem.
+        """What tells the evidence of some of these terms given the others, in another problem.
 
         All keep their widths, or the most probable ones of them together where none are known.
         """

@@ -33,7 +33,7 @@ from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import climbed, extended
 from plumbline.optim.diagnosis.prior import LEAST_ASKED, LONG_MOVES, ROUNDS, TILT
 
-# What has been asked beside sets of terms: log odds and scales (C,) of one more.
+# What has been asked conditional on sets of terms: log odds and scales (C,) of one more.
 Asked = dict[frozenset[SelectedTerm], tuple[Array, Array]]
 
 
@@ -179,7 +179,7 @@ def _marginals(
 def _parts(problem: JointProblem, shared: Parts, lacked: Array, held: Mapping[int, float]) -> Array:
     """Probability (K, L) that a label in a slot is a part of what is unlisted in the others (K, L).
 
-    What the state has told of its own labels, beside what other places have, stays so.
+    What the state has told of its own labels, given what other places have, stays so.
     """
     labels, size = problem.labels[0], problem.sizes[0]
     at = np.zeros(size, dtype=np.intp)

@@ -1,4 +1,4 @@
-r"""Which listed terms beside an unlisted mechanism are parts of it, and how probably.
+r"""Which listed terms together with an unlisted mechanism are parts of it, and how probably.
 
 A mechanism has a place and something that drives it. What nobody has listed need not be one term of
 ours: listed columns take up what its own leave. A listed term of its place and driver is one more

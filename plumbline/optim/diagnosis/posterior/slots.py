@@ -1,4 +1,4 @@
-r"""Slots: what fills one beside all other terms of a model, and the climb that asks them in turn.
+r"""Slots: what fills one given all other terms of a model, and the climb that asks them in turn.
 
 Given all other effects of a model, a slot is empty or holds one candidate c, with posterior odds
 against emptiness
@@ -7,7 +7,7 @@ against emptiness
 
 where w_c is the candidate's share among all and B_c its evidence given the others. Causes of one
 robot are of few kinds: where one joint's zero is off, more are. So shares are those of an urn
-(Blackwell and MacQueen 1973, Ann. Stat. 1(2)): beside n causes, of which :math:`n_e` are of the
+(Blackwell and MacQueen 1973, Ann. Stat. 1(2)): given n causes, of which :math:`n_e` are of the
 same effect, which has :math:`p_e` of all, :math:`w_c` is multiplied by
 
 .. math:: \frac{1 + n_e / \alpha p_e}{1 + n / \alpha} .
@@ -55,7 +55,7 @@ class TermProblem(ABC):
 
     @abstractmethod
     def log_slot(self, filled: int) -> float:
-        """Log odds, before the data, that one slot more is filled beside so many."""
+        """Log odds, before the data, that one slot more is filled given so many."""
 
     @property
     @abstractmethod
@@ -100,7 +100,7 @@ class TermProblem(ABC):
         return int(np.argmax(np.where(self.causes == np.argmax(total), log_odds, -np.inf)))
 
     def alike(self, chosen: Sequence[SelectedTerm]) -> Array:
-        """Log factor (C,) of every term's share beside these: more of the same is less rare.
+        """Log factor (C,) of every term's share given these: more of the same is less rare.
 
         A further form of a cause that is there is no cause more.
         """

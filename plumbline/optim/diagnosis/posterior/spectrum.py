@@ -1,4 +1,4 @@
-r"""What is carried to postures that the recording lacks: whole spectra, beside all of the library.
+r"""What is carried to postures that the recording lacks: whole spectra, with all of the library.
 
 .. math:: a_N, b_N \sim N(0,\ s_{j,N}^2), \quad s_{j,N} = s_j / \sqrt N, \quad N = 1 .. 40,
           \qquad z_e \sim N(0,\ s_e^2\,\mathrm{scale}^2)
@@ -63,7 +63,7 @@ def as_spectra(
         recording: The N rows of the fit.
         effects: The fitted effects; their values are the last unknowns.
         best: The fit.
-        library: Effects of which what acts by the posture alone is carried beside them, too.
+        library: Effects of which what acts by the posture alone is carried with them, too.
     """
     sizes = [len(e.parameters) for e in effects]
     values = np.split(best.x[len(best.x) - sum(sizes) :], np.cumsum(sizes))

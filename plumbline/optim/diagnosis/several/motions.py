@@ -181,7 +181,7 @@ def _windows(signals: Signals, joint: Joint, chosen: Flags) -> Windows:
 
 
 def _transfers(found: MotionDiagnosis, joint: Joint, mine: Flags, name: str) -> list[Transfer]:
-    """Every cause of a joint's drive as one motion alone says it, beside what all others say."""
+    """Every cause of a joint's drive as one motion alone says it, and what all others say."""
     if not joint.fit.effects:
         return []
     prior = prior_at(found.options.unlisted, len(found.joints))

@@ -214,7 +214,7 @@ def _cause(
 
 
 def _unasked(selected: SelectedModel, effects: Sequence[Effect]) -> list[Blame]:
-    """Dry friction beside play on the velocity's side, of which rows too far apart ask nothing.
+    """Dry friction with play on the velocity's side, of which rows too far apart ask nothing.
 
     It winds a drive up against its motion: both are one and the same but for how it goes by speed.
     """

@@ -4,9 +4,9 @@ A rival is confounded with a cause if in the cause's place, all others kept, its
 less by a log Bayes factor below three, which is no evidence (Jeffreys 1961, app. B), than the
 cause's and than nothing's, and the one's presence takes evidence from the other, such that the
 cause's own is none: so each is confounded with the other, and neither is sure. What is fitted
-without a name and is worth no more beside all that is there, it may be instead: it goes.
+without a name and is worth no more conditional on all that is there, it may be instead: it goes.
 An effect is unobservable if the nuisances swallow it, or if at its usual size it moves the readings
-by less than the noise: alone, or beside what is named, whose values then hold what both do.
+by less than the noise: alone, or together with what is named, whose values then hold what both do.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def rivals(
     own = np.unique(selection.causes[[c.index for c in mine]])
     in_place, conditional = _by_cause(selection, in_place), _by_cause(selection, conditional)
     least = max(added, in_place[own].max(), 0.0) - NO_EVIDENCE
-    # What is as likely beside the cause leaves it beyond doubt, and is no rival.
+    # What is as likely conditional on the cause leaves it beyond doubt, and is no rival.
     taken = in_place - np.maximum(conditional, -np.finfo(float).max)
     may_be = (in_place > least) & (taken > max(added - NO_EVIDENCE, NO_EVIDENCE))
     may_be[own] = False
@@ -94,7 +94,7 @@ def odds_moved(
 
     Args:
         selection: What was asked.
-        chosen: Terms beside which a cause would be one more.
+        chosen: Terms to which a cause would be one more.
         probabilities: Of every cause.
         unlisted: Prior probability that a term is of no effect of the library.
     """
@@ -119,7 +119,7 @@ def unobservable(
     sigma: float,
     library: Sequence[type[Effect]],
 ) -> list[Blame]:
-    """Effects that this recording cannot see, alone or beside the ``named`` terms, and why."""
+    """Effects that this recording cannot see, alone or given the ``named`` terms, and why."""
     alone, found = _strengths(pool, selection, [], sigma), []
     conditional = _strengths(pool, selection, named, sigma)
     for key, (strength, share, effect) in alone.items():
@@ -139,7 +139,7 @@ def unobservable(
 def _strengths(
     pool: Pool, selection: SelectionProblem, given: Sequence[SelectedTerm], sigma: float
 ) -> dict[Key, tuple[float, float, Effect]]:
-    """By effect: its usual signal's square beside these terms [noise's], and share of the whole."""
+    """By effect: its usual signal's square given these terms [noise's], and share of the whole."""
     raw, reduced = np.diag(pool.whole.G), selection.reduce(given)
     seen: dict[Key, tuple[float, float, Effect]] = {}
     for candidate in pool.candidates:

@@ -296,7 +296,7 @@ def _of_many(
     """Terms of a state of many causes.
 
     Of a long recording only some rows are compared, so what these do not show stays as all rows
-    have it. What is named beside is of the state that blocks of rows agree on.
+    have it. What is named with it is of the state that blocks of rows agree on.
     """
     long = len(selected.pool.model.recording) > MOST_COMPARED_ROWS
     terms = selected.chosen if long else _fitted(selected, alt, state)
@@ -327,7 +327,7 @@ def _joined(
 ) -> tuple[SelectedTerm, ...]:
     """Terms, and more that blocks of rows agree on, in place of what the search took for these.
 
-    Of a long recording beside it: all rows have told the terms, and what is more but some of them.
+    Of a long recording besides: all rows have told the terms, and what is more but some of them.
     """
     held = {_dependence(alt, t.index) for t in more}
     return (*(t for t in terms if long or _dependence(alt, t.index) not in held), *more)
@@ -369,7 +369,7 @@ def with_terms(
         terms: The terms.
         task: What was searched: its rows (N) are fitted again.
         bad: Which of them are taken for gross errors (N,).
-        tried: Terms that have been tried beside.
+        tried: Terms that have been tried with them.
     """
     candidates = selected.selection.candidates
     named = {candidates[t.index].key for t in terms}

@@ -17,7 +17,7 @@ by blocks, Kuensch 1989, Annals of Statistics 17(3))
           s^2 = \frac{B - 1}{B} \sum_b (\delta_b - \bar\delta)^2.
 
 The same is taken of the fits without each fold, for which effects were chosen anew: what is chosen
-beside an effect moves its estimate too. The larger counts.
+together with an effect moves its estimate too. The larger counts.
 """
 
 from collections.abc import Sequence
@@ -112,7 +112,7 @@ def block_errors(selected: SelectedModel, models: Sequence[FoldModel] = ()) -> A
 
     Args:
         selected: The model, fitted to all rows.
-        models: What was chosen and fitted without each fold: where others beside it are chosen, an
+        models: What was chosen and fitted without each fold: where others are chosen with it, an
             effect's estimate moves further than without a block.
     """
     best, S = selected.best, selected.best.problem.scale
