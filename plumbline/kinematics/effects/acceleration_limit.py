@@ -13,10 +13,8 @@ comes smaller and late by up to half a period, whatever the motor could do.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import FOLLOWING, MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
@@ -26,6 +24,7 @@ class AccelerationLimit(MotionEffect):
     """The servo reaches its commands by ramps of speed."""
 
     name = "acceleration_limit"
+    term = "steepest"
     depends_on = "command"
     words = "the servo of joint {element} plans its way with a largest acceleration"
     reference = "Zanasi, Lo Bianco, Tonielli (2000), Automatica 36(4) (nonlinear filters of paths)"
@@ -37,9 +36,6 @@ class AccelerationLimit(MotionEffect):
     laws = FOLLOWING
     # 39 rad/s^2 is the most that hobby servos on a bus can be set to; arms plan with 1 to 20.
     steepest = Parameter("rad/s^2", 0.1, 1e12, scale=20.0, null=1e12, doc="largest acceleration")
-
-    def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        return drive.changed(steepest=value)
 
     def starts(self, seen: Seen) -> Sequence[float]:
         """What the commands hardly ever asked for, and less."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as cs
 
 from plumbline.kinematics.drive import Drive, Law
-from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -23,6 +23,7 @@ class ActuationDeadband(MotionEffect):
     less: bool = False  # whether commands beyond the band are less by it
 
     name = "actuation_deadband"
+    first = (0.005, 0.03)  # a narrow one and a wide one
     depends_on = "command"
     words = "the drive of joint {element} ignores small commands"
     reference = "Tao and Kokotovic (1996), Adaptive Control of Systems with Actuator ..., ch. 2"
@@ -43,7 +44,3 @@ class ActuationDeadband(MotionEffect):
     def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
         """Both forms; of a servo on position the second is a play inside of its loop as well."""
         return [cls(), cls(less=True)]
-
-    def starts(self, seen: Seen) -> Sequence[float]:
-        """A narrow one and a wide one."""
-        return [0.005, 0.03]

@@ -1,12 +1,8 @@
 r"""A drive that follows slowly: :math:`T \dot y = c - y`."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as cs
-
-from plumbline.kinematics.drive import Drive
-from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -15,6 +11,8 @@ class ActuationLag(MotionEffect):
     """A lag of first order between the command and what the drive does."""
 
     name = "actuation_lag"
+    term = "lag"
+    first = (0.01, 0.06)  # a fast one and a slow one
     depends_on = "time"
     lags = 1.0
     words = "joint {element} follows its commands with a lag"
@@ -22,10 +20,3 @@ class ActuationLag(MotionEffect):
     source = "by hand: loops of position close at 2 to 30 Hz"
     # 2 ms for current loops, 20 to 100 ms for hobby servos on position (Hwangbo et al. 2019).
     lag = Parameter("s", 0.0, 0.5, scale=0.03, doc="time constant")
-
-    def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        return drive.changed(lag=value)
-
-    def starts(self, seen: Seen) -> Sequence[float]:
-        """A fast one and a slow one."""
-        return [0.01, 0.06]

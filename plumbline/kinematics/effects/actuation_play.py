@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import casadi as cs
 
 from plumbline.kinematics.drive import Drive, Law
-from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -22,6 +22,7 @@ class ActuationPlay(MotionEffect):
     inside: bool = False  # whether it is inside of the servo's loop, in front of the lag
 
     name = "actuation_play"
+    first = (0.004, 0.02)  # a narrow one and a wide one
     depends_on = "direction"
     words = "joint {element} has play behind its drive, or friction that stops it short"
     reference = "Nordin and Gutman (2002), Automatica 38(10), sec. 2 (backlash as a play operator)"
@@ -41,7 +42,3 @@ class ActuationPlay(MotionEffect):
     def candidates(cls, law: Law, *, masses: bool) -> Sequence[MotionEffect]:
         """Both forms where the drive has a loop of its own."""
         return [cls(), cls(inside=True)] if law.follows else [cls()]
-
-    def starts(self, seen: Seen) -> Sequence[float]:
-        """A narrow one and a wide one."""
-        return [0.004, 0.02]

@@ -112,16 +112,12 @@ class CoulombFriction(DriveEffect):
 
 
 @dataclass(frozen=True)
-class CoulombFrictionOfMotion(MotionEffect):
+class CoulombFrictionOfMotion(MotionEffect, of=CoulombFriction):
     """Friction that a torque has to overcome before anything moves, and while it does."""
 
     soft: bool = False  # whether a joint that is held creeps
 
-    name = CoulombFriction.name
-    depends_on = CoulombFriction.depends_on
-    words = CoulombFriction.words
     reference = "Moreau (1988), Nonsmooth Mechanics and Applications (dry friction, step by step)"
-    source = CoulombFriction.source
     laws = INERT
     of_command = True
     dry = Parameter("N m", 0.0, 5.0, scale=0.1, doc="dry friction")

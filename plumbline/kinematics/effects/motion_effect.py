@@ -12,7 +12,6 @@ To add one: write a file beside this one, declare its parameter, and put its cla
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -20,10 +19,11 @@ from typing import ClassVar
 import casadi as cs
 
 from plumbline.kinematics.drive import Drive, Law
-from plumbline.kinematics.effects.effect import Stage
+from plumbline.kinematics.effects.effect import Effect, Stage
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
 
+TOLD = ("name", "depends_on", "words", "reference", "source")  # of an effect
 FOLLOWING = tuple(law for law in Law if law.follows)
 INERT = tuple(law for law in Law if law.known or law.pushes)  # whose drives have one to move
 UNITS = {Law.VELOCITY: "rad/s", Law.RATE: "rad/s", Law.TORQUE: "N m", Law.SAMPLED_TORQUE: "N m"}
@@ -39,12 +39,15 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class MotionEffect(ABC):
+class MotionEffect:
     """One term of a joint's drive, with its parameter as a class attribute."""
 
     joint: int = 1  #: number of the joint, from 1
 
     name: ClassVar[str]  #: what it is called; its file is called like it
+    term: ClassVar[str] = ""  #: the term of the drive that its number is, or is added to
+    #: values that a fit starts from, where they are others than the scale
+    first: ClassVar[tuple[float, ...]] = ()
     stage: ClassVar[Stage] = Stage.ACTUATION  #: what is blamed
     reference: ClassVar[str]  #: who describes it, the year in brackets
     #: what it means, in a sentence; ``{element}`` stands for the joint's number
@@ -61,9 +64,12 @@ class MotionEffect(ABC):
     source: ClassVar[str] = ""
     parameter: ClassVar[Parameter]  #: its number
 
-    def __init_subclass__(cls, **kwargs: object) -> None:
-        """Give the parameter its name."""
+    def __init_subclass__(cls, of: type[Effect] | None = None, **kwargs: object) -> None:
+        """Give the parameter its name, and what is told of the same cause elsewhere."""
         super().__init_subclass__(**kwargs)
+        for told in TOLD if of is not None else ():
+            if told not in vars(cls):
+                setattr(cls, told, getattr(of, told))
         for key, value in list(vars(cls).items()):
             if isinstance(value, Parameter):
                 cls.parameter = replace(value, name=key, source=value.source or cls.source)
@@ -99,12 +105,14 @@ class MotionEffect(ABC):
         own = self.parameter.unit
         return UNITS.get(law, own) if self.of_command else own
 
-    @abstractmethod
     def apply(self, drive: Drive, value: cs.SX) -> Drive:
         """A copy of the drive that has this term."""
+        return drive.changed(**{self.term: value})
 
     def starts(self, seen: Seen) -> Sequence[float]:
         """Values (k,) that a fit may start from: the scale, either way where signs are open."""
+        if self.first:
+            return self.first
         p = self.parameter
         both = (p.null + p.scale, p.null - p.scale)
         return [value for value in both if p.lower < value < p.upper]

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import casadi as cs
 
-from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import State
 from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
@@ -33,17 +32,10 @@ class RotorInertia(DriveEffect):
 
 
 @dataclass(frozen=True)
-class RotorInertiaOfMotion(MotionEffect):
+class RotorInertiaOfMotion(MotionEffect, of=RotorInertia):
     """A flywheel that torques and servos of known gains have to move as well."""
 
-    name = RotorInertia.name
-    depends_on = RotorInertia.depends_on
-    words = RotorInertia.words
-    reference = RotorInertia.reference
-    source = RotorInertia.source
+    term = "rotor"
     laws = INERT
     needs_masses = True
     inertia = Parameter("kg m^2", 0.0, 10.0, scale=0.02, doc="rotor's inertia on the joint's side")
-
-    def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        return drive.changed(rotor=value)

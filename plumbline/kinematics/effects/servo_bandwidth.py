@@ -5,13 +5,10 @@ is damped so that it does not overshoot, as loops on position are; a lag :math:`
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as cs
-
-from plumbline.kinematics.drive import Drive, Law
-from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
 
@@ -20,6 +17,8 @@ class ServoBandwidth(MotionEffect):
     """A position loop that moves an inertia: its bandwidth, by the period of its own motion."""
 
     name = "servo_bandwidth"
+    term = "period"
+    first = (0.2,)  # one of 5 Hz: both faster and slower ones are found from there
     depends_on = "time"
     words = "the servo of joint {element} is slow to set off"
     reference = "Siciliano et al. (2009), Robotics, sec. 8.3.1 (natural frequency, damping ratio)"
@@ -27,10 +26,3 @@ class ServoBandwidth(MotionEffect):
     laws = tuple(law for law in Law if law.ideal)
     lags = 1 / math.pi  # 2 s
     period = Parameter("s", 0.0, 2.0, scale=0.2, doc="natural period")
-
-    def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        return drive.changed(period=value)
-
-    def starts(self, seen: Seen) -> Sequence[float]:
-        """One of 5 Hz: both faster and slower ones are found from there."""
-        return [0.2]

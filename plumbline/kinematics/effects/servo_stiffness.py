@@ -6,9 +6,6 @@ Where the gains are given, the stiffness is theirs and this in series:
 
 from dataclasses import dataclass
 
-import casadi as cs
-
-from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import FOLLOWING, MotionEffect
 from plumbline.kinematics.parameters import Parameter
 
@@ -18,6 +15,7 @@ class ServoStiffness(MotionEffect):
     """Droop under the load that gravity makes: a position loop without an integral."""
 
     name = "servo_stiffness"
+    term = "compliance"
     depends_on = "load"
     words = "the servo of joint {element} yields to the load that it carries"
     reference = (
@@ -28,6 +26,3 @@ class ServoStiffness(MotionEffect):
     needs_masses = True
     # Hobby servos hold 10 to 50 N m/rad, industrial drives above 1e4.
     compliance = Parameter("rad/(N m)", 0.0, 1.0, scale=0.02, doc="droop over load")
-
-    def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        return drive.changed(compliance=value)

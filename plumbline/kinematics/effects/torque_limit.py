@@ -3,10 +3,8 @@ r"""A largest torque: :math:`|I \ddot y + h| \le \tau_{max}`."""
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.parameters import Parameter
 
@@ -16,6 +14,7 @@ class TorqueLimit(MotionEffect):
     """The drive is asked for more torque than its current gives."""
 
     name = "torque_limit"
+    term = "strongest"
     depends_on = "load"
     words = "the drive of joint {element} reaches its largest torque"
     reference = "Craig (2005), Introduction to Robotics, sec. 9.9 (saturation of actuators)"
@@ -23,9 +22,6 @@ class TorqueLimit(MotionEffect):
     needs_masses = True
     # 2 N m for hobby servos, 25 to 45 for quadrupeds, 330 for a UR10's shoulder.
     strongest = Parameter("N m", 1e-3, 1e6, scale=20.0, null=1e6, doc="largest torque")
-
-    def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        return drive.changed(strongest=value)
 
     def starts(self, seen: Seen) -> Sequence[float]:
         """What was hardly ever needed, and somewhat less."""

@@ -14,7 +14,6 @@ from typing import Self
 
 import casadi as cs
 
-from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.drive import DriveEffect
 from plumbline.kinematics.effects.effect import Scope, State
 from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
@@ -56,16 +55,10 @@ class ViscousFriction(DriveEffect):
 
 
 @dataclass(frozen=True)
-class ViscousFrictionOfMotion(MotionEffect):
+class ViscousFrictionOfMotion(MotionEffect, of=ViscousFriction):
     """Grease that takes a share of the torque, in proportion to the speed."""
 
-    name = ViscousFriction.name
-    depends_on = ViscousFriction.depends_on
-    words = ViscousFriction.words
+    term = "damping"
     reference = "Siciliano et al. (2009), Robotics, sec. 7.2 (viscous friction at the joints)"
-    source = ViscousFriction.source
     laws = INERT
     viscous = Parameter("N m s/rad", 0.0, 10.0, scale=0.1, doc="friction per speed, at 1 rad/s")
-
-    def apply(self, drive: Drive, value: cs.SX) -> Drive:
-        return drive.changed(damping=value)
