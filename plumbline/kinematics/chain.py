@@ -18,6 +18,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.constants import LEAST_LOAD, SHORT
 from plumbline.kinematics.evaluate import Array, Flags, over_rows
 from plumbline.kinematics.frames import Transform, axis_rotation, by_columns, constant, homogeneous
 
@@ -131,7 +132,7 @@ class Chain:
                 reach += float(np.linalg.norm(body.T_parent_joint[:3, 3]))
             torque += body.mass * (reach + float(np.linalg.norm(body.com)))
         torque *= 0.5 * float(np.linalg.norm(self.gravity))
-        return float(f"{max(torque, 0.01):.2g}")
+        return float(f"{max(torque, LEAST_LOAD):.2g}")
 
     @cached_property
     def placements(self) -> tuple[Transform, ...]:
@@ -257,7 +258,7 @@ def _link_frame(joint: Joint, following: Joint | None, T_last_tip: Array) -> Arr
     origin = T[:3, 3]
     if nearly_parallel(joint, following):
         x = origin - z1 * (z1 @ origin)
-        if np.linalg.norm(x) < 1e-9:
+        if np.linalg.norm(x) < SHORT:
             x = np.eye(3)[int(np.argmin(np.abs(z1)))] if joint.normal is None else joint.normal
             x = x - z1 * (z1 @ x)
     else:

@@ -36,6 +36,8 @@ from typing import Any
 
 import casadi as cs
 
+from plumbline.kinematics.constants import NULL
+
 EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
 
 PLANNED = 8  # steps of a sample of a planned way; twice as many change its parameters by 0.5 %
@@ -208,7 +210,7 @@ class Drive:
         if self.lag is None:
             return asked
         ratio = self.lag / self.dt
-        stays = cs.exp(-1 / (ratio + 1e-9))  # the guard lets null be null: exp(-1e9) is zero
+        stays = cs.exp(-1 / (ratio + NULL))  # null is null
         if self.law.holds:
             return stays * before.asked + (1 - stays) * asked
         late = ratio * (1 - stays)
@@ -224,7 +226,7 @@ class Drive:
         """
         r = (self.command - before.asked) / self.dt
         late = 2 * s if self.lag is None else self.lag + 2 * s
-        s = s + 1e-9  # the guard lets null be null
+        s = s + NULL  # the guard lets null be null
         lag = EQUAL * s if self.lag is None else self.lag + EQUAL * s
         fast = (lag + 2 * s + cs.sqrt(lag * (lag + 4 * s))) / (2 * s**2)
         slow = 1 / (s**2 * fast)
@@ -252,7 +254,7 @@ class Drive:
     def _risen(self, asked: cs.SX, ratio: cs.SX, before: Memory) -> cs.SX:
         """Mean over a sample of what lags by so many behind a line from what was sent before."""
         rise = asked - before.sent
-        stays = cs.exp(-1 / (ratio + 1e-9))
+        stays = cs.exp(-1 / (ratio + NULL))
         late = before.asked - before.sent + rise * ratio
         return before.sent + rise * (0.5 - ratio) + late * ratio * (1 - stays)
 
@@ -261,7 +263,7 @@ class Drive:
         if self.lag is None:
             return asked
         ratio = self.lag / self.dt
-        left = [cs.exp(-share / (ratio + 1e-9)) for share in (start, end)]
+        left = [cs.exp(-share / (ratio + NULL)) for share in (start, end)]
         return asked + (before.asked - asked) * ratio / (end - start) * (left[0] - left[1])
 
     def _driven(self, asked: cs.SX, wanted: cs.SX, before: Memory) -> tuple[cs.SX, cs.SX]:

@@ -16,6 +16,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.kinematics.constants import ROUNDING
 from plumbline.kinematics.evaluate import Array
 
 _SERIES_BELOW = 1e-4
@@ -24,7 +25,7 @@ _SERIES_BELOW = 1e-4
 def constant(matrix: ArrayLike) -> cs.SX:
     """A numeric matrix as symbols whose rounding-error zeros are structural zeros."""
     values = np.array(matrix, dtype=float)
-    values[np.abs(values) < 1e-15] = 0.0
+    values[np.abs(values) < ROUNDING] = 0.0
     return cs.SX(cs.sparsify(cs.DM(values)))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.constants import SAME, SHORT, UNLIMITED
 from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import homogeneous
@@ -23,7 +24,6 @@ from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.kinematics.robot import Robot
 
 QUARTER = np.pi / 2
-SAME = 1e-12
 NAME = "calibrated_tip"
 ORIGIN = ("xyz", "rpy")
 
@@ -209,7 +209,7 @@ def _moving(name: str, links: tuple[str, str], T: Array, row: DHRow) -> ElementT
     joint = _joint(name, kind, links, T)
     ElementTree.SubElement(joint, "axis", xyz="0 0 1")
     if kind != "continuous":
-        lower, upper = (row.lower, row.upper) if limited else (-1e3, 1e3)
+        lower, upper = (row.lower, row.upper) if limited else (-UNLIMITED, UNLIMITED)
         limits = {"lower": repr(float(lower)), "upper": repr(float(upper))}
         ElementTree.SubElement(joint, "limit", limits, effort="1e3", velocity="1e3")
     return joint
@@ -294,7 +294,7 @@ def _words(values: Array) -> str:
 
 def _angles(R: Array) -> Array:
     """Roll, pitch and yaw (3,), exact at a pitch of 90 deg too: roll takes up what yaw leaves."""
-    yaw = np.arctan2(R[1, 0], R[0, 0]) if np.hypot(R[1, 0], R[0, 0]) > 1e-9 else 0.0
+    yaw = np.arctan2(R[1, 0], R[0, 0]) if np.hypot(R[1, 0], R[0, 0]) > SHORT else 0.0
     pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
     rest = pin.rpy.rpyToMatrix(0.0, pitch, yaw).T @ R
     return np.array([np.arctan2(rest[2, 1], rest[1, 1]), pitch, yaw])

@@ -22,6 +22,7 @@ import pinocchio as pin
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import PARALLEL, Chain, Joint
+from plumbline.kinematics.constants import ROUNDING, SAME, SHORT
 from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, homogeneous
@@ -188,7 +189,7 @@ def drawn_rows(chain: Chain) -> LinkTable:
         anchors.append(T_anchor)
     values, rest = _joined(T_anchor @ chain.T_last_tip)
     rows.append(_row(label, kind, values, previous, parallel=False))
-    if not np.allclose(rest, np.eye(4), atol=1e-12):
+    if not np.allclose(rest, np.eye(4), atol=SAME):
         screw = np.array([rest[2, 3], 0.0, 0.0, np.arctan2(rest[1, 0], rest[0, 0]), 0.0])
         rows.append(_row("tip", "fixed", screw, None, parallel=False))
     kept = rows if any(rows[0].values) else rows[1:]  # an empty base is no row
@@ -214,7 +215,7 @@ def _joined(T: Array) -> tuple[Array, Array]:
     if sine < PARALLEL:
         foot = p - p[2] / z[2] * z  # where the second axis meets the first one's xy plane
         a, theta = float(np.hypot(foot[0], foot[1])), float(np.arctan2(foot[1], foot[0]))
-        a, theta = (a, theta) if a > 1e-9 else (0.0, 0.0)
+        a, theta = (a, theta) if a > SHORT else (0.0, 0.0)
         x, y, up = pin.utils.rotate("z", -theta) @ z
         values = np.array([0.0, a, np.arctan2(-y, up), theta, np.arcsin(np.clip(x, -1.0, 1.0))])
     else:
@@ -223,7 +224,7 @@ def _joined(T: Array) -> tuple[Array, Array]:
         foot = p - along * z
         theta, alpha = np.arctan2(x_axis[1], x_axis[0]), np.arctan2(sine, z[2])
         values = np.array([foot[2], x_axis @ foot, alpha, theta, 0.0])
-    values[np.abs(values) < 1e-15] = 0.0
+    values[np.abs(values) < ROUNDING] = 0.0
     row = LinkRow("", DHRow(kind="fixed")).with_values(values)
     return values, np.linalg.inv(row_matrix(row)) @ T
 
@@ -231,7 +232,7 @@ def _joined(T: Array) -> tuple[Array, Array]:
 def _axis_to_z(axis: Array) -> Array:
     """A rotation (3, 3) whose third column is the axis; the identity where that is z."""
     z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
-    if np.allclose(z, (0.0, 0.0, 1.0), atol=1e-15):
+    if np.allclose(z, (0.0, 0.0, 1.0), atol=ROUNDING):
         return np.eye(3)
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - z * (z @ x)

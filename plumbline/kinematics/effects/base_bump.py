@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import HOURS
 from plumbline.kinematics.effects.base_drift import BaseMotion
 from plumbline.kinematics.effects.effect import Effect, Scope, State
 
@@ -32,7 +33,7 @@ class BaseBump(BaseMotion):
     @property
     def variant(self) -> str:
         """When it happened."""
-        hours = self.moment > 7200.0
+        hours = self.moment > HOURS
         when = f"{self.moment / 3600.0:.3f} h" if hours else f"{self.moment:.5g} s"
         return f"at {when}{'' if self.turning else ', shifted only'}"
 

@@ -21,6 +21,7 @@ from typing import Self
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import STEP
 from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.drive import DriveEffect, largest_speed
 from plumbline.kinematics.effects.effect import Effect, Scope, State
@@ -69,12 +70,11 @@ class CoulombFriction(DriveEffect):
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Over less and over more of a way, or of speeds."""
-        factors = (0.5, 0.7, 1.4, 2.0)
         if self.creep:
             most = SHARES[-1] * largest_speed(scope, self.joint)
-            speeds = (self.creep * f for f in factors)
+            speeds = (self.creep * f for f in STEP)
             return [replace(self, creep=speed) for speed in speeds if speed <= most]
-        ways = (self.way * f for f in factors)
+        ways = (self.way * f for f in STEP)
         return self._over(scope, [way for way in ways if 0.0 < way <= LONGEST])
 
     def _over(self, scope: Scope, ways: Sequence[float]) -> list[Self]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import casadi as cs
 
+from plumbline.kinematics.constants import STEP
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
 from plumbline.kinematics.parameters import Parameter
 
@@ -50,7 +51,7 @@ class Friction(JointEffect):
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Slower and faster."""
-        return [replace(self, speed=self.speed * f) for f in (0.5, 0.7, 1.4, 2.0)]
+        return [replace(self, speed=self.speed * f) for f in STEP]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         velocity = state.row["velocity"][self.joint - 1]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import COARSE
 from plumbline.kinematics.effects.effect import UNSAID, Effect, JointEffect, Scope, State
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter
@@ -53,7 +54,7 @@ class Hysteresis(JointEffect):
         """Narrower and wider play; and by how much the way to the first row has taken it up."""
         lags = () if self.start else STARTS
         other = [replace(self, start=lag) for lag in lags if lag != self.start]
-        return [*self._of([self.width * f for f in (0.3, 0.55, 1.8, 3.0)], scope), *other]
+        return [*self._of([self.width * f for f in COARSE], scope), *other]
 
     def _of(self, widths: Sequence[float], scope: Scope) -> Sequence[Effect]:
         low, high = scope.span[f"q{self.joint}"]

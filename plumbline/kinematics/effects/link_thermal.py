@@ -18,6 +18,7 @@ from typing import ClassVar
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import COLD
 from plumbline.kinematics.effects.base_drift import BETWEEN, SETTLING
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.evaluate import Array
@@ -62,7 +63,7 @@ class LinkThermal(_Lengths):
         found: list[Effect] = []
         if cls.fits(scope):
             low, high = scope.span["temperature"]
-            references = dict.fromkeys((STANDARD_TEMPERATURE, low)) if high - low > 0.05 else ()
+            references = dict.fromkeys((STANDARD_TEMPERATURE, low)) if high - low > COLD else ()
             found += [cls(reference_temperature=reference) for reference in references]
             found += LinkAheadOfShown.candidates(scope) if found else []
             found += LinkWarmerThanShown.candidates(scope) if found else []

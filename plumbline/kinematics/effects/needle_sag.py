@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import TIP_TO_AXIS
 from plumbline.kinematics.effects.effect import TOOL_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.parameters import Parameter
@@ -64,7 +65,7 @@ class NeedleSag(Effect):
 def axis_of(scope: Scope) -> tuple[float, float, float]:
     """Unit vector from the tip frame to the nominal tip, or z where the tool has no length."""
     length = float(np.linalg.norm(scope.tool))
-    unit = scope.tool / length if length > 1e-3 else np.array([0.0, 0.0, 1.0])
+    unit = scope.tool / length if length > TIP_TO_AXIS else np.array([0.0, 0.0, 1.0])
     return (float(unit[0]), float(unit[1]), float(unit[2]))
 
 

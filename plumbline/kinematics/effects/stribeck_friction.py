@@ -11,6 +11,7 @@ from typing import Self
 
 import casadi as cs
 
+from plumbline.kinematics.constants import STEP
 from plumbline.kinematics.effects.drive import DriveEffect, largest_speed
 from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.parameters import Parameter
@@ -45,7 +46,7 @@ class StribeckFriction(DriveEffect):
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Slower and faster."""
-        return [replace(self, speed=self.speed * f) for f in (0.5, 0.7, 1.4, 2.0)]
+        return [replace(self, speed=self.speed * f) for f in STEP]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         creeping = cs.exp(-((state.row["velocity"][self.joint - 1] / self.speed) ** 2))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import casadi as cs
 
+from plumbline.kinematics.constants import HOURS
 from plumbline.kinematics.effects.base_bump import moments, moments_near
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
@@ -45,7 +46,7 @@ class ToolSlip(_Slipped):
     @property
     def variant(self) -> str:
         """When it happened."""
-        hours = self.moment > 7200.0
+        hours = self.moment > HOURS
         return f"at {self.moment / 3600.0:.3f} h" if hours else f"at {self.moment:.5g} s"
 
     @classmethod
