@@ -25,17 +25,16 @@ from plumbline.experiments.reality.scene import Mechanism, Scene
 
 ENOUGH = 9.0  # twice the log likelihood ratio below which nobody can be blamed: three sigma
 QUARTER = np.pi / 2.0
+SINGLE = (
+    joint.JointOffset, joint.JointScale, joint.Backlash, joint.LoadedPlay, joint.Hysteresis,
+)  # fmt: skip
 Basis = tuple[Mechanism, ...]
 
 
 def joint_rivals(scene: Scene) -> Iterator[Basis]:
     """Mechanisms of single joints, each with the terms that it may mix."""
     for j in range(1, scene.arm.joints + 1):
-        yield (joint.JointOffset(1e-4, j),)
-        yield (joint.JointScale(1e-4, j),)
-        yield (joint.Backlash(1e-4, j),)
-        yield (joint.LoadedPlay(1e-4, j),)
-        yield (joint.Hysteresis(1e-4, j),)
+        yield from ((kind(1e-4, j),) for kind in SINGLE)
         yield (joint.JointCompliance(1e-6, j),)
         if not scene.arm.prismatic[j - 1]:
             yield tuple(

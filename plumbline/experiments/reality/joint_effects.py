@@ -24,6 +24,14 @@ class JointMechanism(Mechanism, ABC):
         """The joint's encoder readings (N,)."""
         return scene.session.q[:, self.joint - 1]
 
+    def travel(self, scene: Scene) -> Array:
+        """By how much these change from row to row (N,)."""
+        return np.diff(self.reading(scene), prepend=self.reading(scene)[:1])
+
+    def torque(self, scene: Scene) -> Array:
+        """What gravity loads it with (N,) [N m or N]."""
+        return load_torque(scene.arm, scene.frames())[:, self.joint - 1]
+
     def body(self, scene: Scene) -> Scene:
         q = scene.q.copy()
         q[:, self.joint - 1] += self._error(scene)
@@ -69,17 +77,14 @@ class JointCompliance(JointMechanism):
     named = ("compliance", "stiffening")
 
     def _error(self, scene: Scene) -> Array:
-        torque = self._torque(scene)
+        torque = self.torque(scene)
         peak = _peak(torque) if self.largest is None else self.largest
         return self.size * torque / (1.0 + self.stiffening * np.abs(torque) / peak)
 
     def pinned(self, scene: Scene) -> Mechanism:
         """With the largest torque of the scene's rows."""
         given = self.largest is not None
-        return self if given else replace(self, largest=_peak(self._torque(scene)))
-
-    def _torque(self, scene: Scene) -> Array:
-        return load_torque(scene.arm, scene.frames())[:, self.joint - 1]
+        return self if given else replace(self, largest=_peak(self.torque(scene)))
 
 
 def _peak(torque: Array) -> float:
@@ -107,7 +112,7 @@ class LoadedPlay(JointMechanism):
     effect, limit, named = "backlash", 0.02, ("width", "seat")
 
     def _error(self, scene: Scene) -> Array:
-        torque = load_torque(scene.arm, scene.frames())[:, self.joint - 1]
+        torque = self.torque(scene)
         return 0.5 * self.size * np.tanh(torque / (self.seat * _peak(torque)))
 
 

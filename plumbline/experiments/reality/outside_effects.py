@@ -63,7 +63,7 @@ class StickSlip(JointMechanism):
 
     def _error(self, scene: Scene) -> Array:
         rng = np.random.default_rng(self.seed)
-        travel = np.diff(self.reading(scene), prepend=self.reading(scene)[:1])
+        travel = self.travel(scene)
         wound, threshold, out = 0.0, RANGES.one("grip", rng), np.empty(len(travel))
         for k, step in enumerate(travel):
             wound += float(step)

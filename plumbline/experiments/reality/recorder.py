@@ -307,26 +307,27 @@ def extended(
     """
     if case.sockets is not None and sockets is None:
         raise PlumblineError("fixed points without sockets: give one number for each row")
-    old, still = case.scene.session, np.zeros_like(q)
-    rest = np.zeros(len(q)) if wait is None else wait
-    time, warmth = _clock(old, rest)
-    session = Session(
-        q=np.concatenate([old.q, q]),
-        time=np.concatenate([old.time, time]),
-        warmth=np.concatenate([old.warmth, warmth]),
-        ambient=np.concatenate([old.ambient, np.full(len(q), old.ambient[-1])]),
-        direction=np.concatenate([old.direction, still if direction is None else direction]),
-        velocity=np.concatenate([old.velocity, still if velocity is None else velocity]),
-        group=np.concatenate([old.group, _group(old, len(q)) if group is None else group]),
-        force=None if old.force is None else np.concatenate([old.force, np.zeros((len(q), 3))]),
-        length=float(np.ptp(old.time)) if old.length is None else old.length,
-    )
-    scene = case.scene
+    scene, old, still, rows = case.scene, case.scene.session, np.zeros_like(q), len(q)
+    time, warmth = _clock(old, np.zeros(rows) if wait is None else wait)
+    more = {
+        "q": q, "time": time, "warmth": warmth, "ambient": np.full(rows, old.ambient[-1]),
+        "direction": still if direction is None else direction,
+        "velocity": still if velocity is None else velocity,
+        "group": np.full(rows, old.group[-1] + 1.0) if group is None else group,
+    }  # fmt: skip
+    more |= {} if old.force is None else {"force": np.zeros((rows, 3))}
+    longer = {name: np.concatenate([getattr(old, name), end]) for name, end in more.items()}
+    length = float(np.ptp(old.time)) if old.length is None else old.length
+    session = replace(old, length=length, **longer)
+    if sockets is not None:
+        sockets = np.concatenate(
+            [np.empty(0, int) if case.sockets is None else case.sockets, sockets]
+        )
     return replace(
         case,
         scene=Scene.ideal(scene.arm, session, scene.tool[0], scene.device),
         effects=tuple(effect.pinned(scene) for effect in case.effects),
-        sockets=None if sockets is None else np.concatenate([_old_sockets(case), sockets]),
+        sockets=sockets,
     )
 
 
@@ -339,14 +340,6 @@ def read_on(case: Case, longer: Case, reading: int = 0) -> Recording:
         for name, values in before.columns.items()
     }
     return Recording(before.settings, columns)
-
-
-def _old_sockets(case: Case) -> NDArray[np.int64]:
-    return np.empty(0, dtype=np.int64) if case.sockets is None else case.sockets
-
-
-def _group(session: Session, rows: int) -> Array:
-    return np.full(rows, session.group[-1] + 1.0)
 
 
 def _clock(session: Session, rest: Array) -> tuple[Array, Array]:

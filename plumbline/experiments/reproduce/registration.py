@@ -127,11 +127,8 @@ def budget(calculation: float) -> dict[str, float]:
         "breathing": 1e3 * BREATH / float(np.sqrt(8.0)),
     }
     phantom = float(np.sqrt(sum(parts[k] ** 2 for k in ("calculation", "control", "needle"))))
-    return {
-        **parts,
-        "total, phantom": phantom,
-        "total": float(np.hypot(phantom, parts["breathing"])),
-    }
+    total = float(np.hypot(phantom, parts["breathing"]))
+    return parts | {"total, phantom": phantom, "total": total}
 
 
 def reported(
@@ -161,8 +158,7 @@ def reported(
             rounded={name: one.covered_rounded for name, one in found.items()},
         ),
         "time_ratio": {
-            name: figure(ratio.single, "1", FASTER, batch=ratio.batch)
-            for name, ratio in times.items()
+            name: figure(r.single, "1", FASTER, batch=r.batch) for name, r in times.items()
         },
         "budget": {
             name: figure(value, "mm", {"calculation": CALCULATION, "control": 0.1}.get(name))
@@ -211,14 +207,8 @@ def _localisation_table(found: Mapping[str, Localised]) -> Table:
         f = one.figure()
         means = [f"{f['by_lesion'][lesion]:.2f}" for lesion in LESIONS]
         share, inside = f"{100 * f['within_3_mm']:.0f} %", f"{100 * one.covered:.1f} %"
-        return (
-            name.replace("least squares", "LS"),
-            *means,
-            f"{f['p95']:.2f}",
-            share,
-            f"{f['calculation_error']:.2f}",
-            inside,
-        )
+        rest = (f"{f['p95']:.2f}", share, f"{f['calculation_error']:.2f}", inside)
+        return name.replace("least squares", "LS"), *means, *rest
 
     head = ("markers", "L", "M", "H", "95 %", "< 3 mm", "eq. 16", "in 95 % region")
     return Table(
@@ -229,13 +219,8 @@ def _localisation_table(found: Mapping[str, Localised]) -> Table:
 
 def _time_table(times: Mapping[str, Ratio]) -> Table:
     rows = tuple(
-        (
-            name.replace("least squares", "LS"),
-            f"{ratio.single:.2f}",
-            f"{ratio.batch:.0f}",
-            f"{FASTER:.2f}",
-        )
-        for name, ratio in times.items()
+        (name.replace("least squares", "LS"), f"{r.single:.2f}", f"{r.batch:.0f}", f"{FASTER:.2f}")
+        for name, r in times.items()
     )
     head = ("baseline", "one by one", "all draws at once", "paper, one by one")
     return Table("Time over that of the three-point frame", head, rows)

@@ -193,7 +193,7 @@ def _spent(
 def three_point_once(ct: Array, robot: Array) -> Array:
     """``T_RC`` (4, 4) of three markers (3, 3) [m]: two frames and a product."""
     R = _axes(robot).T @ _axes(ct)
-    return _transform(R, robot[0] - R @ ct[0])
+    return homogeneous(R, robot[0] - R @ ct[0])
 
 
 def least_squares_once(ct: Array, robot: Array) -> Array:
@@ -202,11 +202,7 @@ def least_squares_once(ct: Array, robot: Array) -> Array:
     U, _, Vt = np.linalg.svd((robot - q).T @ (ct - p))
     U[:, 2] *= np.sign(np.linalg.det(U) * np.linalg.det(Vt))
     R = U @ Vt
-    return _transform(R, q - R @ p)
-
-
-def _transform(R: Array, t: Array) -> Array:
-    return homogeneous(R, t)
+    return homogeneous(R, q - R @ p)
 
 
 def _axes(m: Array) -> Array:

@@ -15,7 +15,7 @@ changes y. Breathing is the cube of half a sine: long at one end, short at the o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -138,18 +138,16 @@ def _beam_and_boards(room: Room, q: Array, board: NDArray[np.int64]) -> Array:
     found = []
     for k in range(3):
         step = STEP * np.eye(3)[k]
-        more = Room(room.arm, room.r + step, room.v, room.middles, room.axes)
         v = room.v + step
-        turned = Room(room.arm, room.r, v / np.linalg.norm(v), room.middles, room.axes)
-        found += [ranges(more, q, board), ranges(turned, q, board)]
+        changed = [replace(room, r=room.r + step), replace(room, v=v / np.linalg.norm(v))]
         for b in range(len(room.middles)):
-            middles = room.middles.copy()
-            axes = room.axes.copy()
+            middles, axes = room.middles.copy(), room.axes.copy()
             if k < 2:
                 axes[b, :, 2] += STEP * axes[b, :, k]
             else:
                 middles[b] += STEP * axes[b, :, 2]
-            found.append(ranges(Room(room.arm, room.r, room.v, middles, axes), q, board))
+            changed.append(replace(room, middles=middles, axes=axes))
+        found += [ranges(one, q, board) for one in changed]
     ideal = ranges(room, q, board)
     return np.stack([(one - ideal) / STEP for one in found], axis=1)
 

@@ -51,7 +51,7 @@ class CableCreep(JointMechanism):
         return cls(0.0, joint, largest, RANGES.one("forgets", rng) * step)
 
     def _error(self, scene: Scene) -> Array:
-        torque, time = torques(scene)[:, self.joint - 1], scene.session.time
+        torque, time = self.torque(scene), scene.session.time
         stretch = np.zeros(len(torque))
         for k in range(1, len(torque)):
             keep = np.exp(-(time[k] - time[k - 1]) / self.constant)
@@ -156,7 +156,7 @@ class FlexsplineLoad(JointMechanism):
         return cls(0.0, *loaded(scene, rng), phase(rng))
 
     def _error(self, scene: Scene) -> Array:
-        share = torques(scene)[:, self.joint - 1] / self.largest
+        share = self.torque(scene) / self.largest
         return self.size * share * np.sin(2.0 * self.reading(scene) + self.phase)
 
 
@@ -239,7 +239,7 @@ class LoadWindup(JointMechanism):
         return cls(0.0, *loaded(scene, rng))
 
     def _error(self, scene: Scene) -> Array:
-        share = np.abs(torques(scene)[:, self.joint - 1]) / self.largest
+        share = np.abs(self.torque(scene)) / self.largest
         return -self.size * share * scene.session.direction[:, self.joint - 1]
 
 
@@ -268,7 +268,7 @@ class MaxwellSlip(JointMechanism):
 
     def _error(self, scene: Scene) -> Array:
         width = np.array(self.widths)
-        travel = np.diff(self.reading(scene), prepend=self.reading(scene)[:1])
+        travel = self.travel(scene)
         wound, out = np.zeros(len(width)), np.empty(len(travel))
         for k, step in enumerate(travel):
             wound = np.clip(wound + step, -width, width)
@@ -303,7 +303,7 @@ class MotorHeat(JointMechanism):
 
     def _heat(self, scene: Scene) -> Array:
         time = scene.session.time
-        way = np.abs(np.diff(self.reading(scene), prepend=self.reading(scene)[:1]))
+        way = np.abs(self.travel(scene))
         heat = np.zeros(len(way))
         for k in range(1, len(way)):
             kept = heat[k - 1] * np.exp(-(time[k] - time[k - 1]) / self.cooling)
@@ -343,6 +343,6 @@ class WornBelt(JointMechanism):
         return cls(0.0, joint, largest, float(start), float(end))
 
     def _error(self, scene: Scene) -> Array:
-        q, torque = self.reading(scene), torques(scene)[:, self.joint - 1]
+        q, torque = self.reading(scene), self.torque(scene)
         worn = 0.5 * (np.tanh((q - self.start) / EDGE) - np.tanh((q - self.end) / EDGE))
         return np.asarray(self.size * np.tanh(torque / (PICKS * self.largest)) * worn)
