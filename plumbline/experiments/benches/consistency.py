@@ -22,19 +22,7 @@ import pandas as pd
 import typer
 
 from plumbline.errors import PlumblineError, best_matches, fault
-from plumbline.experiments.benches.asking import (
-    RULED_OUT,
-    SURE,
-    Asked,
-    Verdict,
-    asking,
-    counted,
-    fetched,
-    key_of,
-    label,
-    probability_of,
-    thinned,
-)
+from plumbline.experiments.benches import asking
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.sources import list_sources
 from plumbline.kinematics.effects import REGISTRY
@@ -58,7 +46,7 @@ class Heard:
 
     name: str
     recording: Recording
-    verdict: Verdict
+    verdict: asking.Verdict
 
 
 @dataclass(frozen=True)
@@ -87,16 +75,16 @@ def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
 
 
-def _shared(one: Verdict, other: Verdict) -> Iterator[dict[str, Any]]:
-    theirs = {(*key_of(c), c.get("variant", "")): c for c in other["causes"]}
+def _shared(one: asking.Verdict, other: asking.Verdict) -> Iterator[dict[str, Any]]:
+    theirs = {(*asking.key_of(c), c.get("variant", "")): c for c in other["causes"]}
     for cause in one["causes"]:
-        same = theirs.get((*key_of(cause), cause.get("variant", "")))
+        same = theirs.get((*asking.key_of(cause), cause.get("variant", "")))
         for name, mine in cause["parameters"].items():
             its = (same or {}).get("parameters", {}).get(name)
             error = 0.0 if its is None else float(np.hypot(_std(mine), _std(its)))
             if its is not None and error > 0.0:
                 a, b = float(mine["value"]), float(its["value"])
-                named = f"{label(key_of(cause))} {name} [{mine['unit']}]"
+                named = f"{asking.label(asking.key_of(cause))} {name} [{mine['unit']}]"
                 yield {"parameter": named, "one": a, "other": b, "z": (a - b) / error}
 
 
@@ -107,27 +95,27 @@ def _std(parameter: dict[str, Any]) -> float:
 def _gone(here: Heard, there: Heard) -> Iterator[dict[str, Any]]:
     """Causes that are sure here and ruled out there, where they could show."""
     for cause in here.verdict["causes"]:
-        key, probability = key_of(cause), float(cause["probability"])
-        elsewhere = probability_of(there.verdict, key)
-        if probability > SURE and elsewhere < RULED_OUT and can_show(there, key):
+        key, probability = asking.key_of(cause), float(cause["probability"])
+        elsewhere = asking.probability_of(there.verdict, key)
+        if probability > asking.SURE and elsewhere < asking.RULED_OUT and can_show(there, key):
             tied = _is_tied(there.verdict, key)
-            yield {"cause": label(key), "sure in": here.name, "there": probability,
+            yield {"cause": asking.label(key), "sure in": here.name, "there": probability,
                    "in the other": elsewhere, "tied": tied}  # fmt: skip
 
 
 def can_show(heard: Heard, key: Key) -> bool:
     """Whether a recording has the columns for an effect, and says that it can see it."""
-    if key in {key_of(blind) for blind in heard.verdict.get("unobservable", ())}:
+    if key in {asking.key_of(blind) for blind in heard.verdict.get("unobservable", ())}:
         return False
     effect = REGISTRY.get(key[0])
     offered = () if effect is None else effect.candidates(scope_of(heard.recording))
     return any(variant.element == key[1] for variant in offered)
 
 
-def _is_tied(verdict: Verdict, key: Key) -> bool:
+def _is_tied(verdict: asking.Verdict, key: Key) -> bool:
     """Whether a verdict lists a cause among what it cannot tell from one that it names."""
     rivals = (rival for cause in verdict["causes"] for rival in cause.get("confounded_with") or ())
-    return key in {key_of(rival) for rival in rivals}
+    return key in {asking.key_of(rival) for rival in rivals}
 
 
 def halves(recording: Recording) -> tuple[Recording, Recording]:
@@ -137,19 +125,19 @@ def halves(recording: Recording) -> tuple[Recording, Recording]:
 
 
 def pairs_of(
-    recordings: dict[str, Recording], ask: Asked, rows: int, words: str = ""
+    recordings: dict[str, Recording], ask: asking.Asked, rows: int, words: str = ""
 ) -> tuple[Pair, ...]:
     """Every two recordings of one robot, and the halves of each long one."""
     heard = {
         name: Heard(name, part, ask(part))
-        for name, part in counted(
-            [(name, thinned(r, rows)) for name, r in recordings.items()], words
+        for name, part in asking.counted(
+            [(name, asking.thinned(r, rows)) for name, r in recordings.items()], words
         )
     }
     found = [compared(one, other) for one, other in combinations(heard.values(), 2)]
     for name, recording in recordings.items():
         if len(recording) >= LONG:
-            parts = [thinned(part, rows) for part in halves(recording)]
+            parts = [asking.thinned(part, rows) for part in halves(recording)]
             ends = zip(("first half", "second half"), parts, strict=True)
             found.append(compared(*(Heard(f"{name}, {end}", p, ask(p)) for end, p in ends)))
     return tuple(found)
@@ -176,10 +164,10 @@ def read(names: tuple[str, ...]) -> dict[str, Recording]:
     """The public recordings of one robot that this version knows."""
     known = {source.name for source in list_sources()}
     there = [name for name in names if name in known]
-    return dict(zip(there, fetched(there), strict=True))
+    return dict(zip(there, asking.fetched(there), strict=True))
 
 
-def measured(names: tuple[str, ...], ask: Asked, rows: int) -> Found:
+def measured(names: tuple[str, ...], ask: asking.Asked, rows: int) -> Found:
     """Diagnose the recordings of so many robots.
 
     Raises:
@@ -203,7 +191,7 @@ def bench(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the diagnosis.")] = 0,
 ) -> Found:
     """Hold the verdicts on recordings of the same robot against each other."""
-    return measured(tuple(robot or ROBOTS), asking(seed), rows)
+    return measured(tuple(robot or ROBOTS), asking.asking(seed), rows)
 
 
 if __name__ == "__main__":

@@ -15,20 +15,13 @@ from typing import Annotated
 import typer
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.commands import methods
 from plumbline.experiments.commands.apply import apply, export
 from plumbline.experiments.commands.check import check
 from plumbline.experiments.commands.dhfit import dhfit
 from plumbline.experiments.commands.diagnose import diagnose
 from plumbline.experiments.commands.examples import FIRST, epilog
 from plumbline.experiments.commands.import_ import import_, new
-from plumbline.experiments.commands.methods import (
-    budget,
-    codegen,
-    handeye,
-    register,
-    reproduce,
-    scan,
-)
 from plumbline.experiments.commands.next import next_
 from plumbline.experiments.commands.sources import fetch, list_
 from plumbline.experiments.commands.sweep import sweep
@@ -80,14 +73,14 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "fetch": fetch,
     "list": list_,
     "next": next_,
-    "reproduce": reproduce,
-    "register": register,
+    "reproduce": methods.reproduce,
+    "register": methods.register,
     "dhfit": dhfit,
-    "handeye": handeye,
-    "scan": scan,
-    "budget": budget,
+    "handeye": methods.handeye,
+    "scan": methods.scan,
+    "budget": methods.budget,
     "sweep": sweep,
-    "codegen": codegen,
+    "codegen": methods.codegen,
 }
 for _name, _command in COMMANDS.items():
     app.command(_name, epilog=epilog(_name))(_command)

@@ -13,14 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.experiments.reality.tip_readings import (
-    SURGICAL,
-    Box,
-    Built,
-    Session,
-    draw_session,
-    poses,
-)
+from plumbline.experiments.reality import tip_readings as reality
 from plumbline.experiments.reproduce import Table
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Readings, fit_dh
@@ -51,7 +44,7 @@ PARALLEL = 3  # rows of the drawing whose axis is parallel to the next
 NAMED = 0.005  # share below which a sum is left out of the table
 
 
-def recording_of(session: Session, name: str = "simulated") -> Recording:
+def recording_of(session: reality.Session, name: str = "simulated") -> Recording:
     """A session as a recording of the bundled arm."""
     return build_recording(
         observation="tip_position",
@@ -63,7 +56,7 @@ def recording_of(session: Session, name: str = "simulated") -> Recording:
     )
 
 
-def registration_of(session: Session) -> Readings:
+def registration_of(session: reality.Session) -> Readings:
     """Its four registration points."""
     return Readings(session.registration_q, session.registration_tips)
 
@@ -73,17 +66,17 @@ def draw(
     k: int,
     noise: float,
     wander: tuple[float, float],
-    box: Box | None,
+    box: reality.Box | None,
     *,
     tilt: float = 1.0,
-) -> Session:
+) -> reality.Session:
     """Group k (from 0) of a seed, with errors of the size that the paper's misfits have.
 
     Camera's noise [m], joints' wander [m, rad], box and part of the tilts are those of
     :func:`~plumbline.experiments.reality.tip_readings.draw_session`.
     """
     before, own = 1e-3 * PAPER[k][0][0], 1000 * seed + k
-    return draw_session(
+    return reality.draw_session(
         own, readings=READINGS, before=before, noise=noise, wander=wander, box=box, tilt=tilt
     )
 
@@ -123,14 +116,14 @@ class Beyond:
     outside: tuple[Misfit, ...]  # the same over the rest of the workspace
 
 
-def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> Beyond:
+def look_beyond(seed: int, k: int, session: reality.Session, fits: Sequence[DHFit]) -> Beyond:
     """Look at one group beyond the paper's figures."""
     published, tilted, _ = fits
     four = registration_of(session)
-    q = poses(WORKSPACE, np.random.default_rng([seed, k, 5]))
+    q = reality.poses(WORKSPACE, np.random.default_rng([seed, k, 5]))
     true = session.built.tips(q)
     exact = Readings(q, (true - session.camera.t) @ session.camera.R)
-    errors, within = [fit.misfits(exact) for fit in fits], SURGICAL.holds(true).astype(bool)
+    errors, within = [fit.misfits(exact) for fit in fits], reality.SURGICAL.holds(true).astype(bool)
     length, angle = WIDER * PUBLISHED.delta_length, WIDER * PUBLISHED.delta_angle
     wide = replace(PUBLISHED, delta_length=length, delta_angle=angle)
     return Beyond(
@@ -145,13 +138,13 @@ def look_beyond(seed: int, k: int, session: Session, fits: Sequence[DHFit]) -> B
 
 
 def _less_tilted(seed: int, k: int, part: float) -> Tilted:
-    session = draw(seed, k, NOISE, WANDER, SURGICAL, tilt=part)
+    session = draw(seed, k, NOISE, WANDER, reality.SURGICAL, tilt=part)
     fit = fit_dh(recording_of(session), PUBLISHED, registration=registration_of(session))
     return _tilted(part, session, fit)
 
 
-def _tilted(part: float, session: Session, fit: DHFit) -> Tilted:
-    beta = (session.built.rows - Built.drawing().rows)[:PARALLEL, 4]
+def _tilted(part: float, session: reality.Session, fit: DHFit) -> Tilted:
+    beta = (session.built.rows - reality.Built.drawing().rows)[:PARALLEL, 4]
     return Tilted(part, float(np.sqrt(np.mean(beta**2))), fit.after.mean)
 
 

@@ -15,21 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.diagnosis.subject import Subject, running
-from plumbline.experiments.report.style import (
-    AFTER,
-    BEFORE,
-    FLOOR,
-    MOST_VECTORS,
-    MUTED,
-    PAPER,
-    SIZES,
-    calm,
-    drawing,
-    house_style,
-    new_figure,
-    numbered,
-)
 from plumbline.optim.core.problem import Array
 
 PANEL = (3.3, 2.6)  # [in]
@@ -43,34 +30,34 @@ BRIGHTEST = 98.0  # percentile that the colours reach
 def workspace(subject: Subject) -> tuple[Figure, ...]:
     """Size of the residuals where the tip was, before and after, in three projections; a scale."""
     scale = Normalize(0.0, top_of(subject.sizes[0], BRIGHTEST))
-    with house_style():
+    with style.house_style():
         views = [_view(subject, view, scale) for view in VIEWS]
         return (*views, _colour_scale(scale, subject.unit))
 
 
 def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Figure:
     a, b, seen = view
-    figure = new_figure(3.3, 4.9)
+    figure = style.new_figure(3.3, 4.9)
     axes = figure.subplots(2, 1)
     for ax, sizes, when in zip(axes, subject.sizes, ("before", "after"), strict=True):
         # Large ones on top: they are what the picture is about.
         order = np.argsort(sizes, kind="stable")
         x, y = subject.places[order, a], subject.places[order, b]
-        look = {"c": sizes[order], "cmap": SIZES, "norm": scale, "s": _dot(len(x), 1.6)}
+        look = {"c": sizes[order], "cmap": style.SIZES, "norm": scale, "s": _dot(len(x), 1.6)}
         cloud(ax, x, y, subject.rows[order], **look)
         ax.set_aspect("equal", adjustable="datalim")
         ax.set(title=f"{when}, {seen}", ylabel=f"{'xyz'[b]} [m]")
         ax.xaxis.set_major_locator(MaxNLocator(4))
         ax.yaxis.set_major_locator(MaxNLocator(5))
-        calm(ax, grid="both")
+        style.calm(ax, grid="both")
     axes[1].set_xlabel(f"{'xyz'[a]} [m], {'CT' if subject.touches else 'base frame'}")
     return figure
 
 
 def _colour_scale(scale: Normalize, unit: str) -> Figure:
-    figure = new_figure(WIDE_FIGURE, 0.62)
+    figure = style.new_figure(WIDE_FIGURE, 0.62)
     bar = figure.add_subplot()
-    drawn = figure.colorbar(ScalarMappable(scale, SIZES), cax=bar, orientation="horizontal")
+    drawn = figure.colorbar(ScalarMappable(scale, style.SIZES), cax=bar, orientation="horizontal")
     drawn.outline.set_visible(False)
     if drawn.solids is not None:
         drawn.solids.set_edgecolor("face")
@@ -84,7 +71,7 @@ def over_joints(subject: Subject) -> tuple[Figure, ...]:
         tuple(subject.encoder_columns) if subject.encoders else range(subject.recording.chain.n)
     )
     q = subject.recording.q
-    with house_style():
+    with style.house_style():
         return tuple(_panel(subject, j, q[:, j], "reading [{}]") for j in joints)
 
 
@@ -93,7 +80,7 @@ def over_velocity(subject: Subject) -> tuple[Figure, ...]:
     velocity = subject.recording.velocity
     if velocity is None or not subject.encoders:
         return ()
-    with house_style():
+    with style.house_style():
         return tuple(
             _panel(subject, j, velocity[:, j], "velocity [{}/s]") for j in subject.encoder_columns
         )
@@ -103,7 +90,7 @@ def _panel(subject: Subject, joint: int, x: Array, words: str) -> Figure:
     """Residuals over what a joint did, in rad or m; its axis is called by words with the unit."""
     turning = subject.recording.chain.kinds[joint] == "revolute"
     factor, unit = (180.0 / np.pi, "deg") if turning else (1e3, "mm")
-    figure = new_figure(*PANEL)
+    figure = style.new_figure(*PANEL)
     axes = figure.add_subplot()
     before, after = _values(subject, joint)
     drawn_pair(axes, factor * x, before, after, subject.rows, signed=subject.encoders)
@@ -118,7 +105,7 @@ def over_time(subject: Subject) -> tuple[Figure, ...]:
         return ()
     since = time - time.min()
     divisor, unit = next((d, u) for end, d, u in TIMES if since.max() <= end)
-    with drawing(WIDE_FIGURE, 2.5) as (figure, axes):
+    with style.drawing(WIDE_FIGURE, 2.5) as (figure, axes):
         drawn_pair(axes, since / divisor, *subject.sizes, subject.rows, signed=False)
         axes.set(
             xlabel=f"time since the first row [{unit}]",
@@ -134,14 +121,17 @@ def against_noise(subject: Subject) -> Figure:
     sigma = subject.factor * subject.verdict.noise.sigma
     half = max(top_of(np.abs(before)), top_of(np.abs(after)), 3.0 * np.nan_to_num(sigma))
     edges = np.linspace(-half, half, 61)
-    with drawing(WIDE_FIGURE, 2.5) as (figure, axes):
-        for values, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
+    with style.drawing(WIDE_FIGURE, 2.5) as (figure, axes):
+        for values, colour, label in (
+            (before, style.BEFORE, "before"),
+            (after, style.AFTER, "after"),
+        ):
             alpha = 0.55 if label == "before" else 0.75
             axes.hist(values, edges.tolist(), density=True, color=colour, alpha=alpha, label=label)
         if np.isfinite(sigma) and sigma > 0.0:
             x = np.linspace(-half, half, 601)
             density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
-            axes.plot(x, density, color=FLOOR, linewidth=1.6, label="noise alone")
+            axes.plot(x, density, color=style.FLOOR, linewidth=1.6, label="noise alone")
         what = "joint's effort" if subject.torques else "second encoder"
         what = what if subject.encoders else "range" if subject.ranges else "axis"
         axes.set_xlabel(f"predicted - measured, one {what} [{subject.unit}]".replace("-", "−"))
@@ -168,27 +158,32 @@ def drawn_pair(
     axes: Axes, x: Array, before: Array, after: Array, rows: NDArray[np.int64], *, signed: bool
 ) -> None:
     """Two clouds and their running means or, of sizes, medians; before in grey."""
-    for y, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
+    for y, colour, label in ((before, style.BEFORE, "before"), (after, style.AFTER, "after")):
         cloud(axes, x, y, rows, color=colour, s=_dot(len(x), 1.0), label=label)
         middle, median = running(x, y, np.mean if signed else np.median)
         if len(middle):
             # A pale edge keeps the line apart from its own cloud.
-            axes.plot(middle, median, color=PAPER, linewidth=3.2, alpha=0.8)
-            axes.plot(middle, median, color=MUTED if colour == BEFORE else colour, linewidth=1.8)
+            axes.plot(middle, median, color=style.PAPER, linewidth=3.2, alpha=0.8)
+            axes.plot(
+                middle,
+                median,
+                color=style.MUTED if colour == style.BEFORE else colour,
+                linewidth=1.8,
+            )
     top = max(top_of(np.abs(before)), top_of(np.abs(after)))
     axes.set_ylim(-top if signed else 0.0, top)
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.yaxis.set_major_locator(MaxNLocator(5))
-    calm(axes)
+    style.calm(axes)
 
 
 def cloud(axes: Axes, x: Array, y: Array, rows: NDArray[np.int64], **look: Any) -> None:
     """Dots, of many rows as pixels, of few with the row's number."""
-    many, good = len(x) > MOST_VECTORS, np.isfinite(x) & np.isfinite(y)
+    many, good = len(x) > style.MOST_VECTORS, np.isfinite(x) & np.isfinite(y)
     look = {k: v[good] if isinstance(v, np.ndarray) else v for k, v in look.items()}
     points = axes.scatter(x[good], y[good], linewidths=0, alpha=0.75, rasterized=many, **look)
     if not many:
-        numbered(points, rows[good])
+        style.numbered(points, rows[good])
 
 
 def _dot(count: int, factor: float) -> float:
