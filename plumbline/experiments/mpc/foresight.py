@@ -64,16 +64,12 @@ def tried(
     drawn_from, plant = FORESIGHT[family]
     scenarios = (draw(drawn_from, 100_000 * (seed + 1) + k, plant) for k in range(count))
     runs = [done(scenario, planner, guided, STEPS) for scenario in scenarios]
-    return Tried(
-        family,
-        controller,
-        guided,
-        count,
-        sum(run.reached and run.clearance > 0.0 for run in runs),
-        sum(run.clearance <= 0.0 for run in runs),
-        min(run.clearance for run in runs),
-        float(1e3 * np.percentile(np.concatenate([run.seconds for run in runs]), 99.0)),
-    )
+    gaps = np.array([run.clearance for run in runs])
+    reached = np.array([run.reached for run in runs])
+    times = np.concatenate([run.seconds for run in runs])
+    did, hit = int((reached & (gaps > 0.0)).sum()), int((gaps <= 0.0).sum())
+    p99 = float(1e3 * np.percentile(times, 99.0))
+    return Tried(family, controller, guided, count, did, hit, float(gaps.min()), p99)
 
 
 def compared(

@@ -110,7 +110,7 @@ def _backlash(arm: Arm, rng: np.random.Generator) -> Wrong:
     return Trouble({joint: Drive(play=width)}, friction={joint: drag}), Backlash(width, joint + 1)
 
 
-def _latency(arm: Arm, rng: np.random.Generator) -> Wrong:
+def _latency(_: Arm, rng: np.random.Generator) -> Wrong:
     size = RANGES.one("latency", rng)
     return Trouble(latency=size), Latency(size)
 
@@ -196,19 +196,10 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     if not LEAST_NOISE <= sigma <= MOST_NOISE:
         raise PlumblineError(f"{name}: a gap of {found.gap:.2g} asks for a noise of {sigma:.2g}")
     case = Case(
-        name=name,
-        kind=plan.kind,
-        observation=plan.observation,
-        arm=arm,
-        scene=found.scene,
-        effects=_placed(mechanisms, found.motion),
-        nominal_tool=nominal,
-        noise_std=float(f"{sigma:.3g}"),
-        gap_to_noise=(ratio,) if mechanisms else (),
-        seed=seed,
-        known_noise=plan.known_noise,
+        name, plan.kind, plan.observation, arm, found.scene, _placed(mechanisms, found.motion),
+        nominal, float(f"{sigma:.3g}"), (ratio,) if mechanisms else (), seed, plan.known_noise,
         moving=True,
-    )
+    )  # fmt: skip
     noise = rng.normal(0.0, case.noise_std, found.shift.shape)
     write(folder, _recording(case, found, noise))
     rivals = list(moving_rivals(found.motion.effort))

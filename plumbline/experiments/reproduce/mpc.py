@@ -46,7 +46,9 @@ def run(seed: int = 0, progress: Progress | None = None) -> Reproduction:
     tell("parallel passes", 0.9)
     planes = passes("planes", RealTime(compiled=False), PASSES, seed)
     scalar = passes("scalar", RealTime(compiled=False), PASSES, seed)
-    compared = Table("Goals reached without contact, and contacts", foresight.HEADS, _rows(both))
+    compared = Table(
+        "Goals reached without contact, and contacts", foresight.HEADS, tuple(foresight.cells(both))
+    )
     tables = (_families(runs), compared, _passes(planes, scalar))
     figures = _figures(runs, both, planes, scalar)
     shown = Compared("How near instruments came, by family", tuple(_nearest(runs)))
@@ -65,10 +67,6 @@ def _said(figures: dict[str, Any]) -> str:
         f"and came no nearer than {least:.2f} mm; {100 * figures['goals_reached']['value']:.0f} % "
         f"of the goals were reached, and 99 of 100 steps took less than {times['p99']:.2f} ms."
     )
-
-
-def _rows(both: list[foresight.Tried]) -> tuple[tuple[str, ...], ...]:
-    return tuple(foresight.cells(both))
 
 
 def _times(runs: list[Run]) -> dict[str, float]:
@@ -94,15 +92,9 @@ def _figures(
 
 def _row(name: str, runs: list[Run]) -> tuple[str, ...]:
     least, times = min(r.clearance for r in runs), _times(runs)
-    return (
-        name,
-        f"{len(runs)}",
-        f"{sum(r.clearance < 0.0 for r in runs)}",
-        f"{least:.2f} mm",
-        f"{100 * np.mean([r.reached for r in runs]):.0f} %",
-        f"{times['p50']:.2f} ms",
-        f"{times['p99']:.2f} ms",
-    )
+    counts = (f"{len(runs)}", f"{sum(r.clearance < 0.0 for r in runs)}", f"{least:.2f} mm")
+    reached = f"{100 * np.mean([r.reached for r in runs]):.0f} %"
+    return name, *counts, reached, f"{times['p50']:.2f} ms", f"{times['p99']:.2f} ms"
 
 
 def _by_family(runs: list[Run]) -> dict[str, list[Run]]:

@@ -77,7 +77,8 @@ def sweep(
             stands(so_far)
         for outcome in _done(spec.recording, waiting, jobs, dask):
             if kept is not None:
-                kept.add(_line(outcome))
+                options, figures = outcome.case.to_dict(), dict(outcome.found)
+                kept.add({"case": options, "found": figures, "reason": outcome.reason})
             found[outcome.case] = outcome
             left -= 1
             if stands:
@@ -112,12 +113,6 @@ def _done(
 def key_of(recording: Recording) -> dict[str, str]:
     """What kept cases must be of, to be taken for this recording's."""
     return {"recording": recording.sha256, "code": code_hash()}
-
-
-def _line(outcome: Outcome) -> dict[str, Any]:
-    return {
-        "case": outcome.case.to_dict(), "found": dict(outcome.found), "reason": outcome.reason,
-    }  # fmt: skip
 
 
 def _known(kept: Kept | None, cases: Sequence[Any]) -> dict[Any, Outcome]:

@@ -137,10 +137,9 @@ def page(score: Score) -> Page:
         (confusion_figure(score),),
         wide=True,
     )
-    wrong = [
-        f"{m.truth} taken for {m.answer}: {m.count}"
-        for m in scoring.mistakes(score)[:MOST_MISTAKES]
-    ]
+    most = scoring.mistakes(score)[:MOST_MISTAKES]
+    wrong = [f"{m.truth} taken for {m.answer}: {m.count}" for m in most]
+    percent = Grid(columns, scoring.rows_of(groups), range(1, 99))
     return Page(
         name=f"{score.cases} withheld cases",
         verdict=scoring.seal_words(score),
@@ -148,11 +147,7 @@ def page(score: Score) -> Page:
         lead=late,
         tiles=(),
         parts=(
-            Part(
-                "Percent, with 95 % intervals",
-                (),
-                Grid(columns, scoring.rows_of(groups), range(1, 99)),
-            ),
+            Part("Percent, with 95 % intervals", (), percent),
             *_by_effect(score),
             Part("Probabilities", (), None, scoring.calibration_lines(score)),
             curve,
@@ -164,17 +159,14 @@ def page(score: Score) -> Page:
 
 def _by_effect(score: Score) -> list[Part]:
     groups = [group for group in score.groups if group.by == "effect"]
-    keys = (
-        "top1_element",
-        "top1_element_or_confounded",
-        "ranked_element_or_confounded",
-        "outside_hits",
-    )
+    shown = {
+        "right": "top1_element", "or confounded": "top1_element_or_confounded",
+        "best-ranked or confounded": "ranked_element_or_confounded",
+        "flagged outside": "outside_hits",
+    }  # fmt: skip
     rows = [
-        (group.name, str(group.cases), *(scoring.percent(group.share(key)) for key in keys))
-        for group in groups
+        (g.name, str(g.cases), *(scoring.percent(g.share(key)) for key in shown.values()))
+        for g in groups
     ]
-    columns = ("effect", "cases", "right", "or confounded", "best-ranked or confounded",
-               "flagged outside")  # fmt: skip
-    table = Grid(columns, rows, range(1, len(columns)))
+    table = Grid(("effect", "cases", *shown), rows, range(1, 2 + len(shown)))
     return [Part("Single causes, by effect", (), table)] if rows else []

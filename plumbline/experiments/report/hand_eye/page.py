@@ -51,12 +51,11 @@ def _tiles(answer: HandEye, planes: str) -> list[Tile]:
 
 def _beam(answer: HandEye) -> Part:
     c = answer.calibration
+    of = (("r", c.beam.r, c.std[:3], "m", "origin of the beam on the flange"),
+          ("v", c.beam.v, c.std[3:], "", "direction of the beam"))  # fmt: skip
     rows = [
-        [f"r_{axis}", measured(c.beam.r[k], c.std[k], "m"), "origin of the beam on the flange"]
-        for k, axis in enumerate("xyz")
-    ]
-    rows += [
-        [f"v_{axis}", measured(c.beam.v[k], c.std[3 + k], ""), "direction of the beam"]
+        [f"{name}_{axis}", measured(values[k], std[k], unit), doc]
+        for name, values, std, unit, doc in of
         for k, axis in enumerate("xyz")
     ]
     grid = Grid(("", "value ± standard error", "meaning"), rows, (1,), sorts=False)
