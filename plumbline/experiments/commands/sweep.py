@@ -249,8 +249,8 @@ def _told(outcome: Outcome, name: str) -> str:
 
     value = outcome.found.get(name)
     if name == "causes":
-        named = value or []
-        return "\n".join(f"{_short(n['cause'])} {chance(n['probability'])}" for n in named) or "-"
+        named = (f"{n['cause']} {chance(n['probability'])}" for n in value or [])
+        return "\n".join(named).replace(" of joint ", " ").replace(" of link ", " ") or "-"
     if name in ("before", "after") and value is not None:
         return str(quantity(value, outcome.found.get("unit", "m")))
     if name in LENGTHS and value is not None:
@@ -260,7 +260,3 @@ def _told(outcome: Outcome, name: str) -> str:
     if value is None:
         return "-"
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else _option(value)
-
-
-def _short(label: str) -> str:
-    return label.replace(" of joint ", " ").replace(" of link ", " ")

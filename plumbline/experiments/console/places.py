@@ -47,7 +47,8 @@ def toml_text(settings: Mapping[str, Any]) -> str:
 def _lines(settings: Mapping[str, Any], prefix: str) -> Iterator[str]:
     later: list[tuple[str, Any]] = []
     for key, value in settings.items():
-        name = key if _plain(key) else json.dumps(key)
+        plain = key.isascii() and key.replace("_", "").replace("-", "").isalnum()
+        name = key if plain else json.dumps(key)
         tables = isinstance(value, list) and value and all(isinstance(v, dict) for v in value)
         if isinstance(value, Mapping) or tables:
             later.append((prefix + name, value))
@@ -58,7 +59,3 @@ def _lines(settings: Mapping[str, Any], prefix: str) -> Iterator[str]:
         for table in value if many else [value]:
             yield from ("", f"[[{name}]]" if many else f"[{name}]")
             yield from _lines(table, f"{name}.")
-
-
-def _plain(key: str) -> bool:
-    return key.isascii() and key.replace("_", "").replace("-", "").isalnum()

@@ -21,6 +21,7 @@ from plumbline.experiments.reality.unseen import unseen_offered
 RANGES = Ranges("case")
 KINDS = ("single", "pair", "none", "outside", "unseen")
 OBSERVATIONS = ("tip_position", "pose", "fixed_point", "joint_position")
+GLUED = 0.6  # chance that the thermometer is on the arm; else it hangs in the air
 TRIES = 400  # scenes that are drawn until one gives the gap that is asked for
 
 
@@ -60,7 +61,8 @@ def draw_case(plan: Plan, name: str, seed: int) -> Case:
         found = _effects(plan, bare, names, gaps, rng)
         if found is None:
             continue
-        gross, lag = float(rng.uniform(0.0, plan.gross)), _thermometer(rng)
+        gross = float(rng.uniform(0.0, plan.gross))
+        lag = RANGES.one("lag", rng) if rng.random() < GLUED else None
         return replace(
             bare, name=name, seed=seed, gap_to_noise=gaps, effects=found, gross_share=gross,
             thermometer=lag,
@@ -153,8 +155,3 @@ def _effects(
         flip = name in SIGNED and rng.random() < 0.5
         found.append(sized.sized(-sized.size) if flip else sized)
     return tuple(found)
-
-
-def _thermometer(rng: np.random.Generator) -> float | None:
-    """Lag of the thermometer on the arm [s], or None for one that hangs in the air."""
-    return RANGES.one("lag", rng) if rng.random() < 0.6 else None

@@ -207,7 +207,9 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     q = u
     for _ in range(YIELDS):
         load = plane.load(q)
-        q = _moved(t, u, load, wrongs, np.random.default_rng(seed))
+        again = np.random.default_rng(seed)
+        moved = [follow(t, u[:, j], load[:, j], wrongs[j], again) for j in range(JOINTS)]
+        q = np.column_stack(moved)
     gaps = [
         _gap(t, u, load, _wrongs([one], [size])[one[1]], one[1])
         for one, size in zip(named, sizes, strict=True)
@@ -284,10 +286,6 @@ def _field(name: str) -> str:
 def _strength(field: str, rng: np.random.Generator) -> float:
     sign = float(rng.choice([-1.0, 1.0])) if field in SIGNED else 1.0
     return sign * RANGES.one(field, rng)
-
-
-def _moved(t: Array, u: Array, load: Array, wrongs: list[Wrong], rng: np.random.Generator) -> Array:
-    return np.column_stack([follow(t, u[:, j], load[:, j], wrongs[j], rng) for j in range(JOINTS)])
 
 
 def _gap(t: Array, u: Array, load: Array, wrong: Wrong, j: int) -> float:

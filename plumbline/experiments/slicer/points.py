@@ -100,18 +100,17 @@ def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
     check_axes(axes)
     lines = read_text(path, "a .fcsv").splitlines()
     source, names = _header(file, lines)
-    numbered = [(k, line) for k, line in enumerate(lines, start=1) if _is_point(line)]
-    rows = [(k, next(csv.reader([line]))) for k, line in numbered]
+    rows = [
+        (k, next(csv.reader([line])))
+        for k, line in enumerate(lines, start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
     if not rows:
         raise refusal(file, "no points", "one line a point", "place some in Slicer")
     values = np.array([_place(file, k, row, names) for k, row in rows]) * UNITS["mm"]
     labels = [_cell(row, names, "label") or f"F-{i + 1}" for i, (_, row) in enumerate(rows)]
     words = [_cell(row, names, "desc") for _, row in rows]
     return points_table(labels, axes_changed(values, source, axes), words)
-
-
-def _is_point(line: str) -> bool:
-    return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
 def _header(file: str, lines: list[str]) -> tuple[str, list[str]]:

@@ -226,10 +226,6 @@ def _named(effect: str) -> str | None:
     return None if effect == NONE else effect
 
 
-def _instruments(folder: Path, o: Options) -> Truth:
-    return Truth()  # the task is drawn where it is done
-
-
 def _diagnosed(folder: Path, o: Options, truth: Truth) -> dict[str, Any]:
     from plumbline.experiments.sweep.recorded import figures_of
     from plumbline.optim.diagnosis.of_any_kind import diagnose
@@ -348,7 +344,9 @@ REALITIES: Mapping[str, Reality] = {
         },
         ("register", "diagnose"),
     ),
-    "instruments": Reality(
-        _instruments, {"family": Factor("crossing", words=tuple(FAMILIES))}, ("control",)
+    "instruments": Reality(  # whose task is drawn where it is done
+        lambda folder, o: Truth(),
+        {"family": Factor("crossing", words=tuple(FAMILIES))},
+        ("control",),
     ),
 }  # fmt: skip

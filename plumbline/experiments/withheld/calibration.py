@@ -60,7 +60,11 @@ def calibration(cases: Sequence[Said], seed: int = 0) -> Calibration:
     weights = rng.multinomial(len(cases), np.full(len(cases), 1 / len(cases)), REPEATS)
     drawn = _error(np.tensordot(weights, sums, axes=1))
     low, high = np.nanquantile(drawn, [0.025, 0.975])
-    curve = tuple(_bin(b, *total[b]) for b in range(BINS) if total[b, 0])
+    curve = tuple(
+        Bin(b / BINS, (b + 1) / BINS, float(said / n), Share.count_of(int(right), int(n)))
+        for b, (n, said, right) in enumerate(total)
+        if n
+    )
     stated = np.array([probability for said in cases for probability, _ in said])
     chance = _chance(total, stated, rng)
     return Calibration(count, float(_error(total)), float(low), float(high), curve, chance)
@@ -79,9 +83,3 @@ def _error(sums: Array) -> Array:
     count = sums[..., 0].sum(axis=-1)
     apart = np.abs(sums[..., 2] - sums[..., 1]).sum(axis=-1)
     return np.where(count > 0, apart / np.maximum(count, 1), np.nan)
-
-
-def _bin(b: int, count: float, stated: float, right: float) -> Bin:
-    return Bin(
-        b / BINS, (b + 1) / BINS, float(stated / count), Share.count_of(int(right), int(count))
-    )

@@ -169,7 +169,9 @@ def score(
         named=calibration([_named(case, confounded=True) for case in judged], seed),
         named_strictly=calibration([_named(case, confounded=False) for case in judged], seed),
         candidates=calibration([_stated(case) for case in judged], seed),
-        outside=calibration([_beyond(case) for case in judged], seed),
+        outside=calibration(
+            [[(min(c.answer.outside, 1.0), bool(c.truth.unknown))] for c in judged], seed
+        ),
     )
 
 
@@ -234,10 +236,6 @@ def _stated(case: ScoredCase) -> Said:
     listed = case.answer.candidates or case.answer.causes
     worth = [s for s in listed if s.probability >= WORTH_STATING]
     return [(s.probability, case.fits(s.key, confounded=False)) for s in worth]
-
-
-def _beyond(case: ScoredCase) -> Said:
-    return [(min(case.answer.outside, 1.0), bool(case.truth.unknown))]
 
 
 def percent(share: Share) -> str:

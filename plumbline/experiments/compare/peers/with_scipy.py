@@ -37,7 +37,8 @@ def _frame_and_tool(flange: Array, seen: Array) -> Array:
         turn = Rotation.from_matrix(apart[:, :3, :3]).as_rotvec()
         return np.concatenate([apart[:, :3, 3].ravel(), LEVER * turn.ravel()])
 
-    start = np.concatenate([_vector(seen[0] @ np.linalg.inv(flange[0])), np.zeros(6)])
+    T = seen[0] @ np.linalg.inv(flange[0])
+    start = np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec(), np.zeros(6)])
     return _placed(least_squares(residuals, start, x_scale="jac", xtol=1e-12, ftol=1e-12).x[6:])
 
 
@@ -45,10 +46,6 @@ def _placed(x: Array) -> Array:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_rotvec(x[3:]).as_matrix(), x[:3]
     return T
-
-
-def _vector(T: Array) -> Array:
-    return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()])
 
 
 def tips(x: Array, q: Array) -> Array:

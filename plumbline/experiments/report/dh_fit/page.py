@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
-from plumbline.optim.dh_fit import DHFit, HeldOut, Misfit, Quantity, Status
+from plumbline.optim.dh_fit import DHFit, HeldOut, Quantity, Status
 from plumbline.optim.dh_fit.answer import UNITS
 from plumbline.optim.recording.constants import FIRST_ROW
 from plumbline.optim.recording.table import HEADER
@@ -70,14 +70,13 @@ def _misfits(fit: DHFit, unseen: HeldOut | None) -> Part:
     if fit.registered is not None:
         labels = ("nominal, registration points", "fitted, registration points")
         rows += list(zip(labels, fit.registered, strict=True))
-    cells = [[label, *_four(misfit)] for label, misfit in rows]
+    cells = [
+        [label, *(f"{MM * v:.3f}" for v in (misfit.mean, misfit.max, misfit.std, misfit.rms))]
+        for label, misfit in rows
+    ]
     return Part(
         "Misfits", ("In mm.",), Grid(("", "mean", "largest", "std", "RMS"), cells, range(1, 5))
     )
-
-
-def _four(misfit: Misfit) -> list[str]:
-    return [f"{MM * v:.3f}" for v in (misfit.mean, misfit.max, misfit.std, misfit.rms)]
 
 
 def _pictures(fit: DHFit) -> list[Callable[[], Picture]]:

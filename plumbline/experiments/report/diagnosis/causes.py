@@ -18,6 +18,7 @@ FEWEST_RIVALS, MOST_RIVALS = 3, 10  # that are drawn, however probable (looks on
 LIKELY = 0.01  # probability from which a rival is worth a bar, or a line
 ROW = 0.27  # height of a bar with its gap [in]
 MOST_CURVES = 6  # what a page has room for (looks only)
+LONGEST = 44  # characters of a label beside its bar (looks only)
 HEIGHT = 1.5  # [in] of one curve
 MRAD = 1e3  # of a radian
 
@@ -134,7 +135,8 @@ def _bars(
             text, (end, row), xytext=(5, 0), textcoords="offset points", va="center",
             color=style.INK, fontsize=8.5,
         )  # fmt: skip
-    axes.set_yticks(rows, [_short(label) for label in labels], color=style.INK)
+    short = [la if len(la) <= LONGEST else f"{la[: LONGEST - 1]}…" for la in labels]
+    axes.set_yticks(rows, short, color=style.INK)
     axes.set_ylim(max(len(labels), 2) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
@@ -142,18 +144,10 @@ def _bars(
     return figure
 
 
-def _short(label: str, most: int = 44) -> str:
-    return label if len(label) <= most else f"{label[: most - 1]}…"
-
-
 def with_curves(verdict: Verdict) -> tuple[Cause, ...]:
     """The causes that are curves, the largest first."""
-    found = [cause for cause in verdict.causes if cause.curve is not None]
-    return tuple(sorted(found, key=lambda cause: -_size(cause))[:MOST_CURVES])
-
-
-def _size(cause: Cause) -> float:
-    return max(map(abs, cause.curve.value)) if cause.curve else 0.0
+    found = [(max(map(abs, c.curve.value)), c) for c in verdict.causes if c.curve is not None]
+    return tuple(c for _, c in sorted(found, key=lambda pair: -pair[0])[:MOST_CURVES])
 
 
 def curves(causes: tuple[Cause, ...]) -> Figure:

@@ -346,16 +346,13 @@ def transfer(verdict: Verdict) -> Grid:
 
 
 def _of_transfer(t: Transfer) -> list[tuple[str, ...]]:
-    said = (t.label.replace("_", " "), t.recording, t.carries.value, _z(t))
+    z = significant(t.z, 2) if math.isfinite(t.z) else ""
+    said = (t.label.replace("_", " "), t.recording, t.carries.value, z)
     blank = ("",) * len(said)
     return [
         (*(blank if n else said), name, *_both(t, one))
         for n, (name, one) in enumerate(t.parameters.items())
     ]
-
-
-def _z(t: Transfer) -> str:
-    return significant(t.z, 2) if math.isfinite(t.z) else ""
 
 
 def _both(t: Transfer, one: Compared) -> tuple[str, str]:

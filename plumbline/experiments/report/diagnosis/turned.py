@@ -69,7 +69,8 @@ def scene(subject: Subject) -> str:
     body = skeleton(recording.chain, typical_posture(recording.q), recording.tool_offset).turned(R)
     tips = recording.chain.tips(recording.q, recording.tool_offset) @ R.T
     # Residuals are predicted less measured, in the device's frame; arrows go to the measured tip.
-    to_base = _turn(tips, recording.measured[:, :3])
+    both = (places - places.mean(axis=0) for places in (tips, recording.measured[:, :3]))
+    to_base = Rotation.align_vectors(*both)[0]
     arrows = [-to_base.apply(r[:, :3]) for r in (subject.before, subject.after)]
     some = np.unique(np.linspace(0, len(tips) - 1, min(len(tips), MOST_TIPS)).astype(int))
     points = np.vstack([body.points, tips])
@@ -89,11 +90,6 @@ def scene(subject: Subject) -> str:
         "axes": [[_short(AXIS * R[:, k]), name] for k, name in enumerate("xyz")],
     }  # fmt: skip
     return json.dumps(data, separators=(",", ":"), allow_nan=False)
-
-
-def _turn(tips: Array, measured: Array) -> Rotation:
-    """The rotation that brings measured tips onto those of the model."""
-    return Rotation.align_vectors(tips - tips.mean(axis=0), measured - measured.mean(axis=0))[0]
 
 
 def _shares(subject: Subject, count: int, stages: Sequence[str]) -> list[float]:
