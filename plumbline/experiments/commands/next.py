@@ -322,19 +322,16 @@ def _context(row: Suggestion, found: NextExperiment) -> dict[str, str]:
     if speed is not None and any(speed):
         posture += "\n" + _padded(f"{v:.2f}/s" for v in speed)
     letters = [LETTERS[found.explanations.index(name)] for name in row.separates]
+    unit = "rad" if "prismatic" not in found.kinds else "rad, m"
+    heading = f"joints 1 to {len(found.kinds)} \\[{unit}; deg]"
     return {
-        _heading(found): posture,
+        heading: posture,
         "side": "" if side is None else "".join(SIDES[s] for s in side),
         "wait": f"{row.wait:.0f} s" if row.wait else "",
         "payload": "" if row.payload is None else f"{row.payload:.3g} kg",
         "socket": "" if row.socket is None else str(row.socket),
         "tells": " from ".join(letters),
     }
-
-
-def _heading(found: NextExperiment) -> str:
-    unit = "rad" if "prismatic" not in found.kinds else "rad, m"
-    return f"joints 1 to {len(found.kinds)} [{unit}; deg]".replace("[", "\\[")
 
 
 def _padded(cells: Iterable[str]) -> str:

@@ -195,8 +195,10 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     sigma = found.gap / ratio if mechanisms else float(np.exp(RANGES.one("log_noise", rng)))
     if not LEAST_NOISE <= sigma <= MOST_NOISE:
         raise PlumblineError(f"{name}: a gap of {found.gap:.2g} asks for a noise of {sigma:.2g}")
+    met = float(found.motion.push[0])  # where tissue lies
+    placed = tuple(replace(m, origin=met) if isinstance(m, TipForce) else m for m in mechanisms)
     case = Case(
-        name, plan.kind, plan.observation, arm, found.scene, _placed(mechanisms, found.motion),
+        name, plan.kind, plan.observation, arm, found.scene, placed,
         nominal, float(f"{sigma:.3g}"), (ratio,) if mechanisms else (), seed, plan.known_noise,
         moving=True,
     )  # fmt: skip
@@ -218,12 +220,6 @@ def moving_rivals(effort: Array) -> Iterator[Basis]:
         for slow in SLOW:
             dry, creeping = (Friction(1e-4, joint, dip=dip, slow=slow) for dip in (0.0, 1.0))
             yield (dry, creeping, ViscousFriction(1e-3, joint))
-
-
-def _placed(mechanisms: tuple[Mechanism, ...], motion: Motion) -> tuple[Mechanism, ...]:
-    """Tissue lies where the motion met it."""
-    x = float(motion.push[0])
-    return tuple(replace(m, origin=x) if isinstance(m, TipForce) else m for m in mechanisms)
 
 
 def _scored(

@@ -36,19 +36,16 @@ def page(answer: Budget) -> Page:
         (waterfall(answer),),
         wide=True,
     )
+    rows = [[*row_of(part), part.origin] for part in answer.parts]
+    links = Grid((*COLUMNS, "from"), rows, range(1, len(COLUMNS)))
     return Page(
         name="Gap budget",
         verdict=f"{quantity(answer.rms, 'm')}, mostly {answer.first[0].name}",
         tone="explained",
         lead=(answer.headline.replace("->", "→") + ".", answer.next_step()),
         tiles=tiles,
-        parts=(picture, _links(answer)),
+        parts=(picture, Part("The links", (), links)),
     )
-
-
-def _links(answer: Budget) -> Part:
-    rows = [[*row_of(part), part.origin] for part in answer.parts]
-    return Part("The links", (), Grid((*COLUMNS, "from"), rows, range(1, len(COLUMNS))))
 
 
 def waterfall(budget: Budget) -> Figure:

@@ -8,7 +8,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from plumbline.experiments.report import style
 from plumbline.optim.core.problem import Array
@@ -35,7 +34,9 @@ def error_map(found: LocalGlobal, space: Space, axes: tuple[int, int] = (0, 2)) 
         for panel, values, title, scale in pairs:
             _cloud(panel, found.tips, values, scale, axes)
             _box(panel, space, axes)
-            _title(panel, title, values, found.inside)
+            inside, outside = values[found.inside].mean(), values[~found.inside].mean()
+            means = f"mean {inside:.3f} mm inside, {outside:.3f} outside"
+            panel.set_title(f"{title}\n{means}", fontsize=8.5)
             panel.set_xlabel(f"{'xyz'[axes[0]]} [m], base frame")
         panels[0].set_ylabel(f"{'xyz'[axes[1]]} [m]")
         for scale, panel in ((before, panels[0]), (fitted, panels[2])):
@@ -61,11 +62,6 @@ def _box(panel: Axes, space: Space, axes: tuple[int, int]) -> None:
     panel.add_patch(
         Rectangle((corner[0], corner[1]), width, height, fill=False, edgecolor=style.INK)
     )
-
-
-def _title(panel: Axes, title: str, values: Array, inside: NDArray[np.bool_]) -> None:
-    means = f"mean {values[inside].mean():.3f} mm inside, {values[~inside].mean():.3f} outside"
-    panel.set_title(f"{title}\n{means}", fontsize=8.5)
 
 
 def correlations(fit: DHFit) -> Figure:

@@ -1,7 +1,6 @@
 """Pictures of ranges and fiducials: residuals over the beam, on each plane, by marker."""
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -65,7 +64,8 @@ def _plane(subject: Subject, plane: int, scale: Normalize) -> Figure:
         style.numbered(dots, subject.rows[mine])
         ax.set_aspect("equal", adjustable="datalim")
         ax.set(title=f"plane {plane}{named}, {when}", ylabel="y [mm]")
-        _few_ticks(ax)
+        ax.xaxis.set_major_locator(MaxNLocator(4))
+        ax.yaxis.set_major_locator(MaxNLocator(5))
         style.calm(ax, grid="both")
     axes[1].set_xlabel("x on the plane, from the middle [mm]")
     return figure
@@ -106,8 +106,3 @@ def by_marker(subject: Subject) -> tuple[Figure, ...]:
         axes.legend(loc="upper right")
         style.calm(axes)
         return (figure,)
-
-
-def _few_ticks(axes: Axes) -> None:
-    axes.xaxis.set_major_locator(MaxNLocator(4))
-    axes.yaxis.set_major_locator(MaxNLocator(5))
