@@ -131,14 +131,17 @@ def _arm(axes: Axes, sweep: Sweep, k: int, azimuth: float, strength: float) -> N
 
 
 def _solid(axes: Axes, T: Array, body: Box, azimuth: float) -> None:
+    for edge in box_edges(body):
+        flat = MM * project(edge @ T[:3, :3].T + T[:3, 3], azimuth)
+        axes.plot(*flat.T, color=style.MUTED, linewidth=1.0, zorder=2)
+
+
+def box_edges(body: Box) -> list[Array]:
+    """The twelve edges of a box, the ends (2, 3) [m] of each."""
     low, high = np.asarray(body.lower), np.asarray(body.upper)
     share = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    corners = (low + share * (high - low)) @ T[:3, :3].T + T[:3, 3]
-    flat = MM * project(corners, azimuth)
-    for i in range(8):
-        for bit in (1, 2, 4):
-            if not i & bit:
-                axes.plot(*flat[[i, i | bit]].T, color=style.MUTED, linewidth=1.0, zorder=2)
+    corners = low + share * (high - low)
+    return [corners[[i, i | bit]] for i in range(8) for bit in (1, 2, 4) if not i & bit]
 
 
 def _floor(axes: Axes, azimuth: float) -> None:

@@ -12,6 +12,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
+from plumbline.experiments.report.pointing.figures import box_edges
 from plumbline.experiments.report.style import (
     AFTER,
     BEFORE,
@@ -40,12 +41,13 @@ def two_frames(
 ) -> Figure:
     """The same markers in CT and in robot coordinates, each from above and from the side."""
     with drawing(7.2, 6.4, 2, 2) as (figure, axes):
-        corners = _corners(body)
         frames = (("CT", np.eye(4)), ("robot", T_RC))
         for column, (name, T) in enumerate(frames):
             for row, (a, b) in enumerate(VIEWS):
                 ax = axes[row, column]
-                _outline(ax, _moved(T, corners), a, b)
+                for edge in box_edges(body):
+                    ends = MM * _moved(T, edge)
+                    ax.plot(ends[:, a], ends[:, b], color=FAINT, linewidth=1.0, zorder=1)
                 _named(ax, {k: _moved(T, p) for k, p in markers.items()}, (a, b), AFTER, "o")
                 _named(ax, {k: _moved(T, p) for k, p in lesions.items()}, (a, b), GUILTY, "D")
                 _arrows(ax, T, (a, b), 0.04)
@@ -195,22 +197,6 @@ def _levels(values: Array) -> list[float]:
 def _moved(T: Array, points: Array) -> Array:
     moved: Array = points @ T[:3, :3].T + T[:3, 3]
     return moved
-
-
-def _corners(body: Box) -> Array:
-    low, high = np.asarray(body.lower), np.asarray(body.upper)
-    share = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    corners: Array = low + share * (high - low)
-    return corners
-
-
-def _outline(axes: Axes, corners: Array, a: int, b: int) -> None:
-    """Edges of a box, from corners in the order of :func:`_corners`."""
-    for i in range(8):
-        for bit in (1, 2, 4):
-            if not i & bit:
-                ends = MM * corners[[i, i | bit]]
-                axes.plot(ends[:, a], ends[:, b], color=FAINT, linewidth=1.0, zorder=1)
 
 
 def _named(
