@@ -110,7 +110,7 @@ class JointTilt(JointEffect):
         if self.alike:
             turn = own - constant(axis) * cs.dot(constant(axis), own)
         else:
-            R, E = axis_rotation(axis, state.nominal.q[self.joint - 1]), constant(_across(axis))
+            R, E = axis_rotation(axis, state.nominal.q[self.joint - 1]), constant(across(axis))
             turn = R.T @ E @ _softness(values) @ E.T @ R @ own
         tilt = Transform.from_twist(cs.SX(3, 1), turn)
         return state.place_link(self.joint, tilt @ state.placements[self.joint])
@@ -125,7 +125,7 @@ def _softness(values: Sequence[cs.SX]) -> cs.SX:
     return found
 
 
-def _across(axis: Array) -> Array:
+def across(axis: Array) -> Array:
     """Two unit directions (3, 2) across an axis: that of the least of its components first."""
     first = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = first - axis * (axis @ first)

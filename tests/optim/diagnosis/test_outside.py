@@ -117,12 +117,26 @@ def test_what_nobody_lists_of_a_link_holds_no_place_of_its_own(tmp_path):
 
 @pytest.mark.parametrize("joint", [3, 5])
 def test_an_axis_that_runs_out_as_it_turns_is_its_joint_s(joint, tmp_path):
-    """A link that is rigid moves in its joint with the joint's angle as the axis does."""
+    """A link that is rigid moves in its joint as the axis does, and its mean is no cause beside."""
     fault = BearingRunout(0.0, joint, order=1.6, phase=0.7)
     recording, _ = recorded(with_fault(faultless(rows=90, seed=4), fault, gap=2.5), tmp_path)
     found = told(recording)
     assert found.lacked_at["joint", joint] > 0.95
     assert found.words == f"joint {joint}'s axis runs out as it turns"
+    assert found.named == frozenset()
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_without_a_clock_nobody_says_that_rows_stand_in_the_order_of_time(clock, tmp_path):
+    """Steps from row to row had passed, in one order of nine, for how a cause deviates."""
+    recording, _ = recorded(faultless(rows=40, seed=2), tmp_path)
+    recording = recording if clock else replace(recording, time=None)
+    nuisance = nuisances_of(recording)
+    model, fitted = fit(recording, [], nuisance, np.ones(40), SOLVER)
+    ports = Ports.about(model, fitted.x, np.arange(40))
+    found = {family.on for family in dependences(recording, ports, 0)}
+    assert ({"history", "moment"} <= found) == clock
+    assert clock or found.isdisjoint({"history", "moment"})
 
 
 @pytest.mark.parametrize("moment", [150.0, 300.0])

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plumbline.kinematics.effects.joint_tilt import across
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
@@ -207,19 +208,22 @@ def _of_base_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
 def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Every joint as it turns: about its axis, and the axis itself (ISO 230-7:2015, sec. 3.2).
 
-    About their means: with a constant, one term would stand for a zero and an eccentric wheel and
-    be charged for one cause. What the library has left out may be as it would have it.
+    About the axis about their means: with a constant, one term would stand for a zero and an
+    eccentric wheel and be charged for one cause. An axis that runs out stands askew on the mean of
+    a way too, which is nothing more at work. What the library has left out may be as it would have
+    it.
     """
     q = recording.q
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on joint {j + 1}'s angle"
-        few = [turns(q[:, j], count, constant=False) for count in (1, 2)]
+        few = _levelled(turns(q[:, j], count, constant=False) for count in (1, 2))
         forms = [turns(q[:, j], TURNS, constant=False)]
         forms += [level(nearness(q[:, j], reach)) for reach in REACHES]
         plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, turns(q[:, j], 1, constant=True)[1:]]
         yield from _one_of(*(_kind(words, "own angle", j, k, port[None]) for k in (forms, plain)))
         words, on = f"joint {j + 1}'s axis runs out as it turns", "own angle, across the axis"
-        for tilts in ports.link[j : j + 1, 3:]:
+        for turned in ports.link[j : j + 1, 3:]:
+            tilts = np.einsum("kp,knm->pnm", across(recording.chain.joints[j].axis), turned)
             yield from _one_of(_kind(words, on, j, few, tilts))
     for j, port in enumerate(ports.joint):
         others = [k for k in range(len(ports.joint)) if k != j]
@@ -302,8 +306,10 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         kinds = [functions], functions[:, None]
         yield from _one_of(*(_kind(words, "direction", j, kind, port[None]) for kind in kinds))
     order = place.astype(float)
-    # Along one motion whatever is smooth in time looks like a memory.
-    for j, port in enumerate([] if scope_of(recording).moving else ports.joint):
+    # Along one motion whatever is smooth in time looks like a memory; without a clock nobody says
+    # that the rows stand in the order in which they were taken.
+    still = recording.time is not None and not scope_of(recording).moving
+    for j, port in enumerate(ports.joint if still else []):
         words = f"joint {j + 1}'s error depends on what went before"
         functions = memories(recording.q[:, [j]], order, JUMPS)
         yield _at(words, "history", "joint", j + 1, functions, port[None])
