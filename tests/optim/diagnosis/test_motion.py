@@ -424,6 +424,18 @@ def test_what_is_held_out_is_never_fitted():
     assert verdict.gap.after > 0.04
 
 
+def test_rows_held_out_all_count_where_their_run_goes_on_and_no_fit_sees_one():
+    recording = recorded([{"lag": 0.05}, {}], seconds=40)
+    held = (np.arange(len(recording)) > 700) & (np.arange(len(recording)) < 1400)
+    signals = signals_of(replace(recording, held_out=held))
+    windows, known = (signals.windows(0, signals.starts[signals.folds == k]) for k in (0, -1))
+    counted, steps = windows.samples.ravel(), windows.length - windows.settle
+    np.testing.assert_array_equal(counted, 701 + np.arange(len(counted)))
+    assert len(counted) > held.sum() - steps
+    for begin, many in zip(*known.passes[:2], strict=True):
+        assert not signals.held[begin : begin + many + 1].any()
+
+
 @pytest.mark.parametrize(("size", "told"), [(8.0, False), (13.0, True)])
 def test_a_single_reading_that_leaps_away_and_back_is_gross_and_a_step_is_none(size, told):
     clean = recorded([{}, {}], seconds=20, dt=0.01, fastest=0.2)

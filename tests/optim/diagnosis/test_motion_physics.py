@@ -159,6 +159,22 @@ def test_a_dead_band_without_a_lag_is_a_play_under_a_load_too(less):
     np.testing.assert_allclose(band, play, atol=1e-14)
 
 
+def test_a_servo_that_yields_and_heeds_no_small_error_stays_where_it_was_measured():
+    u, load, zeros = np.full(400, 0.3), np.linspace(2.0, 2.1, 400), np.zeros(400)
+    q = u - 0.05 * load + 0.01  # yields by so much, and is half a band off besides
+    windows = Windows(
+        Law.POSITION, 0.01, 0.0, 0.0, u, zeros.astype(np.int64), q, q, zeros, load, zeros + 1,
+        np.array([20]), 300, 1,
+    )  # fmt: skip
+    effects = tuple(
+        NAMES[name]() for name in ("actuation_deadband", "servo_bandwidth", "servo_stiffness")
+    )
+    there, J = roll_out(windows, effects, np.array([0.02, 0.2, 0.05]))
+    np.testing.assert_allclose(there, q[windows.samples], atol=1e-12)
+    begun = load[windows.passes[0][0]]
+    np.testing.assert_allclose(J[0, :, 2], begun - load[windows.samples[0]], atol=1e-12)
+
+
 def forget():
     """Compile every drive anew."""
     for cached in (rollout._rolling, rollout._piece, rollout._step):

@@ -43,7 +43,8 @@ from plumbline.optim.diagnosis.motion.constants import (
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
 MEMORY = tuple(field.name for field in fields(Memory))
-SENT, PLAIN = MEMORY.index("sent"), MEMORY.index("told")  # what lags has more, what plans all
+# What lags has more, what plans all.
+PLACE, SENT, PLAIN = (MEMORY.index(name) for name in ("place", "sent", "told"))
 SMOOTH = (Law.VELOCITY, Law.SMOOTH)  # commands that run smoothly between rows
 
 
@@ -111,9 +112,8 @@ class Windows:
         """
         if not self.law.known and not self.law.pushes:
             return self.load[at], self.inertia[at]
-        return (self.load[at] + self.load[at - 1]) / 2, (
-            self.inertia[at] + self.inertia[at - 1]
-        ) / 2
+        load, inertia = ((x[at] + x[at - 1]) / 2 for x in (self.load, self.inertia))
+        return load, inertia
 
     def level(self, misses: Array) -> Array:
         """Misses (W, K, ...) without what a window's unknown start makes of them."""
@@ -150,9 +150,7 @@ class Windows:
         new = (np.diff(self.start) > self.length) | (np.diff(run) != 0)
         row = np.concatenate([[0], np.cumsum(new)]).astype(np.int64)
         heads = np.flatnonzero(np.concatenate([[True], new]))
-        known = run[heads] + round(
-            POSTURE / 2 / self.dt
-        )  # from where speeds have rows on both sides
+        known = run[heads] + round(POSTURE / 2 / self.dt)  # speeds have rows on both sides
         begin = np.maximum(self.start[heads] - self.length, np.minimum(known, self.start[heads]))
         ends = self.start[np.append(heads[1:], len(self)) - 1] + self.length
         return begin, ends - begin, row
@@ -255,7 +253,8 @@ def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> 
     """The same of every sample of the roll-outs (R, steps, 1 + B), by so many parameters."""
     begin, steps, _ = w.passes
     P, H, R, size = len(by), int(steps.max()), len(begin), len(_memory(effects))
-    shift, lags = _shift(effects), np.array([e.lags for e in effects])
+    shift, yields = (_per_unit(effects, term) for term in ("shift", "compliance"))
+    lags = np.array([e.lags for e in effects])
     u, *du = w.asked(float(shift @ theta), begin, H, float(lags @ theta))
     if any(effect.plans for effect in effects):
         du = [np.zeros_like(u)] * 2  # the way is as it is
@@ -266,10 +265,12 @@ def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> 
     data[:R, :H, :3] = np.stack([u, *du], axis=-1)[:, 1:]
     data[:R, :H, 3:] = w.given
     state = np.zeros((len(data), 1 + P, size))
-    state[:R, 0] = _begun(w, u, begin)[:size].T
+    state[:R, 0] = _begun(w, u, begin, float(yields @ theta))[:size].T
     late = du[0][:, :1] * shift[list(by)] + du[1][:, :1] * lags[list(by)]
     for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
         state[:R, 1:, k] = late
+    if w.law.ideal:
+        state[:R, 1:, PLACE] = w.load[begin][:, None] * yields[list(by)]
     fixed = np.tile([w.dt, w.kp, w.kd, w.bare, *theta], (abreast * pieces, 1))
     after = np.empty((abreast, pieces, 1 + P, size))
     out = np.empty((*data.shape[:2], 1 + P))
@@ -295,15 +296,16 @@ def _memory(effects: Effects) -> tuple[str, ...]:
     return MEMORY[: PLAIN if any(isinstance(e, ActuationLag) for e in effects) else SENT]
 
 
-def _begun(w: Windows, u: Array, start: NDArray[np.int64]) -> Array:
+def _begun(w: Windows, u: Array, start: NDArray[np.int64], compliance: float) -> Array:
     """States (8, w) in which windows begin, as in MEMORY: a planned way is where the joint is.
 
     A joint within its play stays where it began, which a single reading's noise would move. What
-    follows positions without a plan is as fast as those.
+    follows positions without a plan is as fast as those, and its motor ahead of what it yields by.
     """
     now, q, speed = u[:, 0], (w.posture if w.law.follows else w.q)[start], w.speed[start]
     pace = (u[:, 1] - now) / w.dt if w.law.ideal else speed
-    return np.stack([now, q, pace, q, now, now, q, speed])
+    motor = q + compliance * w.load[start] if w.law.ideal else q
+    return np.stack([now, motor, pace, q, now, now, motor, speed])
 
 
 @lru_cache(maxsize=1024)
@@ -328,12 +330,12 @@ def _piece(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
 
 
 @lru_cache(maxsize=1024)
-def _shift(effects: Effects) -> Array:
-    """How late each parameter (P,) makes commands, per unit."""
+def _per_unit(effects: Effects, term: str) -> Array:
+    """What each parameter (P,) adds to a drive's shift or compliance, per unit."""
     theta = cs.SX.sym("theta", len(effects))
     drive = _drive(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
-    shift = cs.SX(0) if drive.shift is None else drive.shift
-    return np.asarray(cs.DM(cs.densify(cs.jacobian(shift, theta)))).reshape(-1)
+    value = cs.SX(0) if (made := getattr(drive, term)) is None else made
+    return np.asarray(cs.DM(cs.densify(cs.jacobian(value, theta)))).reshape(-1)
 
 
 @lru_cache(maxsize=1024)
@@ -344,7 +346,7 @@ def _planning(effects: Effects) -> frozenset[int]:
     after = drive.step(Memory(*cs.vertsplit(state)))
     shaped = cs.vertcat(after.path, after.pace)
     found = np.asarray(cs.DM(cs.jacobian_sparsity(shaped, theta), 1.0)).any(axis=0)
-    return frozenset(np.flatnonzero(found | (_shift(effects) != 0)).tolist())
+    return frozenset(np.flatnonzero(found | (_per_unit(effects, "shift") != 0)).tolist())
 
 
 def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX) -> Drive:
@@ -373,7 +375,7 @@ def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
     if any(effect.plans for effect in effects):
         S[PLAIN:, :] = 0  # no slope is of a way
     S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)[:, some]
-    late = np.array([_shift(effects), [e.lags for e in effects]])[:, some]
+    late = np.array([_per_unit(effects, "shift"), [e.lags for e in effects]])[:, some]
     S += cs.jacobian(new, data[0]) @ (data[1:3].T @ late)
     S = cs.densify(S)
     told = [cs.vertcat(new, cs.reshape(S, size * P, 1)), cs.vertcat(new[3], S[3, :].T)]
@@ -384,12 +386,13 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     """Positions (M,) [rad] along the whole recording, from the first window's measured start."""
     w, M = windows, len(windows.command)
     whole = replace(w, start=w.start[:1], length=M - 1, settle=0)
-    shift = float(_shift(effects) @ theta)
+    shift = float(_per_unit(effects, "shift") @ theta)
     late = sum(e.lags * value for e, value in zip(effects, theta, strict=True))
     u, *_ = whole.asked(shift, whole.start, M - 1, float(late))
     at = int(w.start[0])
     size = len(_memory(effects))
-    begin = _begun(w, u, np.array([at]))[:size, 0]
+    yields = float(_per_unit(effects, "compliance") @ theta)
+    begin = _begun(w, u, np.array([at]), yields)[:size, 0]
     data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), *w.loads(np.arange(at + 1, M))])
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
     steps = _step(w.drive, effects, ()).mapaccum("played", M - 1)  # not expanded: M may be large

@@ -1,6 +1,7 @@
 r"""A recording on one even clock: commands, positions, speeds, loads and inertias, run by run.
 
-Runs end where the group changes, where rows are held out or begin to be, and where the clock leaps.
+Runs end where the group changes, where rows are no longer held out, and where the clock leaps.
+Rows that begin to be held out go on with their run: how they begin is what came before.
 Gravity, Coriolis and the other joints' pull enter as data, from Pinocchio at the measured state:
 :math:`h_i` and :math:`M_{ii}(q)`. So every joint is a small problem of its own.
 """
@@ -142,16 +143,19 @@ class Signals:
         """Where windows start (W,), the counted parts of which follow one another.
 
         What follows positions has as much before the first as a window is long, if that is a
-        quarter of its run at most: how it began is then forgotten, by a planned way too.
+        quarter of its run at most: how it began is then forgotten, by a planned way too. Rows held
+        out all count where it goes on.
         """
         settle, follows = self.settle, self.recording.law.follows
-        begins = np.unique(self.first)
+        begins = np.unique(np.append(self.first, np.flatnonzero(np.diff(self.held)) + 1))
         ends = np.append(begins[1:], len(self.q))
         found = []
         for begin, end in zip(begins, ends, strict=True):
             room = end - begin - 1 - self.length
             late = min(self.length, room // 4) if follows else 0
             early = min(max(round(LONGEST_DELAY / self.dt), late), max(room, 0))
+            if self.first[begin] < begin and follows:
+                early = -min(settle + 1, begin - self.first[begin])
             found.append(np.arange(begin + early, end - self.length, self.length - settle))
         return np.concatenate(found) if found else np.empty(0, np.int64)
 
@@ -206,7 +210,7 @@ class Signals:
         Where rows are held out, they are fold 0 and all others -1, never left out.
         """
         if self.held.any():
-            return np.where(self.held[self.starts], 0, -1)
+            return np.where(self.held[self.starts + self.length], 0, -1)
         groups, number = np.unique(self.group[self.starts], return_inverse=True)
         if len(groups) > 1:
             return number % STRETCHES
@@ -278,7 +282,8 @@ def _smoothed(r: MotionRecording, seconds: float, most: int) -> Signals:
     held = np.zeros(len(r), bool) if r.held_out is None else r.held_out
     step = np.diff(r.time)
     dt = float(np.median(step[step > 0]))
-    cut = (np.diff(group) != 0) | (np.diff(held) != 0) | (step > LONGEST_GAP * dt) | (step <= 0)
+    begun = (np.diff(group) != 0) | (step > LONGEST_GAP * dt) | (step <= 0)
+    cut = begun | (np.diff(held) != 0)
     bounds = np.concatenate([[0], np.flatnonzero(cut) + 1, [len(r)]])
     longest = float(max(r.time[b - 1] - r.time[a] for a, b in pairwise(bounds)))
     span = min(LENGTH[r.law], longest / 3)
@@ -294,6 +299,9 @@ def _smoothed(r: MotionRecording, seconds: float, most: int) -> Signals:
     parts = [_even(r, slice(a, b), dt, seconds) for a, b in runs]
     sizes = [len(p[0]) for p in parts]
     begins = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    for k, ((_, end), (a, _)) in enumerate(pairwise(runs), 1):
+        if a == end and held[a] > held[a - 1] and not begun[a - 1]:
+            begins[k] = begins[k - 1]
     kept = [a for a, _ in runs]
     joined = (np.concatenate(x) for x in zip(*parts, strict=True))
     time, command, q, posture, speed, acceleration, square = joined
