@@ -20,7 +20,13 @@ from plumbline.optim.core.constants import STILL
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion import signals as signals_module
 from plumbline.optim.diagnosis.motion.constants import WIDE
-from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated, fitted, to_go
+from plumbline.optim.diagnosis.motion.fit import (
+    JointFit,
+    correlation_time,
+    evaluated,
+    fitted,
+    to_go,
+)
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import (
     OBSERVATION,
@@ -32,7 +38,7 @@ from plumbline.optim.diagnosis.motion.recording import (
 from plumbline.optim.diagnosis.motion.rollout import roll_out
 from plumbline.optim.diagnosis.motion.search import _with_parts, errors_of
 from plumbline.optim.diagnosis.motion.signals import signals_of
-from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals
+from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals, own_past
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from tests.answer_contract import keeps_the_contract
@@ -399,6 +405,19 @@ def test_what_one_motion_says_of_a_cause_holds_on_another_within_its_error(wear)
         assert error < 2 * of_noise
 
 
+def test_what_has_a_memory_is_as_large_as_what_neighbours_share_not_as_what_they_foretell():
+    rng = np.random.default_rng(0)
+    saw = (np.arange(500) % 40 - 19.5) * 0.05  # of a joint that sticks and slips
+    r = rng.normal(size=(40, 500)) + saw
+    nothing = np.empty((0,))
+    fit = JointFit((), nothing, r, np.empty((40, 500, 0)), nothing)
+    found = own_past(SimpleNamespace(dt=0.01), fit, 1.0, 2000.0)
+    kept = np.mean(saw[2:] * saw[:-2]) / fit.square
+    assert found.share == pytest.approx(kept, abs=0.01)
+    assert found.gain > 20.0
+    assert own_past(SimpleNamespace(dt=0.01), fit, 1.2, 2000.0).share < 0.0  # all of it is noise
+
+
 def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():
     t, u = multisine(15.0)
     rng = np.random.default_rng(1)
@@ -407,8 +426,10 @@ def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():
     verdict = diagnose(build_motion(robot=arm(), time=t, command=u, q=q, noise_std=4e-3)).verdict
     assert verdict.outside_probability > 0.95
     alike = ("actuation_play", "actuation_deadband")  # which it resembles, and each the other
-    listed = sum(c.probability for c in verdict.candidates if c.element == 1 and c.effect in alike)
-    assert 0.4 < listed < 0.95
+    found = {(c.effect, c.element): c.probability for c in verdict.candidates}
+    play, band = (found[name, 1] for name in alike)
+    assert play == pytest.approx(band, abs=1e-6)  # beside what is unlisted, too
+    assert 0.4 < play + band < 0.95
 
 
 def test_what_is_held_out_is_never_fitted():

@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.drive import Law
 from plumbline.optim.diagnosis.motion import diagnose as module
-from plumbline.optim.diagnosis.motion.constants import MENDED, ROUNDED
+from plumbline.optim.diagnosis.motion.constants import ROUNDED, SMOOTHER
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.recording.constants import SPEEDS_UP, USUAL
 from tests.motions import FINE, arm, multisine, servo
@@ -90,6 +90,17 @@ def test_stamps_that_jitter_about_an_even_clock_make_no_servo():
     assert answer.verdict.causes[0].parameters["delay"].value == pytest.approx(0.04, abs=1e-4)
 
 
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_stamps_are_told_from_an_even_clock_however_noisy_the_readings(jitter):
+    """By their roughness alone noise of 15 times what a jitter does had hidden it."""
+    stamps, t, u = jittered(0.2)
+    there = np.column_stack([np.interp(t if jitter else stamps, t, x) for x in u.T])
+    q = there + np.random.default_rng(2).normal(0.0, 4e-3, u.shape)
+    r = build_motion(robot=arm(), time=stamps, command=there, q=q)
+    assert (len(r.notes) == 1) is bool(jitter)
+    assert np.array_equal(r.time, stamps) is not bool(jitter)
+
+
 def test_rows_that_were_read_when_their_stamps_say_keep_them():
     stamps, t, u = jittered(0.3)
     there = np.column_stack([np.interp(stamps, t, x) for x in u.T])
@@ -106,7 +117,7 @@ def test_stamps_that_are_rounded_are_left(share, even):
     r = build_motion(robot=arm(), time=stamps, command=np.zeros_like(u), q=slow, kind="torque")
     assert (len(r.notes) == 1) is even
     assert r.law is Law.TORQUE
-    assert MENDED == 4.0
+    assert SMOOTHER == 5.0
 
 
 def test_readings_in_coarse_steps_say_nothing_of_a_clock():

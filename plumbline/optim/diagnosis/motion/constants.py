@@ -93,7 +93,7 @@ AXIS_LEVER = (
 )
 LEAP = 10.0  # times what readings usually are off the line of their neighbours: no noise is that
 ROUNDED = 0.01  # of a step: stamps of a tenth of a millisecond at 100 Hz
-MENDED = 4.0  # times in mean square that an even clock is smoother by: twice in root mean square
+SMOOTHER = 5.0  # standard errors by which an even clock is smoother: chance in one of 3 million
 LISTED_ROWS = 5  # rows that a note names
 LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
 

@@ -136,6 +136,13 @@ class Models:
         for effects in (*twins(fit.effects, self.windows.law, self.library), fit.effects):
             self.found[frozenset(effects)] = replace(fit, effects=effects)
 
+    def other_forms(self, key: Key) -> Iterator[tuple[str, str, Key]]:
+        """The same drive by other forms, with the name that goes and the one that comes."""
+        for effects in twins(self.found[key].effects, self.windows.law, self.library):
+            other = frozenset(effects)
+            (gone,), (new,) = key - other, other - key
+            yield gone.name, new.name, other
+
     def climb(self) -> Key:
         """Add effects one by one while that pays."""
         here: Key = frozenset()

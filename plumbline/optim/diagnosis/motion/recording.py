@@ -28,8 +28,8 @@ from plumbline.optim.diagnosis.motion.constants import (
     LEAP,
     LEAST_ROWS,
     LISTED_ROWS,
-    MENDED,
     ROUNDED,
+    SMOOTHER,
 )
 from plumbline.optim.diagnosis.motion.set_up import refuse_wrong_set_up
 from plumbline.optim.recording.columns import numbered
@@ -321,22 +321,33 @@ def _evenly(r: MotionRecording) -> MotionRecording:
     for run in (run for run in runs if len(run) > 2):
         even[run] = np.polyval(np.polyfit(run, r.time[run], 1), run)
     off, step = np.abs(even - r.time).max(), np.median(np.diff(even))
-    if not ROUNDED * step < off < step or MENDED * _rough(r, even) > _rough(r, r.time):
+    if not ROUNDED * step < off < step or not _smoother(r, even):
         return r
     note = f"stamps jitter by up to {1e3 * off:.3g} ms about an even clock, which rows are taken by"
     return replace(r, time=even, notes=(*r.notes, note))
 
 
-def _rough(r: MotionRecording, time: Array) -> float:
-    """Mean square of how far readings are off the line of both their neighbours.
+def _smoother(r: MotionRecording, even: Array) -> bool:
+    """Whether readings run more smoothly by an even clock than by their stamps, beyond chance.
 
-    Commands may be even in rows whatever the clock: only what moves by itself tells.
+    Their noise is in both alike: row by row it is what differs that tells, three of them in one.
+    """
+    here, there = (_rough(r, time) for time in (even, r.time))
+    usual = np.mean(here, axis=0) + _encoder_step(r.q) ** 2 / 12  # variance of what is rounded
+    more = np.sum((there - here) / np.where(usual > 0.0, usual, np.inf), axis=1)
+    return float(np.mean(more)) > SMOOTHER * float(np.std(more)) * (3 / len(more)) ** 0.5
+
+
+def _rough(r: MotionRecording, time: Array) -> Array:
+    """Squares of how far readings (N - 2, n) are off the line of both their neighbours.
+
+    As a reading's own noise would have it. Commands may be even in rows whatever the clock: only
+    what moves by itself tells.
     """
     apart = time[2:] - time[:-2]
     share = ((time[1:-1] - time[:-2]) / np.where(apart > 0.0, apart, 1.0))[:, None]
     off = r.q[1:-1] - (1.0 - share) * r.q[:-2] - share * r.q[2:]
-    rounded = _encoder_step(r.q) ** 2 / 8  # variances of three rounded readings, 1, 1/4 and 1/4
-    return float(np.sum(np.mean(off**2, axis=0) + rounded))
+    return np.asarray(off**2 / (1.0 + (1.0 - share) ** 2 + share**2))
 
 
 def _encoder_step(q: Array) -> Array:

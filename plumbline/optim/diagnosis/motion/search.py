@@ -172,6 +172,7 @@ def _weights(
         effective = fit.residual.size / time
         if best - score > RIVAL_FROM * effective:
             continue  # far too much for any function to make up for
+        beside: list[tuple[frozenset[str], float]] = []
         rivals = FunctionRivals(models.windows, fit, effective, own.square, stated)
         added = rivals.conditional()
         past: tuple[UnlistedFunction, ...] = ()
@@ -182,15 +183,19 @@ def _weights(
         for u in (*added, *past):
             if u.share > LEAST_SHARE:
                 large = (u.share * fit.square) ** 0.5
-                found += _with_parts(sizes, large, u.on, score + u.gain + each)
+                beside += _with_parts(sizes, large, u.on, score + u.gain + each)
         for i, effect in enumerate(fit.effects):
             weight = score + each - np.log(2)  # functions, and the effect modulated
             instead = weight + resembles - models.odds[effect.name]
             size, rest = sizes[effect.name], {n: s for n, s in sizes.items() if n != effect.name}
             for u in (*rivals.resembling(i, size), *past):  # with the effect, or instead
                 if u.share > LEAST_SHARE:
-                    found.append((names_of(less) | {f"?{u.on}"}, weight + u.gain))
-                    found += _with_parts(rest, size, u.on, instead + u.gain)
+                    beside.append((names_of(less) | {f"?{u.on}"}, weight + u.gain))
+                    beside += _with_parts(rest, size, u.on, instead + u.gain)
+        found += beside
+        for gone, new, other in models.other_forms(less):
+            more = models.score(other, time) - score
+            found += [(names - {gone} | {new}, w + more) for names, w in beside if gone in names]
     return found
 
 

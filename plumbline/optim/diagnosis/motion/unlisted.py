@@ -174,10 +174,11 @@ class FunctionRivals:
 def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) -> UnlistedFunction:
     """What the residual's own past foretells of it, as far as it exceeds the stated noise.
 
-    A mechanism with a memory that no function of the moment has. Noise that wanders foretells
-    itself too, but stays within what is stated, as near as so many effective samples tell.
+    A mechanism with a memory that no function of the moment has. It is as large as what neighbours
+    have in common: less is foretold, by readings that are mostly noise. Noise that wanders
+    foretells itself too, but stays within what is stated, as near as so many samples tell.
     """
-    r = fit.residual
+    r, square = fit.residual, max(fit.square, 1e-300)
     back = [max(round(seconds / windows.dt), 1) for seconds in MEMORIES]
     sums = np.cumsum(np.pad(r, ((0, 0), (1, 0))), axis=1)
     at = np.arange(back[-1] + APART, r.shape[1])
@@ -188,11 +189,11 @@ def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) ->
     Phi, now = means.reshape(-1, len(back)), r[:, at].ravel()
     w = np.linalg.lstsq(Phi, now, rcond=1e-9)[0]
     foretold = 1 - float(np.mean((now - Phi @ w) ** 2) / max(float(np.mean(now**2)), 1e-300))
-    share = min(foretold, 1 - sigma**2 / max(fit.square, 1e-300))
+    kept, beyond = float(np.mean(r[:, APART:] * r[:, :-APART])) / square, 1 - sigma**2 / square
     cost = len(back) / 2 * float(np.log(len(now)))
-    gain = -len(now) / 2 * float(np.log1p(-max(share, 0.0))) - cost
-    more = exceeds(max(fit.square / sigma**2, 1.0), effective)
-    return UnlistedFunction(OWN_PAST, min(gain, more), share)
+    gain = -len(now) / 2 * float(np.log1p(-max(min(foretold, beyond), 0.0))) - cost
+    more = exceeds(max(square / sigma**2, 1.0), effective)
+    return UnlistedFunction(OWN_PAST, min(gain, more), min(max(foretold, kept), beyond))
 
 
 def exceeds(ratio: float, effective: float) -> float:
