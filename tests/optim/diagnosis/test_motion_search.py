@@ -145,6 +145,20 @@ def test_a_search_takes_a_way_s_slopes_to_one_side_and_a_verdict_to_both(rough, 
     assert rolled[: 4 if rough else 6] == [(2, 3), *[()] * (2 if rough else 4), ()]
 
 
+def test_a_search_goes_on_from_what_all_windows_alone_have_shown():
+    """Of a saturated motor effects were spared that no search on fewer windows had tried."""
+    signals = signals_of(recorded([{"gain": 0.1, "lag": 0.05}, {}], seconds=20.0))
+    library = tuple(e for c in MOTION_EFFECTS for e in c.candidates(Law.POSITION, masses=False))
+    starts, seen = signals.starts, signals.seen(0)
+    few, whole = (
+        models.Models(signals.windows(0, at), library, seen) for at in (starts[:1], starts)
+    )
+    both = frozenset(e for e in library if e.name in ("actuation_gain", "actuation_lag"))
+    whole.fit(both, whole.found[frozenset()])
+    assert whole.again(few, frozenset()) >= both
+    assert both in few.found
+
+
 def test_what_stands_in_a_cause_s_place_is_told_in_one_order():
     """Sets of names are in another order in every process."""
     others = frozenset(effect.name for effect in MOTION_EFFECTS)

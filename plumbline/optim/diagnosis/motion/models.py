@@ -251,6 +251,7 @@ class Models:
             key, moved = self._better(key, self.found)
             if not moved:
                 break
+            few.fit(key, self.found[key])  # which may have been found here alone
             for k in (*few.around(key), *(key | {e} for e in self.library)):
                 few.fit(k, few.found[key])
         return key
