@@ -11,11 +11,12 @@ from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.evaluate import Flags
 from plumbline.optim.core.progress import Progress, silent
+from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.constants import NOTHING
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
-from plumbline.optim.diagnosis.findings import Key, NoiseLevel, Verdict
+from plumbline.optim.diagnosis.findings import Key, NoiseLevel, Outcome, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
@@ -33,7 +34,7 @@ from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
 from plumbline.optim.diagnosis.verdict.judge import in_own_unit, judge
-from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
+from plumbline.optim.diagnosis.verdict.lack_of_fit import is_quieter, lack_of_fit
 from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.correlated import copied
@@ -76,6 +77,8 @@ def diagnose(
     found, evaluation = _foretold(recording, _in_between(found))
     tell("putting the verdict together", 0.9)
     verdict = _judged(recording, found, evaluation)
+    if (plain := _without_belied_noise(recording, verdict, found.selected)) is not None:
+        return diagnose(plain, options, progress=progress)
     tell("done", 1.0)
     return _diagnosis(recording, found.selected, evaluation, verdict, options)
 
@@ -297,6 +300,23 @@ def usable(recording: Recording | str | Path, force: bool) -> Recording:
     if (recording.noise_std or 0.0) > plausible(recording):
         return replace(recording, noise_std=None)
     return recording
+
+
+def _without_belied_noise(
+    r: Recording, verdict: Verdict, selected: SelectedModel
+) -> Recording | None:
+    """The recording without a stated noise that is larger than all that it is to be told from.
+
+    None where it is not, or where a gap is seen all the same. Efforts have a noise for each drive.
+    """
+    hidden = verdict.verdict == Outcome.NO_GAP and is_quieter(verdict.noise, selected)
+    if not hidden or r.several or r.kind.efforts:
+        return None
+    sizes = np.array([1.0, verdict.noise.ratio]) * verdict.noise.sigma
+    stated, left = (quantity(float(size), r.kind.unit) for size in sizes)
+    missed = f"rows miss the model by {left}: the noise is taken from what a fit leaves"
+    said = f"noise_std is {stated}, but {missed}"
+    return replace(r, noise_std=None, notes=(*r.notes, said))
 
 
 def task_of(recording: Recording, options: DiagnosisOptions) -> Task:

@@ -10,7 +10,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import NoiseLevel, Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.verdict.judge import _missed
-from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise
+from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise, quieter
 from plumbline.optim.recording import set_up
 from tests.benches import readings
 from tests.optim.recording.test_set_up import room, told, turned
@@ -51,10 +51,29 @@ def test_a_noise_that_no_device_has_says_as_much_as_none():
     given = room("tip_position", "bh7")
     most = set_up.plausible(told(given))
     coarse, fine = (told(given, noise_std=share * most) for share in (1.01, 0.99))
-    assert diagnose(fine).verdict.noise.source == "given"
+    assert "is coarse" not in " ".join(fine.notes)
     assert "is coarse; is it in m?" in " ".join(coarse.notes)
     plain, verdict = diagnose(told(given)).verdict, diagnose(coarse).verdict
     assert (verdict.verdict, verdict.noise) == (plain.verdict, plain.noise)
+
+
+@pytest.mark.parametrize("times", [3.0, 10.0])
+def test_a_gap_does_not_hide_in_a_stated_noise_that_rows_belie(times):
+    """Joint 2's zero is 2 mrad off, a misfit of a millimetre; the noise is a tenth of that."""
+    given = room("tip_position", "ur5", noise=1e-4, off=2e-3 * np.eye(6)[1])
+    verdict = diagnose(told(given, noise_std=times * 1e-3)).verdict
+    assert [(c.effect, c.element) for c in verdict.causes] == [("joint_offset", 2)]
+    assert verdict.verdict == Outcome.PARTLY
+    assert "but rows miss the model by" in verdict.notes[-1]
+
+
+@pytest.mark.parametrize(("times", "said"), [(1.0, False), (1.25, False), (1.6, True)])
+def test_a_noise_that_is_stated_too_large_is_said_to_be(times, said):
+    """A stated one is known to 16 %: what is left is below it by chance in one of a hundred."""
+    ratio = NoiseLevel(times * 1e-4, "given", 1.0 / times)
+    assert bool(list(quieter(ratio, 1000.0, "m"))) == said
+    assert not list(quieter(replace(ratio, source="fit"), 1000.0, "m"))
+    assert not list(quieter(ratio, 3.0, "m"))  # readings so few tell no size
 
 
 def test_encoders_that_read_anything_are_no_noise():

@@ -260,6 +260,23 @@ def test_without_a_known_noise_nothing_is_explained():
     assert verdict.to_dict()["gap"]["noise_floor"] is None
 
 
+def test_a_motion_that_a_simulator_wrote_without_noise_lacks_nothing():
+    """What is left is rounded digits: beside a late joint 1 nothing is unlisted."""
+    verdict = diagnose(
+        recorded([{"delay": 0.03}, {}], seed=3, seconds=20, noise=0.0, state=False)
+    ).verdict
+    assert [(c.effect, c.element) for c in verdict.causes] == [("actuation_delay", 1)]
+    assert verdict.verdict == Outcome.PARTLY  # since no noise is stated
+    assert verdict.outside_probability < 0.2
+
+
+def test_a_noise_of_a_motion_that_is_stated_too_large_is_said_to_be():
+    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=20)
+    assert "noise smaller" not in " ".join(diagnose(recording).verdict.notes)
+    coarse = diagnose(replace(recording, noise_std=2e-3)).verdict
+    assert "a reading is left, 0.095 times noise_std, which hides" in " ".join(coarse.notes)
+
+
 def test_an_effect_that_is_left_out_is_not_named():
     options = DiagnosisOptions(without=["actuation_play"])
     verdict = diagnose(recorded([{"play": 0.01}, {}], seed=2, seconds=40), options).verdict

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.diagnosis.motion.constants import ENDED, ENOUGH, ITERATIONS
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows, roll_out
+from plumbline.optim.diagnosis.prior import FINEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +34,8 @@ class JointFit:
 
     @cached_property
     def square(self) -> float:
-        """Mean square [rad^2]."""
-        return float(np.mean(self.residual**2)) if self.residual.size else 0.0
+        """Mean square [rad^2], no less than that of rounded digits."""
+        return max(float(np.mean(self.residual**2)), FINEST**2) if self.residual.size else 0.0
 
     @property
     def flat(self) -> Array:
@@ -73,18 +74,17 @@ class JointFit:
     def covariance(self, effective: float) -> Array:
         """Of the parameters (P, P), so many samples counting as independent."""
         share = effective / max(self.residual.size, 1)
-        H = self.flat.T @ self.flat * share / max(self.square, 1e-300)
+        H = self.flat.T @ self.flat * share / self.square
         scale = self.scales
         H += np.diag(1e-12 / scale**2)
         return np.asarray(np.linalg.inv(H), dtype=float)
 
     def evidence(self, effective: float) -> float:
         """Log evidence."""
-        square = max(self.square, 1e-300)
         flat = self.flat * self.scales
-        A = flat.T @ flat * effective / max(len(flat), 1) / square
+        A = flat.T @ flat * effective / max(len(flat), 1) / self.square
         occam = np.linalg.slogdet(np.eye(len(A)) + A)[1] / 2
-        return float(-effective / 2 * np.log(square) - occam)
+        return float(-effective / 2 * np.log(self.square) - occam)
 
 
 def evaluated(

@@ -236,7 +236,7 @@ class Models:
         effective = own.residual.size / time
         found = [key]
         for k, fit in self.found.items():
-            gained = effective / 2 * float(np.log(own.square / max(fit.square, 1e-300)))
+            gained = effective / 2 * float(np.log(own.square / fit.square))
             if k != key and self.score(k, time) > least and not (k > key and gained < WORTH_A_FIT):
                 found.append(k)
         return found

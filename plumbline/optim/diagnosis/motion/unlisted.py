@@ -37,6 +37,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import JointFit
 from plumbline.optim.diagnosis.motion.rollout import Array, Windows
+from plumbline.optim.diagnosis.prior import FINEST
 
 PAST = "past commands"
 ALONG = ("velocity", "load", "angle", "command", "time")  # what a function may run along
@@ -63,7 +64,7 @@ class _Beside:
         r = fit.residual.ravel()
         both = np.hstack([fit.flat * fit.scales, Phi])
         self.p, self.effective = len(fit.theta), effective
-        self.square, self.least, self.stated = max(fit.square, 1e-300), least, stated
+        self.square, self.least, self.stated = fit.square, least, max(stated, FINEST**2)
         self.sums, self.pull = both.T @ both / len(r), both.T @ r / len(r)
 
     def gain(self, widths: Sequence[float]) -> tuple[float, float]:

@@ -42,6 +42,8 @@ from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
+from plumbline.optim.diagnosis.prior import FINEST
+from plumbline.optim.diagnosis.verdict.lack_of_fit import quieter
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
 STAGE = "actuation"
@@ -65,7 +67,7 @@ class Found:
 def verdict_of(found: Found) -> Verdict:
     """Put the verdict together."""
     r, noise = found.recording, _noise(found)
-    gap = _gap(found, noise)
+    gap, counted = _gap(found, noise), sum(joint.effective for joint in found.joints)
     causes = _causes(found)
     outside, depends = _outside(found, noise)
     missed = noise.source != "fit" and gap.after > EXPLAINED * noise.sigma
@@ -91,7 +93,7 @@ def verdict_of(found: Found) -> Verdict:
         next=tuple(proposals(found.joints)),
         staircase=_staircase(found, gap),
         noise=noise,
-        notes=(*r.notes, *_notes(found)),
+        notes=(*r.notes, *_notes(found), *quieter(noise, counted, r.unit)),
         judged=judged,
         recording=r.name,
         rows=len(r),
@@ -256,10 +258,10 @@ def _outside(found: Found, noise: NoiseLevel) -> tuple[float, str]:
 def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
     unlisted = {name[1:]: p for name, p in joint.mechanisms.items() if name.startswith("?")}
     on = max(unlisted, key=unlisted.__getitem__, default="")
-    if noise.source != "fit":
+    if noise.source != "fit" or joint.fit.square <= FINEST**2:
         return joint.outside, on
     r = joint.fit.residual
-    past = float(np.sum(r[:, 1:] * r[:, :-1]) / max(np.sum(r[:, 1:] ** 2), 1e-300))
+    past = float(np.sum(r[:, 1:] * r[:, :-1]) / np.sum(r[:, 1:] ** 2))
     if past > OWN_PAST and joint.outside < NAMED:
         return 1 - OWN_PAST / past * NAMED, "its own past"
     return joint.outside, on

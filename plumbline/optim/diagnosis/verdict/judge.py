@@ -40,11 +40,13 @@ from plumbline.optim.diagnosis.verdict.confounding import odds_moved, unobservab
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
 from plumbline.optim.diagnosis.verdict.lack_of_fit import (
     block_errors,
+    freedom_of,
     implausible_noise,
     is_far,
     is_noisier,
     lack_of_fit,
     noisiest_joint,
+    quieter,
 )
 from plumbline.optim.diagnosis.verdict.parts import friction_curves
 from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
@@ -259,6 +261,7 @@ def _notes(
     formless = lack_of_fit(noise, selected) > 0.5 and not told.words
     measured = replace(noise, sigma=newton_metres(recording) * noise.sigma)
     notes += _missed(gap, measured, formless=formless, noisier=noisier)
+    notes += quieter(measured, freedom_of(selected), gap.unit)
     if not recording.chain.has_masses and not recording.stand_in:
         notes.append("the robot's masses are not given: 15 kg per metre of link are assumed")
     if recording.kind.encoders and any(name == "joint_offset" for name, _ in told.named):

@@ -20,13 +20,14 @@ The same is taken of the fits without each fold, for which effects were chosen a
 together with an effect moves its estimate too. The larger counts.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.special import chdtrc, expit, logit, logsumexp
+from scipy.special import chdtrc, expit, fdtr, logit, logsumexp
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.constants import JITTER
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
@@ -57,7 +58,7 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
         return 0.0
     more = 1.0 + np.append(0.0, (prior.USUAL * SIZES / noise.sigma) ** 2)
     left = max(noise.ratio, prior.ROUNDING) ** 2 / more
-    n, known = _freedom(selected), 3 * noise.repeats or prior.STATED_NOISE_FREEDOM
+    n, known = freedom_of(selected), 3 * noise.repeats or prior.STATED_NOISE_FREEDOM
     alone, *shaped = 0.5 * (n * np.log(left) - (n + known) * np.log(known + n * left))
     return float(
         expit(logit(prior.UNLISTED * prior.FORMLESS) + logsumexp(shaped + LOG_SIZE_WEIGHTS) - alone)
@@ -66,12 +67,28 @@ def lack_of_fit(noise: NoiseLevel, selected: SelectedModel) -> float:
 
 def is_noisier(noise: NoiseLevel, selected: SelectedModel) -> bool:
     """Whether what is left exceeds a stated noise by far and not by chance, as noise may."""
-    n = _freedom(selected)
+    n = freedom_of(selected)
     above = noise.ratio > prior.EARNED and chdtrc(n, n * noise.ratio**2) < prior.ALARM
     return bool(above) and noise.source == "given" and lack_of_fit(noise, selected) <= 0.5
 
 
-def _freedom(selected: SelectedModel) -> float:
+def is_quieter(noise: NoiseLevel, selected: SelectedModel) -> bool:
+    """Whether what is left is below a stated noise by more than chance and its own error are."""
+    return bool(list(quieter(noise, freedom_of(selected), "")))
+
+
+def quieter(noise: NoiseLevel, freedom: float, unit: str) -> Iterator[str]:
+    """What is said of a stated noise [unit] that so many readings of what is left are far below."""
+    below = fdtr(freedom, prior.STATED_NOISE_FREEDOM, noise.ratio**2) < prior.ALARM
+    if below and noise.source == "given":
+        yield (
+            f"noise smaller than stated: {quantity(noise.ratio * noise.sigma, unit)} a reading is "
+            f"left, {noise.ratio:.2g} times noise_std, which hides what is smaller; leave it out, "
+            "and it is estimated"
+        )
+
+
+def freedom_of(selected: SelectedModel) -> float:
     """Readings that the fit leaves."""
     return float(max(selected.best.gram.count - selected.best.problem.size, 1.0))
 
