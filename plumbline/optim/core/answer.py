@@ -58,8 +58,17 @@ def restored(data: Any, kind: type[T]) -> T:
     try:
         found: T = _converter(_number).structure(data, kind)
     except cattrs.BaseValidationError as error:
-        raise PlumblineError("; ".join(cattrs.transform_error(error))) from None
+        raise _said(error) from None
     return found
+
+
+def _said(error: cattrs.BaseValidationError) -> PlumblineError:
+    """The house's own error that others are raised about, with its way out, else all in words."""
+    own = error.subgroup(PlumblineError)
+    while isinstance(own, BaseExceptionGroup):
+        own = own.exceptions[0]
+    words = "; ".join(cattrs.transform_error(error))
+    return own if isinstance(own, PlumblineError) else PlumblineError(words)
 
 
 def parts_of(value: Any, *without: str) -> dict[str, Any]:
@@ -262,9 +271,9 @@ class Answer:
             return restored(content["fields"], cls)
         except (KeyError, TypeError, ValueError) as error:
             words = str(error) or type(error).__name__
-            raise fault(
-                str(path), f"damaged fields ({words[:80]})", "what save wrote", SAVE_IT
-            ) from (None)
+            mend = getattr(error, "remedy", None) or SAVE_IT
+            found = f"damaged fields ({words[:80]})"
+            raise fault(str(path), found, "what save wrote", mend) from None
 
 
 def _drawers(answer: Answer) -> Mapping[str, Callable[[], Any]]:

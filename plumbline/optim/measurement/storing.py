@@ -60,9 +60,11 @@ def effect_named(name: str, form: str = "") -> type[Effect]:
     fitting = [kind for kind in apart if form in ("", kind.__name__)]
     if fitting:
         return fitting[-1]
+    mend = "import the module that defines it first"
     raise PlumblineError(
         f"effect {shown(name)} not recognised, one of the library or of your own expected "
-        f"(best matches: {best_matches(name, REGISTRY)}); import the module that defines it first"
+        f"(best matches: {best_matches(name, REGISTRY)}); {mend}",
+        remedy=mend,
     )
 
 

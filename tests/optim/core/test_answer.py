@@ -10,9 +10,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.optim.core import answer as module
 from plumbline.optim.core.answer import Answer, kind_of
 from plumbline.optim.core.judged import Judged, Judgement
+from plumbline.optim.measurement.storing import effect_named
 from tests.answer_contract import keeps_the_contract
 
 
@@ -131,3 +134,23 @@ def test_what_nobody_draws_is_said(made, monkeypatch):
     monkeypatch.setattr(module, "DRAWN", [])
     with pytest.raises(PlumblineError, match="Made"):
         made.plot()
+
+
+@dataclass(frozen=True, eq=False)
+class Caused(Answer):
+    effects: tuple[Effect, ...]
+    judged: Judgement
+
+    card = __repr__ = Made.__repr__
+
+
+def test_an_effect_that_nobody_has_imported_is_named_with_the_way_out(tmp_path):
+    """What an answer knew as its own effect is found again once its module is imported."""
+    assert effect_named("joint_offset") is JointOffset
+    path = tmp_path / "a.json"
+    Caused((JointOffset(joint=2),), Judgement(True, ())).save(path)
+    assert Caused.load(path).effects == (JointOffset(joint=2),)
+    damaged(lambda c: c["fields"]["effects"][0].update(name="worn_tooth", form="WornTooth"))(path)
+    with pytest.raises(PlumblineError, match="effect 'worn_tooth' not recognised") as raised:
+        Caused.load(path)
+    assert str(raised.value).endswith("; import the module that defines it first")
