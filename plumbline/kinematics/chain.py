@@ -39,6 +39,8 @@ class Joint:
     com: Array  # its centre of mass (3,) in the joint's frame [m]
     # which way the normal to the next axis counts (3,), as a table does; from axis to axis if None
     normal: Array | None = None
+    # joints that follow it, from 0, and how far they move per its own travel
+    drags: tuple[tuple[int, float], ...] = ()
 
     def motion(self, q: cs.SX) -> Transform:
         """The joint's own transform at coordinate q [rad or m]."""

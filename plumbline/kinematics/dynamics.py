@@ -211,7 +211,15 @@ class Nominal:
     @cached_property
     def load(self) -> cs.SX:
         """Torque (n,) that the drives hold against gravity [N m or N]."""
-        return self.chain.gravity_torque(self.q, self.payload)
+        return self._borne(self.chain.gravity_torque(self.q, self.payload))
+
+    def _borne(self, torque: cs.SX) -> cs.SX:
+        """Torque (n,) of every joint with that of the joints which follow it."""
+        borne = cs.SX(torque)
+        for j, joint in enumerate(self.chain.joints):
+            for k, share in joint.drags:
+                borne[j] += share * torque[k]
+        return borne
 
     @cached_property
     def frames(self) -> list[Transform]:
@@ -220,7 +228,7 @@ class Nominal:
 
     def load_at(self, place: cs.SX) -> cs.SX:
         """Torque (n,) that one kilogram at a place (3,) of the base frame asks [N m or N]."""
-        return cs.gradient(-cs.dot(place, constant(self.chain.gravity)), self.q)
+        return self._borne(cs.gradient(-cs.dot(place, constant(self.chain.gravity)), self.q))
 
 
 def weight_beyond(arm: Nominal, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:

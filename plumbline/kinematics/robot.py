@@ -31,6 +31,7 @@ from plumbline.kinematics.dh import DHRow, model_from_dh
 from plumbline.kinematics.dynamics import Dynamics, dynamics_of
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.linkage import linked, mimics_of
 from plumbline.kinematics.mjcf import model_from_mjcf
 
 PACKAGE = "example-robot-data"
@@ -218,6 +219,7 @@ class Robot:
             model = pin.buildReducedModel(model, locked, pin.neutral(model))
         model.gravity.linear = self.gravity
         joints = tuple(_read_joint(model, j) for j in range(1, model.njoints))
+        joints = linked(joints, mimics_of(self.urdf))
         if self.dh is not None:  # a row's normal is the x axis of the joint that it moves
             joints = tuple(replace(joint, normal=np.eye(3)[0]) for joint in joints)
         T_last_tip = model.frames[model.getFrameId(tip, kind)].placement.homogeneous

@@ -83,8 +83,7 @@ class State:
     R_tip_tool: cs.SX = field(default_factory=lambda: cs.SX.eye(3))
     #: where the base has moved to since the device was set up (6,) [m], [rad]
     base_twist: cs.SX = field(default_factory=lambda: cs.SX(6, 1))
-    #: predicted position in the device's frame (3,), or range (1,) [m]; known once the chain is
-    #: closed
+    #: predicted position in the device's frame (3,), or range (1,) [m]; known once closed
     reading: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
     #: of a range, the plane's normal away from the finder (3,), in the beam's frame
     normal: cs.SX = field(default_factory=lambda: cs.SX(3, 1))
@@ -116,9 +115,10 @@ class State:
         return self.nominal.frames[-1].point(self.tool / 2)
 
     def move_joint(self, joint: int, by: cs.SX) -> State:
-        """A copy in which joint ``joint`` (from 1) has moved by ``by`` [rad or m]."""
+        """A copy in which joint ``joint`` (from 1) moved by ``by`` [rad or m], and what follows."""
         q = self.q[:]
-        q[joint - 1] += by
+        for k, share in ((joint - 1, 1.0), *self.chain.joints[joint - 1].drags):
+            q[k] += share * by
         return replace(self, q=q)
 
     def place_link(self, link: int, T_parent_next: Transform) -> State:

@@ -83,8 +83,10 @@ class Payload(Effect):
         tip = state.nominal.frames[-1]
         place = tip.point(state.tool) if self.at_tool else tip.t
         turning = cs.vertcat(*[float(kind == "revolute") for kind in state.chain.kinds])
-        torque = values[0] * state.nominal.load_at(place)
-        return replace(state, q=state.q - self.compliance * turning * torque)
+        twist = self.compliance * turning * values[0] * state.nominal.load_at(place)
+        for joint in range(state.chain.n):
+            state = state.move_joint(joint + 1, -twist[joint])
+        return state
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,13 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault, shown
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.linkage import Mimic, mimics_of
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.constants import LARGEST, TIP_AXES
 from plumbline.optim.recording.efforts import torque_constants
@@ -208,37 +208,31 @@ def elsewhere_columns(table: Table, observation: str) -> None:
 
 
 MOVING = ("velocity", "acceleration")  # that follow with the multiplier alone
-DEFAULTS = (("multiplier", "1"), ("offset", "0"))
-Mimic = tuple[str, float, float]  # the joint that is followed, multiplier, offset [rad or m]
 
 
-def mimics_of(robot: Robot) -> dict[str, Mimic]:
-    """The joints of a robot's URDF that follow another, by name."""
-    if robot.urdf is None:
-        return {}
-    found: dict[str, Mimic] = {}
-    for joint in ElementTree.fromstring(robot.urdf).findall("joint"):
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            k, c = (float(mimic.get(key, default)) for key, default in DEFAULTS)
-            found[str(joint.get("name"))] = (str(mimic.get("joint")), k, c)
-    return found
-
-
-def with_mimics(table: Table, robot: Robot, chain_joints: int) -> Table:
+def with_mimics(table: Table, robot: Robot, chain: Chain) -> Table:
     """The table with columns of the joints that follow others, where it holds the others alone.
 
     Args:
-        table: Columns ``q1..qk``, one for each joint that moves on its own, in the model's order.
+        table: Columns ``q1..qk``, one for each joint of the robot, or of its chain, that moves on
+            its own, in the model's order.
         robot: The robot.
-        chain_joints: Joints of the chain; a table of that many columns is of those.
+        chain: Its chain; a table of as many columns as it has joints is of those.
     """
-    mimics = mimics_of(robot)
-    movable = [str(name) for name in robot.model.names][1:]
-    free = [name for name in movable if name not in mimics]
-    count = sum(f"q{k}" in table for k in range(1, len(movable) + 1))
-    if len(free) == len(movable) or count != len(free) or count == chain_joints:
-        return table
+    mimics = mimics_of(robot.urdf)
+    whole = tuple(str(name) for name in robot.model.names)[1:]
+    count = sum(f"q{k}" in table for k in range(1, len(whole) + 1))
+    for movable in (whole, chain.joint_names):
+        free = [name for name in movable if name not in mimics]
+        if len(free) < len(movable) and len(free) == count != chain.n:
+            return _filled(table, movable, free, mimics)
+    return table
+
+
+def _filled(
+    table: Table, movable: Sequence[str], free: Sequence[str], mimics: dict[str, Mimic]
+) -> Table:
+    """The table of the free joints with columns of all that move."""
     place = {name: k for k, name in enumerate(free, start=1)}
     columns = dict(table.columns)
     for prefix in ("q", *MOVING, "direction", "effort", "m"):

@@ -165,7 +165,7 @@ def load_recording(
     table = opened.table
     where, columns = settings.section("robot").where("tip_frame"), numbered(table.columns, "q")
     chain = chain_to(made.robot, made.tip_frame, where, observation, max(columns, default=None))
-    table = with_mimics(table, made.robot, chain.n)
+    table = with_mimics(table, made.robot, chain)
     joints = joint_columns(table, made.robot, chain)
     measured = measured_columns(table, observation, joints, settings)
     context = context_columns(table, joints, observation)
