@@ -64,7 +64,7 @@ def restored(data: Any, kind: type[T]) -> T:
 
 def _said(error: cattrs.BaseValidationError) -> PlumblineError:
     """The house's own error that others are raised about, with its way out, else all in words."""
-    own = error.subgroup(PlumblineError)
+    own: BaseException | None = error.subgroup(PlumblineError)
     while isinstance(own, BaseExceptionGroup):
         own = own.exceptions[0]
     words = "; ".join(cattrs.transform_error(error))
