@@ -336,6 +336,19 @@ def test_a_ripple_returns_after_a_turn_over_its_order():
     assert np.abs(errors[0]).max() == pytest.approx(np.hypot(1e-3, 5e-4), rel=0.02)
 
 
+def test_a_screw_s_ripple_is_a_sine_of_the_way_that_is_the_same_a_lead_further():
+    recording = bench("laparoscopic", "joint_position")
+    q = recording.q[:, 6]
+    effect = REGISTRY["screw_ripple"](joint=7, order=2 * np.pi / 5e-3)
+    wave = 3e-5 * np.sin(2 * np.pi * q / 5e-3) - 4e-5 * np.cos(2 * np.pi * q / 5e-3)
+    expected = recording.q + column(7, 7, wave)
+    np.testing.assert_allclose(encoders(recording, effect, 3e-5, -4e-5), expected, atol=EXACT)
+    lead = column(7, 7, np.full(len(q), 5e-3))
+    further = replace(recording, q=recording.q + lead, measured=recording.measured + lead)
+    found = encoders(further, effect, 3e-5, -4e-5) - further.q
+    np.testing.assert_allclose(found, expected - recording.q, atol=1e-12)
+
+
 # Time and load
 
 

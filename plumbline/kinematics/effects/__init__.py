@@ -41,6 +41,7 @@ from plumbline.kinematics.effects.plane_unflatness import PlaneUnflatness
 from plumbline.kinematics.effects.range_scale import RangeScale
 from plumbline.kinematics.effects.respiration import Respiration
 from plumbline.kinematics.effects.rotor_inertia import RotorInertia, RotorInertiaOfMotion
+from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.kinematics.effects.sensor_distortion import SensorDistortion
 from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
@@ -68,6 +69,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     Friction,
     TransmissionRipple,
     GearRipple,
+    ScrewRipple,
     JointCoupling,
     CoupledPlay,
     LinkThermal,

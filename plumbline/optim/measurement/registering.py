@@ -14,7 +14,7 @@ import scipy
 
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
-from plumbline.optim.measurement.constants import FRAME_SCALE, REGISTERING_STEPS
+from plumbline.optim.measurement.constants import EQUAL, FRAME_SCALE, REGISTERING_STEPS
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.rigid import nearest_rotation, rigid_match, rotations, some_of
 
@@ -47,7 +47,9 @@ def _descended(first: Array, tips: Array, measured: Array, turns: Turns, free: b
     t, p = tips - tips.mean(axis=0), measured - measured.mean(axis=0)
     for _ in range(REGISTERING_STEPS):
         R = nearest_rotation(_towards(R, t, p, turns, free)[0])
-    return np.asarray(R[np.argmin(_towards(R, t, p, turns, free)[1])])
+    cost = _towards(R, t, p, turns, free)[1]
+    best = cost <= (1.0 + EQUAL) * cost.min() + np.finfo(float).eps * np.sum(p**2)
+    return np.asarray(R[np.argmax(best)])  # of equals, that nearest to the tips' own match
 
 
 def _towards(R: Array, t: Array, p: Array, turns: Turns, free: bool) -> tuple[Array, Array]:

@@ -33,7 +33,8 @@ def place(seed=0):
     """An arm of one joint whose angle, load and time are seen, and one column that goes with it."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-2.0, 2.0, (N, 2))
-    chain = SimpleNamespace(placement=lambda q: np.tile(np.eye(4), (N, 1, 1)))
+    still = np.tile(np.eye(4), (N, 1, 1))
+    chain = SimpleNamespace(placement=lambda q: still, kinds=("revolute", "revolute"))
     recording = SimpleNamespace(
         kind=KINDS["tip_position"],
         q=q,

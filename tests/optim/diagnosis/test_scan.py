@@ -10,6 +10,7 @@ from plumbline.experiments.reality.body_effects import BaseBump as Bumped
 from plumbline.kinematics.effects import EFFECTS, JointOffset
 from plumbline.kinematics.effects.base_bump import EDGE, MOST, BaseBump
 from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
@@ -124,7 +125,7 @@ def test_a_bump_is_found_where_it_was_whatever_pause_was_made(pause, tmp_path):
 @pytest.mark.parametrize("cls", SCANNED, ids=lambda cls: cls.__name__)
 def test_no_short_list_turns_away_what_has_been_chosen(cls, seed):
     """Beside itself it has nothing left to explain, so others come before it there."""
-    quiet = bench("ur5", "tip_position")
+    quiet = bench(arm_of(cls), "tip_position")
     noise = np.random.default_rng(seed).normal(0.0, 1e-4, quiet.measured.shape)
     recording = replace(quiet, measured=quiet.measured + noise, noise_std=1e-4)
     variants = cls.candidates(scope_of(recording))
@@ -150,9 +151,14 @@ def strongly(chosen, strength=5.0, quiet=None):
     return build_model(recording, chosen, nuisance=nuisances_of(recording)), strong
 
 
-def listed_everywhere(chosen):
+def arm_of(cls):
+    """An arm that has joints of the kind."""
+    return "laparoscopic" if cls is ScrewRipple else "ur5"
+
+
+def listed_everywhere(chosen, arm="ur5"):
     """Whether every short list, on all folds or without one, holds every one of them."""
-    model, strong = strongly(chosen)
+    model, strong = strongly(chosen, quiet=bench(arm, "tip_position"))
     pool = make_pool(model, strong, np.arange(60) % 5, NoisePrior.of(1e-4))
     mine = [k for k, c in enumerate(pool.candidates) if c.effect in chosen]
     assert len(mine) == len(chosen)
@@ -162,8 +168,8 @@ def listed_everywhere(chosen):
 @pytest.mark.parametrize("cls", SCANNED, ids=lambda cls: cls.__name__)
 def test_folds_that_see_for_themselves_list_what_has_been_chosen(cls):
     """A strong effect shows in every part of the rows; every fifth row left out hides none."""
-    variants = cls.candidates(scope_of(bench("ur5", "tip_position")))
-    assert listed_everywhere((variants[len(variants) // 3],))
+    variants = cls.candidates(scope_of(bench(arm_of(cls), "tip_position")))
+    assert listed_everywhere((variants[len(variants) // 3],), arm_of(cls))
 
 
 def test_folds_list_all_strong_orders_of_a_gear_however_short_the_list(monkeypatch):

@@ -23,6 +23,7 @@ from plumbline.kinematics.effects.joint_tilt import across
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
+    as_angles,
     cosines,
     jumps,
     level,
@@ -213,7 +214,7 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     a way too, which is nothing more at work. What the library has left out may be as it would have
     it.
     """
-    q = recording.q
+    q = as_angles(recording)
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on joint {j + 1}'s angle"
         few = _levelled(turns(q[:, j], count, constant=False) for count in (1, 2))
@@ -262,7 +263,7 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
             forms = cosines(load[:, j], 4), load[:, [j]].T / np.abs(load).max()
             yield from _one_of(_kind(words, "load", j, forms, port[None]))
             words = f"joint {j + 1}'s error depends on its angle and its load"
-            around = turns(recording.q[:, j], 2, constant=True)
+            around = turns(as_angles(recording)[:, j], 2, constant=True)
             both = around * normal(load[:, [j]]).T
             on = "own angle and load"
             yield _at(words, on, "joint", j + 1, np.concatenate([around, both]), port[None])
@@ -323,7 +324,7 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         for j, port in enumerate(ports.joint):
             words = f"joint {j + 1}'s error depends on its angle and the side of approach"
             on = "own angle and direction"
-            sided = turns(recording.q[:, j], 2, constant=True) * side[:, j]
+            sided = turns(as_angles(recording)[:, j], 2, constant=True) * side[:, j]
             if side[:, j].any():
                 yield _at(words, on, "joint", j + 1, sided, port[None])
     if recording.velocity is not None and recording.velocity.any():

@@ -77,6 +77,17 @@ def cosines(values: Array, count: int) -> Array:
     return np.asarray(np.cos(np.pi * k * u) / (1 + (k / 3) ** 2))
 
 
+def as_angles(recording: Recording) -> Array:
+    """Joint coordinates (N, n) [rad]; of one that slides half a turn over its recorded way.
+
+    In metres whatever is smooth in an angle would be a straight line over so short a way.
+    """
+    q = recording.q
+    way = np.maximum(np.ptp(q, axis=0), UNMOVED)
+    slides = np.array([kind == "prismatic" for kind in recording.chain.kinds])
+    return np.where(slides, q * np.pi / way, q)
+
+
 def turns(angle: Array, count: int, *, constant: bool) -> Array:
     """Sines and cosines (K, N) of the first orders of an angle; a constant, or none in them."""
     k = np.arange(1, count + 1)[:, None]

@@ -21,10 +21,12 @@ import numpy as np
 from plumbline.kinematics.effects import Effect, Stage
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED, VARIANTS_SEEN
 from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, leading
 from plumbline.optim.diagnosis.discrepancy.functions import (
+    as_angles,
     cosines,
     loads,
     normal,
@@ -166,10 +168,10 @@ def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[tuple[s
     """
     element = effect.element
     joint = 1 if element is None else element
-    angle = recording.q[:, joint - 1]
+    angle = as_angles(recording)[:, joint - 1]
     turn = "own angle" if effect.stage == Stage.JOINT else "angle"
-    if isinstance(effect, GearRipple):
-        yield turn, turns(effect.order * angle, 2, constant=False)
+    if isinstance(effect, GearRipple | ScrewRipple):
+        yield turn, turns(effect.order * recording.q[:, joint - 1], 2, constant=False)
     if recording.kind.efforts:
         yield from seen_by_drives(recording, joint)
     elif effect.stage != Stage.SENSOR:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
+    as_angles,
     cosines,
     nearness,
     normal,
@@ -47,7 +48,7 @@ def _of_own(
 ) -> Iterator[tuple[str, str, list[Array]]]:
     """What the joint itself does, what it carries, and when."""
     assert recording.acceleration is not None
-    q = recording.q[:, j]
+    q = as_angles(recording)[:, j]
     path, place = _thinned_path(recording)
     around = [turns(q, TURNS, constant=False), *(nearness(q, reach) for reach in REACHES)]
     yield "own angle", "its angle", around
@@ -91,7 +92,7 @@ def seen_by_drives(recording: Recording, joint: int) -> Iterator[tuple[str, Arra
     assert recording.velocity is not None
     j = joint - 1
     speed = np.abs(recording.velocity[:, j])
-    yield "own angle", turns(recording.q[:, j], 2, constant=False)
+    yield "own angle", turns(as_angles(recording)[:, j], 2, constant=False)
     yield "load", polynomials(normal(nominal_efforts(recording)[:, [j]]), 2)
     yield "velocity", polynomials(normal(speed[:, None]), 2)
 
