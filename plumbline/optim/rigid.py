@@ -57,6 +57,13 @@ def rigid_match(source: Array, target: Array, *, scale: bool = False) -> Array:
     return homogeneous(R, q - (R @ p[..., None])[..., 0])
 
 
+def basis(normal: Array) -> Array:
+    """A rotation (3, 3) whose third column is a unit normal (3,)."""
+    first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(normal, first), normal])
+
+
 def best_rotation(source: Array, target: Array) -> Array:
     """The rotation (..., 3, 3) that carries vectors (..., n, 3) nearest to others."""
     return nearest_rotation(np.swapaxes(target, -1, -2) @ source)

@@ -163,11 +163,7 @@ class ArmInstrument(Body):
 
 
 def held_tip(arm: ArmInstrument, tip: ArrayLike, start: ArrayLike, passes: int = 400) -> Array:
-    """Joint coordinates (n,) near ``start`` that bring the tip to a point [m] through the trocar.
-
-    Raises:
-        PlumblineError: None within the joint limits were found; start elsewhere.
-    """
+    """Joints (n,) near ``start`` with the tip at a point [m] through the trocar, or refused."""
     wanted = MM * np.asarray(tip, dtype=float)
     x, c = cs.SX.sym("x", arm.size), cs.SX(cs.DM(arm.constants))
     error = cs.vertcat(arm.tracked(x, c) - cs.DM(wanted), arm.held(x, c))

@@ -43,6 +43,7 @@ from typing import Protocol
 
 import casadi as cs
 import numpy as np
+from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
@@ -333,6 +334,14 @@ def sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
     return cs.vertcat(1 + sign * x * x * a, sign * b, -sign * x), cs.vertcat(
         b, sign + y * y * a, -y
     )
+
+
+def shafts(tips: Array, trocars: Array, lengths: ArrayLike) -> Array:
+    """Both ends (..., 2, 3) of shafts through trocars with their tips at points (..., 3)."""
+    inside = tips - trocars
+    depth = np.sqrt(np.vecdot(inside, inside))[..., None]
+    back = tips - np.asarray(lengths)[..., None] * inside / np.maximum(depth, 1e-9)
+    return np.stack([tips, back], axis=-2)
 
 
 @dataclass(frozen=True)

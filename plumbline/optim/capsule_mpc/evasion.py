@@ -24,7 +24,7 @@ import numpy as np
 
 from plumbline.kinematics.capsules import nearest
 from plumbline.optim.capsule_mpc import constants
-from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument
+from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument, shafts
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import about, point
 from plumbline.optim.core.problem import Array, Flags
@@ -68,15 +68,15 @@ class Evasion:
             return goal
         table = np.array([(*o.a, *o.b, *o.velocity, o.radius) for o in obstacles])
         tips = x0.reshape(-1, 3)
-        shafts = _shafts(tips, self._trocars, self._lengths)
-        hit = self._in_the_way(shafts, table, believed)
+        stand = shafts(tips, self._trocars, self._lengths)
+        hit = self._in_the_way(stand, table, believed)
         self._out = [out if hit[i] else None for i, out in enumerate(self._out)]
         if not hit.any():
             return goal
         found = goal.copy()
         for i in np.flatnonzero(hit).tolist():
             own = slice(3 * i, 3 * i + 3)
-            both = [self._ahead(i, shafts, table, believed, t) for t in (self._times, self._finer)]
+            both = [self._ahead(i, stand, table, believed, t) for t in (self._times, self._finer)]
             place = goal[..., own].reshape(-1, 3)[-1]
             out = self._way(i, tips[i], rate[own], place, both)
             self._out[i] = out
@@ -191,20 +191,12 @@ def _pace(body: TipInstrument, tip: Array, dt: float) -> float:
     return float(cs.evalf(body.pace(x, c, dt)[0]))
 
 
-def _shafts(tips: Array, trocars: Array, lengths: Array) -> Array:
-    """Both ends (..., 2, 3) of shafts with their tips at points (..., 3)."""
-    inside = tips - trocars
-    depth = np.sqrt(np.vecdot(inside, inside))[..., None]
-    back = tips - np.asarray(lengths)[..., None] * inside / np.maximum(depth, 1e-9)
-    return np.stack([tips, back], axis=-2)
-
-
 def _gaps(body: TipInstrument, tips: Array, ahead: Array, radii: Array) -> Array:
     """Least gap (C,) on ways of the tip (C, T, 3) to capsules (K, T, 2, 3), -inf beyond a limit."""
     trocar = body.constants
-    shafts = _shafts(tips, trocar, np.array(constants.MM * body.length))
-    shape = (len(ahead), *shafts.shape)
-    both = (np.broadcast_to(v, shape).reshape(-1, 2, 3) for v in (shafts, ahead[:, None]))
+    own = shafts(tips, trocar, constants.MM * body.length)
+    shape = (len(ahead), *own.shape)
+    both = (np.broadcast_to(v, shape).reshape(-1, 2, 3) for v in (own, ahead[:, None]))
     found = nearest(*both).distance.reshape(shape[:3])
     least = (found - radii[:, None, None]).min(axis=(0, 2)) - constants.MM * body.radius
     inside = tips - trocar

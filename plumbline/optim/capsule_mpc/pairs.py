@@ -80,7 +80,6 @@ class Moving:
     now: Capsule  # where it is
     before: Segment  # its axis one step before
     bow: cs.SX  # how far its ends may leave their chords on the way from there [mm]
-    reach: cs.SX  # how far any point of it may move by this stage [mm]
     through: cs.SX | None  # the point that its axis always passes through [mm], if any
     lever: Lever  # how far the point at a share of its axis moves, of an error of its body's
     label: str  # whose it is
@@ -103,7 +102,6 @@ class Pair:
     most: cs.SX | None
     before: tuple[Segment, Segment]  # both axes one step before
     bow: cs.SX  # how far their ends may leave their chords on the way from there [mm]
-    reach: cs.SX  # how far the two may move towards each other by this stage [mm]
     fixed: bool  # whether the second is an obstacle, on which the state has no influence
     ball: bool  # whether the second is a sphere
     labels: tuple[str, str]  # who they are: ``"1"`` for a body, ``"obstacle 1"``
@@ -158,7 +156,6 @@ class Pair:
             most,
             (a.before, b.before),
             a.bow + b.bow,
-            a.reach + b.reach,
             fixed,
             ball,
             (a.label, b.label),

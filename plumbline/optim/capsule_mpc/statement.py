@@ -16,13 +16,6 @@ it keeps a wider one (:mod:`.pairs`), so a stage knows the step d that leads to 
 present state cannot be changed, so stages are counted from 1 to p, where the patent's sum runs from
 0 to p - 1.
 
-A pair is left out of a stage if it cannot come within reach: no point of a capsule moves farther
-than its body's bound while the inputs keep their limits, so that
-
-.. math:: d(x_0, O_i) - \rho_r(i) - \rho_j(i) > D_i \ \Rightarrow\ d(x_i, O_i) > D_i
-
-for every admissible input. Leaving the pair out changes nothing that the solution could violate.
-(A linearised row is left out by a sharper test of the same kind: :mod:`.linearised`.)
 """
 
 from __future__ import annotations
@@ -205,10 +198,9 @@ class Statement:
         self, x: cs.SX, d: cs.SX | None = None, stage: cs.SX | None = None
     ) -> tuple[Pair, ...]:
         """The same at another state (n,), after another step (n,), with other parameters (t,)."""
-        x0 = self.symbols[1]
         stage = self.symbols[2] if stage is None else stage
         d = stage[self.stepped] if d is None else d
-        own = [self._moving(k, x, x0, d, stage) for k in range(len(self.bodies))]
+        own = [self._moving(k, x, d, stage) for k in range(len(self.bodies))]
         tight, safe = stage[-self.n - 2 : -self.n], MM * self.settings.safe
         # Sums of a random part, sqrt(2) and 1 times, and of a bias, twice and once.
         random = (2 * tight[1] - tight[0]) / (2 - np.sqrt(2.0))
@@ -232,24 +224,22 @@ class Statement:
         ]
         return tuple(found)
 
-    def _moving(self, k: int, x: cs.SX, x0: cs.SX, d: cs.SX, stage: cs.SX) -> list[Moving]:
+    def _moving(self, k: int, x: cs.SX, d: cs.SX, stage: cs.SX) -> list[Moving]:
         """The capsules of a body."""
-        body, part, within = self.bodies[k], self.parts[k], stage[-self.n :]
+        body, part = self.bodies[k], self.parts[k]
         c = self._split(self._constants_in(stage))[k]
         lever = partial(body.lever, x[part], c)
         before = [capsule.axis for capsule in body.capsules(x[part] - d[part], c)]
-        bows, reaches = body.sagitta(x[part], c, d[part]), body.reach(x0[part], c, within[part])
-        columns = zip(
-            body.capsules(x[part], c), before, bows, reaches, body.through(c), strict=True
-        )
+        bows = body.sagitta(x[part], c, d[part])
+        columns = zip(body.capsules(x[part], c), before, bows, body.through(c), strict=True)
         return [Moving(*column, lever, str(k + 1)) for column in columns]
 
     def _obstacles(self, stage: cs.SX) -> list[Moving]:
-        found, none = [], cs.SX(0.0)
+        found = []
         for k in range(self.slots + self.balls):
             o = stage[self.goals + OBSTACLE * k :][:OBSTACLE]
             now, before = Capsule(Segment.of(o[:6]), o[6]), Segment(o[:3] - o[7:], o[3:6] - o[7:])
-            found.append(Moving(now, before, none, none, None, unmoved, f"obstacle {k + 1}"))
+            found.append(Moving(now, before, cs.SX(0.0), None, unmoved, f"obstacle {k + 1}"))
         return found
 
     def _over_bodies(self, what: str, x: cs.SX, constants: cs.SX, *more: float) -> cs.SX:
@@ -260,14 +250,6 @@ class Statement:
 
     def _split(self, constants: cs.SX) -> list[cs.SX]:
         return [constants[part] for part in slices(self._counts)]
-
-    @cached_property
-    def reachable(self) -> tuple[cs.SX, ...]:
-        """For every pair, how near its reach lets it come less D [mm]; never, if positive."""
-        return tuple(
-            cs.sqrt(squared_distance(pair.one, pair.two)) - pair.reach - pair.least
-            for pair in self.pairs_at(self.symbols[1])
-        )
 
     @cached_property
     def pace(self) -> cs.SX:

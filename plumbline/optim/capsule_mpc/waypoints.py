@@ -52,7 +52,7 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import nearest
-from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument
+from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument, shafts
 from plumbline.optim.capsule_mpc.constants import CLEAR, DIRECTIONS, MM, OFFSETS, SAMPLES
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
@@ -71,9 +71,7 @@ class Tool:
 
     def shafts(self, tips: Array) -> Array:
         """Both ends (N, 2, 3) [mm] with the tip at (N, 3)."""
-        inside = tips - self.trocar
-        depth = np.sqrt(np.vecdot(inside, inside))[:, None]
-        return np.stack([tips, tips - self.length * inside / np.maximum(depth, 1e-9)], axis=1)
+        return shafts(tips, self.trocar, self.length)
 
 
 @dataclass(frozen=True)

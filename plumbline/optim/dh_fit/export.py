@@ -13,12 +13,10 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.link_export import NAME, dh_toml, safe_tip, urdf_text
-from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.constants import AGREES, POSTURES
-from plumbline.optim.dh_fit.softness import motions
+from plumbline.optim.dh_fit.softness import joints
 
 
 @dataclass(frozen=True)
@@ -57,22 +55,10 @@ def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Export
     tip = tip if tip in robot.tip_frames else safe_tip(tip)
     q = fit.recording.q
     q = q[np.linspace(0, len(q) - 1, min(len(q), POSTURES)).astype(int)]
-    here = np.array([pose(fit.links, posture) for posture in q])
-    worst = float(np.abs(robot.chain(tip).placement(q) - here).max())
+    worst = float(np.abs(robot.chain(tip).placement(q) - joints(fit.links, q)[-1]).max())
     if not worst <= AGREES:
         raise PlumblineError(
             f"{fit.recording.name}: the exported {what} miss the fit by {worst:.1e}, at most "
             f"{AGREES:.0e} allowed; nothing was written"
         )
     return Exported(text, tip, worst)
-
-
-def pose(links: LinkTable, q: Array) -> Array:
-    """``T_base_tip`` (4, 4) of links at joint coordinates q (n,), multiplied out row by row."""
-    T, j = np.linalg.inv(links.anchors[0]), 0
-    for row in links.rows:
-        if row.dh.kind != "fixed":
-            T = T @ motions(row.dh.kind, q[j : j + 1])[0]
-            j += 1
-        T = T @ row_matrix(row)
-    return np.asarray(T @ links.anchors[-1])

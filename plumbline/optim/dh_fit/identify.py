@@ -58,8 +58,6 @@ class Identifiability:
     kept: tuple[int, ...]  # which of them are free, by place
     held: tuple[Held, ...]  # the others, with what they move together with
     rank: int  # numerical rank of the Jacobian
-    singular: Array  # its singular values, columns in units of their bounds' half-widths [m]
-    null: Array  # null space (P - rank, P), one vector a row, in the parameters' own units
     triangle: Array  # R of the Jacobian (P, P), columns in units of the scales [m]
 
     @property
@@ -78,11 +76,6 @@ class Identifiability:
             )
         return replace(self, kept=tuple(kept), held=(*self.held, *weak.values()))
 
-    @property
-    def condition(self) -> float:
-        """Largest over smallest singular value that counts."""
-        return float(self.singular[0] / self.singular[self.rank - 1])
-
 
 def noise_free(
     table: LinkTable,
@@ -92,17 +85,14 @@ def noise_free(
     registration_q: Array | None,
 ) -> tuple[DHStatement, Readings]:
     """The statement and the readings (N) of a nominal robot whose camera stands in its base."""
-    plain = state(table, tool, (), Squares(), readings=_blank(q), registration=None)
+    blank = Readings(q, np.eye(3)[np.arange(len(q)) % 3])
+    plain = state(table, tool, (), Squares(), readings=blank, registration=None)
     readings = Readings(q, plain.tips(np.empty(0), q))
     registration = None
     if registration_q is not None:
         registration = Readings(registration_q, plain.tips(np.empty(0), registration_q))
     stated = state(table, tool, unknowns, Squares(), readings=readings, registration=registration)
     return stated, readings
-
-
-def _blank(q: Array) -> Readings:
-    return Readings(q, np.eye(3)[np.arange(len(q)) % 3])
 
 
 def triangle(
@@ -138,13 +128,10 @@ def identify(
     R = triangle(stated, readings, stated.nominal) * np.sqrt(len(q) / len(some))
     first = [k for k, u in enumerate(unknowns) if u.cell is None]
     kept = _independent(R, first)
-    rank = len(kept)
-    singular = np.linalg.svd(R, compute_uv=False)
-    exact = _shares(R, kept)
-    held = {k: _held(k, unknowns, kept, exact[:, k], R) for k in range(len(unknowns))}
-    null = _null_space(unknowns, kept, exact)
-    out = tuple(held[k] for k in range(len(unknowns)) if k not in kept)
-    return Identifiability(tuple(unknowns), tuple(sorted(kept)), out, rank, singular, null, R)
+    shares = np.linalg.lstsq(R[:, kept], R, rcond=None)[0]  # C: every column as a sum of kept ones
+    out = [k for k in range(len(unknowns)) if k not in kept]
+    held = tuple(_held(k, unknowns, kept, shares[:, k], R) for k in out)
+    return Identifiability(tuple(unknowns), tuple(sorted(kept)), held, len(kept), R)
 
 
 def _independent(R: Array, first: Sequence[int]) -> list[int]:
@@ -168,23 +155,6 @@ def _independent(R: Array, first: Sequence[int]) -> list[int]:
         direction = left[:, pivot] / rest[pivot]
         left = left - np.outer(direction, direction @ left)
         left[:, kept] = 0.0
-
-
-def _shares(R: Array, kept: Sequence[int]) -> Array:
-    """C (kept, P): every column as a sum of kept ones."""
-    return np.asarray(np.linalg.lstsq(R[:, kept], R, rcond=None)[0])
-
-
-def _null_space(unknowns: Sequence[Unknown], kept: Sequence[int], shares: Array) -> Array:
-    scale = np.array([u.scale for u in unknowns])
-    rows = []
-    for k in (k for k in range(len(unknowns)) if k not in kept):
-        vector = np.zeros(len(unknowns))
-        vector[k] = 1.0
-        vector[list(kept)] = -shares[:, k]
-        vector *= scale
-        rows.append(vector / np.abs(vector).max())
-    return np.array(rows).reshape(-1, len(unknowns))
 
 
 def _held(k: int, unknowns: Sequence[Unknown], kept: Sequence[int], share: Array, R: Array) -> Held:

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array, Flags, Indices
-from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.fit import fit_dh
 from plumbline.optim.dh_fit.quantities import Misfit
 from plumbline.optim.dh_fit.statement import Readings
@@ -27,7 +26,6 @@ class HeldOut:
 
     nominal: Array  # of the nominal links, frame and tool fitted without the rows (N, 3) [m]
     fitted: Array  # of links fitted without the rows (N, 3) [m]
-    fold: Indices  # fold of every row (N,)
 
     @property
     def before(self) -> Misfit:
@@ -58,12 +56,9 @@ def held_out(
     for k in np.unique(fold):
         out = fold == k
         fit = fit_dh(recording.select(~out), options, registration=registration)
-        nominal[out], fitted[out] = _predicted(fit, rows.select(out))
-    return HeldOut(nominal, fitted, fold)
-
-
-def _predicted(fit: DHFit, rows: Readings) -> tuple[Array, Array]:
-    return fit.nominal_misfits(rows), fit.misfits(rows)
+        unseen = rows.select(out)
+        nominal[out], fitted[out] = fit.nominal_misfits(unseen), fit.misfits(unseen)
+    return HeldOut(nominal, fitted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,14 +40,13 @@ class Misfit:
     max: float  # the largest
     std: float  # their standard deviation
     rms: float  # root of their mean square
-    count: int  # how many
 
     @classmethod
     def of(cls, misfits: Array) -> Self:
         """Of misfits (N, 3) [m]."""
         sizes = np.linalg.norm(misfits, axis=1)
         rms = float(np.sqrt(np.mean(sizes**2)))
-        return cls(float(sizes.mean()), float(sizes.max()), float(sizes.std()), rms, len(sizes))
+        return cls(float(sizes.mean()), float(sizes.max()), float(sizes.std()), rms)
 
     @property
     def numbers(self) -> dict[str, float]:

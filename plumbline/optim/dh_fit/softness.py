@@ -75,7 +75,7 @@ def _size(J: Array, G: Array, e: Array) -> float:
 
 def turns(links: LinkTable, q: Array, tips: Array, gravity: Array) -> Array:
     """G (N, 3, K) [m/rad]: what the tips (N, 3) do where a mass turns a joint."""
-    axes, origins, turning = _joints(links, q)
+    axes, origins, turning, _ = joints(links, q)
     points = [*origins, tips]
     reach = float(np.linalg.norm(tips - origins[0], axis=1).max()) or 1.0
     down, columns = gravity / np.linalg.norm(gravity), []
@@ -88,8 +88,8 @@ def turns(links: LinkTable, q: Array, tips: Array, gravity: Array) -> Array:
     return np.asarray(G[:, :, np.abs(G).max(axis=(0, 1)) > 1e-9])
 
 
-def _joints(links: LinkTable, q: Array) -> tuple[list[Array], list[Array], list[bool]]:
-    """Axes and origins (N, 3) of every joint in the base, and whether it turns."""
+def joints(links: LinkTable, q: Array) -> tuple[list[Array], list[Array], list[bool], Array]:
+    """Axes and origins (N, 3) of every joint in the base, whether it turns; the tip (N, 4, 4)."""
     T = np.tile(np.linalg.inv(links.anchors[0]), (len(q), 1, 1))
     axes, origins, turning, j = [], [], [], 0
     for row in links.rows:
@@ -97,13 +97,13 @@ def _joints(links: LinkTable, q: Array) -> tuple[list[Array], list[Array], list[
             axes.append(T[:, :3, 2].copy())
             origins.append(T[:, :3, 3].copy())
             turning.append(row.dh.kind == "revolute")
-            T = T @ motions(row.dh.kind, q[:, j])
+            T = T @ _motions(row.dh.kind, q[:, j])
             j += 1
         T = T @ row_matrix(row)
-    return axes, origins, turning
+    return axes, origins, turning, np.asarray(T @ links.anchors[-1])
 
 
-def motions(kind: str, q: Array) -> Array:
+def _motions(kind: str, q: Array) -> Array:
     """Placements (N, 4, 4) of a joint's motion."""
     T = np.tile(np.eye(4), (len(q), 1, 1))
     if kind == "prismatic":

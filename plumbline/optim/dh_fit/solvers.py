@@ -64,9 +64,8 @@ class GaussNewton(OfRows):
             some = np.linspace(0, len(readings) - 1, self.few).astype(int)
             passes.insert(0, Pass(statement, readings.select(some)))
         if isinstance(statement.loss, Norms):
-            passes.insert(0, replace(passes[0], other=Squares()))
-            x, spent, _ = self._descend(passes.pop(0), x, ROUGH)
-            x, more, _ = self._soften(passes[0], x)
+            x, spent, _ = self._descend(replace(passes[0], other=Squares()), x, ROUGH)
+            x, more = self._soften(passes[0], x, statement.loss.smoothing)
             spent += more
         message = ""
         for rows in passes:
@@ -74,16 +73,13 @@ class GaussNewton(OfRows):
             spent += more
         return Solution(problem, x, spent, message)
 
-    def _soften(self, rows: Pass, x: Array) -> tuple[Array, int, str]:
+    def _soften(self, rows: Pass, x: Array, smoothing: float) -> tuple[Array, int]:
         """First fits of norms whose corner is as wide as the misfits are, then narrower."""
-        loss, spent = rows.loss, 0
-        if not isinstance(loss, Norms):
-            return x, 0, ""
-        wide = float(np.median(np.linalg.norm(rows.misfits(x), axis=1)))
-        while wide > NARROWING * loss.smoothing:
+        wide, spent = float(np.median(np.linalg.norm(rows.misfits(x), axis=1))), 0
+        while wide > NARROWING * smoothing:
             x, more, _ = self._descend(replace(rows, other=Norms(wide)), x, ROUGH)
             wide, spent = wide / NARROWING, spent + more
-        return x, spent, ""
+        return x, spent
 
     def _descend(self, rows: Pass, x: Array, tolerance: float) -> tuple[Array, int, str]:
         stated = rows.statement

@@ -60,15 +60,10 @@ class HandEyeOptions:
     solver: Solver = field(default_factory=LevenbergMarquardt)
 
     def __post_init__(self) -> None:
-        for name, most in (
-            ("shapes", None),
-            ("arm", None),
-            ("poses", constants.MOST_POSES),
-            ("seed", None),
-        ):
-            value = getattr(self, name)
-            if value < 0 or (most is not None and value > most):
-                limit = "0 or more" if most is None else f"0 to {most}"
+        for name in ("shapes", "arm", "poses", "seed"):
+            value, bounded = getattr(self, name), name == "poses"
+            if value < 0 or (bounded and value > constants.MOST_POSES):
+                limit = f"0 to {constants.MOST_POSES}" if bounded else "0 or more"
                 raise fault(name, f"{value}", limit, "give a whole number in that range")
         if not (isfinite(self.gross) and self.gross > 0.0):
             raise fault("gross", f"{self.gross:g} sigmas", "more than 0", "4.5 is the default")
@@ -170,12 +165,6 @@ def _robust(readings: Readings, given: HandEyeOptions) -> tuple[Beam, float, Fla
     beam, sigma, errors = robust_start(readings)
     refuse_unturned(readings, sigma)
     refuse_misread(readings, sigma)
-    if sigma > constants.MOST_MISFIT:
-        raise PlumblineError(
-            f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
-            f"{constants.MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and "
-            "its frame"
-        )
     limit = _student(given.gross, constants.MAD_EFFICIENCY * _freedom(readings))
     return beam, sigma, np.abs(errors) <= limit * sigma
 

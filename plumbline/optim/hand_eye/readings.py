@@ -25,7 +25,7 @@ recording, and is compiled once; the signs of normals and beam are settled by B_
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
@@ -41,6 +41,7 @@ from plumbline.optim.hand_eye.constants import (
     SKEWED,
     THREES,
 )
+from plumbline.optim.rigid import basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +103,9 @@ class Readings:
         ranges = np.asarray(distance, dtype=float)
         count = len(ranges) if ranges.ndim == 1 else -1
         given = [np.zeros(count) if k is None else np.asarray(k) for k in (plane, motion)]
-        rows = np.arange(count) if row is None else np.asarray(row)
-        made = cls(
-            np.asarray(R, dtype=float),
-            np.asarray(t, dtype=float),
-            ranges,
-            *(k.astype(np.int64) for k in (*given, rows)),
-        )
+        given.append(np.arange(count) if row is None else np.asarray(row))
+        at, place = (np.asarray(values, dtype=float) for values in (R, t))
+        made = cls(at, place, ranges, *(k.astype(np.int64) for k in given))
         _check(made, count)
         return made
 
@@ -118,8 +115,12 @@ class Readings:
     @classmethod
     def joined(cls, parts: Sequence[Readings]) -> Readings:
         """Several readings as one."""
-        names = ("R", "t", "distance", "plane", "motion", "row")
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+        return cls(
+            *(
+                np.concatenate(arrays)
+                for arrays in zip(*(vars(p).values() for p in parts), strict=True)
+            )
+        )
 
     @property
     def planes(self) -> Integers:
@@ -128,8 +129,7 @@ class Readings:
 
     def select(self, rows: Flags | Indices) -> Readings:
         """Some of the readings: a mask (N,), or indices."""
-        names = ("R", "t", "distance", "plane", "motion", "row")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        return Readings(**{name: values[rows] for name, values in vars(self).items()})
 
     def on_plane(self, plane: int) -> Readings:
         """The readings of one plane."""
@@ -168,14 +168,9 @@ def turn_angles(one: Array, others: Array) -> Array:
 
 def _check(readings: Readings, count: int) -> None:
     r = readings
-    shapes = {
-        "R": (r.R.shape, (count, 3, 3)),
-        "t": (r.t.shape, (count, 3)),
-        "distance": (r.distance.shape, (count,)),
-        "plane": (r.plane.shape, (count,)),
-        "motion": (r.motion.shape, (count,)),
-    }
-    for name, (found, wanted) in shapes.items():
+    shapes = {"R": (3, 3), "t": (3,), "distance": (), "plane": (), "motion": ()}
+    for name, own in shapes.items():
+        found, wanted = getattr(r, name).shape, (count, *own)
         if found != wanted:
             raise PlumblineError(f"{name}: shape {found}, expected {wanted}; give one entry a row")
     if count < LEAST_ROWS:
@@ -271,8 +266,8 @@ class Frames:
         senses = [ways[readings.plane == k].mean(axis=0) for k in readings.planes]
         signs = [np.sign(p.normal @ s) or 1.0 for p, s in zip(planes, senses, strict=True)]
         normals = [p.normal * s for p, s in zip(planes, signs, strict=True)]
-        B, c = np.array([_basis(n) for n in normals]), np.array([p.centre for p in planes])
-        return cls(B, c, _basis(beam.v))
+        B, c = np.array([basis(n) for n in normals]), np.array([p.centre for p in planes])
+        return cls(B, c, basis(beam.v))
 
     def index(self, readings: Readings) -> Indices:
         """Which frame each reading belongs to (N,), from 0."""
@@ -297,13 +292,6 @@ class Frames:
         """Plane k in the base frame, of slope (2,) and offset [m] in its own frame."""
         nu = np.append(slope, 1.0) / np.sqrt(1.0 + slope @ slope)
         return Plane(self.B[k] @ nu, self.c[k] - offset * self.B[k] @ nu)
-
-
-def _basis(normal: Array) -> Array:
-    """A rotation (3, 3) whose third column is a unit normal (3,)."""
-    first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(normal, first), normal])
 
 
 def unit(slope: cs.SX) -> cs.SX:

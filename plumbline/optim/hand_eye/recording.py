@@ -107,17 +107,11 @@ def _poses(table: Table) -> Array:
 def ranges(table: Table) -> Array:
     """Ranges (N,) [m], refused where they are not positive or not in metres."""
     values = table.numbers("range")
-    broken = np.flatnonzero(values <= 0.0)
-    if len(broken):
-        found, mend = shown(float(values[broken[0]])), "delete readings without an echo"
-        raise fault(table.origin.at("range", broken[0]), found, "a range above 0 m", mend)
-    long = np.flatnonzero(values > LONGEST)
-    if len(long):
-        found = shown(float(values[long[0]]))
-        unit = (
-            "looks like millimetres: divide by 1000" if len(long) > len(values) / 2 else "mend it"
-        )
-        raise fault(table.origin.at("range", long[0]), found, f"at most {LONGEST:g} m", unit)
+    mend = "delete readings without an echo"
+    table.origin.refuse("range", values <= 0.0, values, "a range above 0 m", mend)
+    long = values > LONGEST
+    mend = "looks like millimetres: divide by 1000" if long.mean() > 0.5 else "mend it"
+    table.origin.refuse("range", long, values, f"at most {LONGEST:g} m", mend)
     return values
 
 
@@ -179,11 +173,7 @@ class RangeRecording:
 
 
 def load_ranges(folder: str | Path) -> RangeRecording:
-    """Read and check a recording of a range finder on planes.
-
-    Raises:
-        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
-    """
+    """Read and check a recording of a range finder on planes, refused if it cannot be used."""
     opened, flange, distance = open_ranges(folder, OBSERVATION, "ranges", ("plane", "motion"))
     settings, table = opened.settings, opened.table
     plane, labels = labelled(table, "plane")
@@ -236,20 +226,16 @@ def _whole(table: Table, name: str) -> Integers:
 def _marked(table: Table) -> Integers:
     """Which mark each reading was aimed at (N,), 0 for none."""
     mark = _whole(table, "mark")
-    below = np.flatnonzero(mark < 0)
-    if len(below):
-        found, mend = shown(int(mark[below[0]])), "number marks 1, 2, ..., and write 0 elsewhere"
-        raise fault(table.origin.at("mark", below[0]), found, "0 or a mark's number", mend)
+    mend = "number marks 1, 2, ..., and write 0 elsewhere"
+    table.origin.refuse("mark", mark < 0, mark, "0 or a mark's number", mend)
     return mark
 
 
 def _held_out(table: Table) -> Integers:
     """Which readings no fit may see (N,), 0 or 1."""
     held = _whole(table, "held_out")
-    odd = np.flatnonzero((held != 0) & (held != 1))
-    if len(odd):
-        where, found = table.origin.at("held_out", odd[0]), shown(int(held[odd[0]]))
-        raise fault(where, found, "0 or 1", "write 1 for a row that no fit may see")
+    bad, mend = (held != 0) & (held != 1), "write 1 for a row that no fit may see"
+    table.origin.refuse("held_out", bad, held, "0 or 1", mend)
     return held
 
 

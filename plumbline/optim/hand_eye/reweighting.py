@@ -96,8 +96,7 @@ class LikelyFit:
     """Where the rounds ended."""
 
     x: Array  # the unknowns (P,)
-    weights: Array  # weights of all rows [1/m^2]
-    relative: Array  # the same over the readings' mean: what is weighted by them stays in m
+    relative: Array  # weights of all rows over the readings' mean: what they weigh stays in m
     errors: Array  # residuals of all rows [m]
     leverage: Array  # share of each row that the fit takes up (N,)
     beam: Array  # covariance of the beam's unknowns (5, 5), all others eliminated
@@ -145,7 +144,7 @@ def likely_fit(
     leverage = w * np.einsum("ni,ni->n", J @ covariance, J)
     beam = marginal_covariance(problem, J, w)
     relative = w / w[: len(incidence)].mean()
-    return LikelyFit(x, w, relative, e, leverage, beam, covariance, variance, spreads)
+    return LikelyFit(x, relative, e, leverage, beam, covariance, variance, spreads)
 
 
 def _turns(

@@ -199,12 +199,9 @@ class _Face:
 
 
 def _angles(faces: list[_Face]) -> Array:
-    return np.array([_angle(one, two) for one, two in combinations(faces, 2)])
-
-
-def _angle(one: _Face, two: _Face) -> float:
-    sine = np.linalg.norm(np.cross(one.normal, two.normal))
-    return float(np.arctan2(sine, abs(one.normal @ two.normal)))
+    pairs = np.array(list(combinations([face.normal for face in faces], 2)))
+    one, two = pairs[:, 0], pairs[:, 1]
+    return np.arctan2(np.linalg.norm(np.cross(one, two), axis=1), np.abs(np.vecdot(one, two)))
 
 
 def _own_variance(one: _Face, two: _Face) -> float:

@@ -123,11 +123,7 @@ class ScanRecording:
 
 
 def load_scan(folder: str | Path) -> ScanRecording:
-    """Read and check a recording of a scan.
-
-    Raises:
-        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
-    """
+    """Read and check a recording of a scan, refused if it cannot be used."""
     opened, flange, distance = open_ranges(folder, OBSERVATION, "scan")
     place, settings, table = opened.place, opened.settings, opened.table
     face, labels = _faces(table)

@@ -14,6 +14,7 @@ to read the poses is tried where the scatter is suspicious, and refused if one o
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import product
+from operator import itemgetter
 
 import numpy as np
 import scipy
@@ -39,7 +40,7 @@ def robust_start(readings: Readings, *, thorough: bool = True) -> Start:
     found = _best(readings, _guesses(readings))
     if _is_sure(found) or not thorough:
         return found
-    return min(found, _best(readings, _sampled(readings)), key=_scatter)
+    return min(found, _best(readings, _sampled(readings)), key=itemgetter(1))
 
 
 def _best(readings: Readings, guesses: Iterable[Beam]) -> Start:
@@ -49,7 +50,7 @@ def _best(readings: Readings, guesses: Iterable[Beam]) -> Start:
         found.append(_fitted(readings, readings, guess))
         if _is_sure(found[-1]):
             break
-    return _refined(readings, min(found, key=_scatter))
+    return _refined(readings, min(found, key=itemgetter(1)))
 
 
 def _refined(readings: Readings, found: Start) -> Start:
@@ -80,10 +81,6 @@ def _is_sure(found: Start) -> bool:
     )
 
 
-def _scatter(found: Start) -> float:
-    return found[1]
-
-
 def _guesses(readings: Readings) -> Iterator[Beam]:
     """The mean of the closed forms, where there are any, then beams that look every way."""
     found = []
@@ -112,7 +109,7 @@ def _sampled(readings: Readings) -> list[Beam]:
         beam = frames.beam(robust_fit(problem, start, constants.TRIAL_ROUNDS)[0])
         gaps = np.concatenate([_plane_gaps(beam, one) for one in planes])
         found.append((float(np.median(gaps)), beam))
-    return [beam for _, beam in sorted(found, key=lambda one: one[0])[: constants.KEPT]]
+    return [beam for _, beam in sorted(found, key=itemgetter(0))[: constants.KEPT]]
 
 
 def _plane_gaps(beam: Beam, readings: Readings) -> Array:
@@ -122,7 +119,7 @@ def _plane_gaps(beam: Beam, readings: Readings) -> Array:
 
 
 def refuse_misread(readings: Readings, sigma: float) -> None:
-    """Refuse readings of such a scatter [m] that fit far better with poses read another way."""
+    """Refuse readings of such a scatter [m] that fit far better otherwise read, or not at all."""
     if sigma <= constants.SUSPECT:
         return
     for words, other in OTHER_WAYS.items():
@@ -132,15 +129,19 @@ def refuse_misread(readings: Readings, sigma: float) -> None:
                 f"the readings scatter by {sigma * 1e3:.1f} mm about their planes, but by "
                 f"{found * 1e3:.2f} mm with {words}"
             )
+    if sigma > constants.MOST_MISFIT:
+        raise PlumblineError(
+            f"the readings scatter by {sigma * 1e3:.0f} mm about their planes, at most "
+            f"{constants.MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and "
+            "its frame"
+        )
 
 
 def _scalar_last(readings: Readings) -> Readings:
     """Quaternions whose four numbers were in the order x, y, z, w."""
-    numbers = scipy.spatial.transform.Rotation.from_matrix(readings.R).as_quat(scalar_first=True)
-    return replace(
-        readings,
-        R=scipy.spatial.transform.Rotation.from_quat(numbers, scalar_first=False).as_matrix(),
-    )
+    rotation = scipy.spatial.transform.Rotation
+    numbers = rotation.from_matrix(readings.R).as_quat(scalar_first=True)
+    return replace(readings, R=rotation.from_quat(numbers, scalar_first=False).as_matrix())
 
 
 def _transposed(readings: Readings) -> Readings:

@@ -12,7 +12,7 @@ import numpy as np
 
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.frames import homogeneous
-from plumbline.optim.hand_eye.constants import LEAST_ON_PLANE, MOST_MISFIT, SPARE
+from plumbline.optim.hand_eye.constants import LEAST_ON_PLANE, SPARE
 from plumbline.optim.hand_eye.readings import Beam, Frames, Readings
 from plumbline.optim.hand_eye.recording import OBSERVATION, EveryRow, RangeRecording
 from plumbline.optim.hand_eye.start import refuse_misread, robust_start
@@ -101,12 +101,6 @@ def _start(ranges: RangeRecording, readings: Readings) -> tuple[Array, Array]:
         refuse_misread(readings, sigma)
     except PlumblineError as error:
         raise PlumblineError(f"{ranges.name}: {error}") from None
-    if sigma > MOST_MISFIT:
-        raise PlumblineError(
-            f"{ranges.name}: the readings scatter by {sigma * 1e3:.0f} mm about their planes, at "
-            f"most {MOST_MISFIT * 1e3:.0f} mm expected; check the column plane, the robot and its "
-            "frame"
-        )
     frames = Frames.of(readings, beam)
     planes = np.hstack([_middles(readings, beam, frames), frames.B[:, :, 2]])
     return np.concatenate([beam.r, beam.v]), planes

@@ -36,6 +36,7 @@ from plumbline.optim.measurement.registering import registered, tool_turn
 from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording, Session, one_hot_sockets, socket_labels
 from plumbline.optim.recording.session import apart
+from plumbline.optim.rigid import basis
 
 Anchor = tuple[Array, Array]
 
@@ -170,13 +171,6 @@ def _beam_and_planes(recording: Recording, anchor: Anchor | None) -> Nuisance:
         points=cs.horzcat(*points),
         anchor=anchor,
     )
-
-
-def basis(normal: Array) -> Array:
-    """A rotation (3, 3) whose third column is a unit normal (3,)."""
-    first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(normal, first), normal])
 
 
 def _socket_places(recording: Recording) -> Nuisance:

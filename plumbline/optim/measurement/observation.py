@@ -10,6 +10,7 @@ minus measured [m], or [rad] for link-side encoders; efforts have a chain of the
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Self
 
 import casadi as cs
@@ -230,12 +231,8 @@ def names_of(effects: Sequence[Effect]) -> list[str]:
 
 
 def _terms(effects: Sequence[Effect], first: int) -> tuple[Term, ...]:
-    terms = []
-    for effect in effects:
-        last = first + len(effect.parameters)
-        terms.append(Term(effect, slice(first, last)))
-        first = last
-    return tuple(terms)
+    edges = np.cumsum([first, *(len(effect.parameters) for effect in effects)]).tolist()
+    return tuple(Term(e, slice(a, b)) for e, (a, b) in zip(effects, pairwise(edges), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

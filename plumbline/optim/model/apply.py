@@ -28,7 +28,7 @@ from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.measurement.refit import always_fitted, candidates_of, figure, gap_unit, refit
 from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.model.constants import CHANGED, MARGIN, NAMED, STILL_HOLDS, WORTH
-from plumbline.optim.model.fitted import Fitted
+from plumbline.optim.model.fitted import Fitted, by_effect
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.constants import ONE_ROBOT
 from plumbline.optim.recording.recording import Recording
@@ -40,7 +40,7 @@ NUISANCES = (
     "socket ",
     "beam ",
     "plane ",
-)  # what their unknowns' names begin with
+)  # how names begin
 
 
 @dataclass(frozen=True)
@@ -161,21 +161,11 @@ def apply(model: Fitted, other: Recording) -> Applied:
         changes = _with_new(changes, other, effects, solution, (~bad).astype(float))
     outside, columns = outside_range(carried, other)
     ends = [judged(nominal, "the fit without causes"), judged(solution, "the fit to other rows")]
+    again, beyond = _named(other, [*free, *more]), tuple((np.flatnonzero(outside) + 1).tolist())
     return Applied(
-        recording=other.name,
-        rows=len(other),
-        unit=unit,
-        before=before,
-        after=after,
-        promised=promised,
-        refitted=_named(other, [*free, *more]),
-        left_out=left_out,
-        outside=tuple(int(k) + 1 for k in np.flatnonzero(outside)),
-        outside_columns=columns,
-        changes=changes,
-        judged=Judgement.of(ends),
-        gross=row_numbers(bad),
-    )
+        other.name, len(other), unit, before, after, promised, again, left_out, beyond, columns,
+        changes, Judgement.of(ends), row_numbers(bad),
+    )  # fmt: skip
 
 
 def _robust(
@@ -218,11 +208,7 @@ def _with_new(
 
 
 def refuse_another_robot(model: Fitted, other: Recording) -> None:
-    """Refuse a recording that the model cannot predict.
-
-    Raises:
-        PlumblineError: It has other joints, or measures something else.
-    """
+    """Refuse a recording of other joints, or of something else than the model predicts."""
     mend = "give a recording of the same robot"
     joints = ("joints", str(model.chain.n), str(other.chain.n))
     kinds = ("observation", model.observation, other.observation)
@@ -280,13 +266,14 @@ def _nulls(effects: Sequence[Effect]) -> Array:
 
 
 def _named(other: Recording, free: Collection[Effect]) -> tuple[str, ...]:
-    kinds = {"fixed_point": ["sockets"], "joint_position": [], "joint_torque": []}
-    if other.kind.ranges:
-        return ("beam", "planes", *dict.fromkeys(e.name for e in free))
-    nuisances = kinds.get(other.observation, ["frame"] if "frame" in other.always else [])
-    of_joints = other.kind.joints
-    tool = ["tool"] if "tool" in other.always and not of_joints else []
-    return (*nuisances, *tool, *dict.fromkeys(e.name for e in free))
+    kind = other.kind
+    if kind.ranges:
+        nuisances = ["beam", "planes"]
+    else:
+        nuisances = [word for word in ("frame", "tool") if word in other.always and not kind.joints]
+    if kind.sockets:
+        nuisances = ["sockets", *(word for word in nuisances if word != "frame")]
+    return (*nuisances, *dict.fromkeys(e.name for e in free))
 
 
 def _promised(model: Fitted, other: Recording, *, per_row: bool) -> float:
@@ -306,9 +293,7 @@ def _changes(
     at = sum(name.startswith(NUISANCES) for name in solution.problem.names)
     covariance[at : at + E, at : at + E] = carried.covariance[-E:, -E:] if E else 0.0
     groups: dict[str, list[int]] = {}
-    for effect in carried.effects:
-        columns = list(range(at, at + len(effect.parameters)))
-        at += len(columns)
+    for effect, columns in by_effect(carried.effects, range(at, at + E)):
         if effect not in free:
             groups.setdefault(effect.label, []).extend(columns)
     held = {k for columns in groups.values() for k in columns}
@@ -322,12 +307,7 @@ def _changes(
 
 
 def _change(
-    label: str,
-    own: Indices,
-    fitted: Indices,
-    gram: Gram,
-    covariance: Array,
-    other: Recording,
+    label: str, own: Indices, fitted: Indices, gram: Gram, covariance: Array, other: Recording
 ) -> Change:
     """What fitting some columns again would save, given a covariance (P, P) of all unknowns."""
     A, g = gram.matrix, gram.vector

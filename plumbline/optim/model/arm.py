@@ -27,7 +27,7 @@ from plumbline.kinematics.tree import dynamics_of_chain
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import apply_effects
 from plumbline.optim.measurement.torque import BODIES, moved
-from plumbline.optim.model.fitted import Fitted
+from plumbline.optim.model.fitted import Fitted, by_effect
 from plumbline.optim.model.rows import CONTEXT, completed, postures
 from plumbline.optim.model.statement import ModelFunctions
 from plumbline.optim.recording.kinds import EFFORTS
@@ -49,11 +49,7 @@ class Arm(Fitted):
         return completed(self.chain, q, given, self.usual, self.effects, used)
 
     def rows(self, q: ArrayLike, **context: ArrayLike) -> Array:
-        """What the model reads (N, k) of postures (N, n) or (n,) and their context.
-
-        Raises:
-            PlumblineError: A posture or a context that cannot be used.
-        """
+        """What the model reads (N, k) of postures (N, n) or (n,) and their context, or refuses."""
         return self.rows_of(q, context)
 
     def rows_of(self, q: ArrayLike, context: Mapping[str, ArrayLike]) -> Array:
@@ -170,13 +166,7 @@ class Efforts:
         return State.ideal(self.arm.chain, row, constant(self.arm.tool))
 
     def _effects(self, values: Sequence[cs.SX] | Array) -> list[tuple[Effect, list[cs.SX]]]:
-        left = [cs.SX(value) for value in values]
-        found = []
-        for effect in self.arm.effects:
-            size = len(effect.parameters)
-            found.append((effect, left[:size]))
-            left = left[size:]
-        return found
+        return by_effect(self.arm.effects, [cs.SX(value) for value in values])
 
 
 @lru_cache(maxsize=8)

@@ -62,12 +62,10 @@ def beyond(links: Arm, q: Array, goal: Array) -> Array:
 def command_for(arm: Arm, pose: ArrayLike, near: ArrayLike | None, context: Context) -> Command:
     """What to command so that the tool comes to a pose, or its tip to a point."""
     goal, posed = _goals(pose)
-    if near is not None:
-        start = np.broadcast_to(postures(arm.chain, near), (len(goal), arm.chain.n))
-        starts = [start]
-    else:
-        starts = _starts(arm, goal, posed=posed)
-    return _nearest(arm, goal, starts, context, posed=posed)
+    if near is None:
+        return _nearest(arm, goal, _starts(arm, goal, posed=posed), context, posed=posed)
+    start = np.broadcast_to(postures(arm.chain, near), (len(goal), arm.chain.n))
+    return _nearest(arm, goal, [start], context, posed=posed)
 
 
 def _nearest(
@@ -237,11 +235,9 @@ def _walk(
         more[rows] = np.where(well, more[rows] / constants.EASED, dearer)
         back = np.zeros_like(at) if wanted is None else wanted - at
         step = _step(arm, at[rows], miss[rows], J[rows], back[rows], more[rows])
-        size = np.abs(step).max(axis=1, initial=0.0)
-        q[rows] = _within(
-            arm,
-            at[rows] + step * np.minimum(1.0, constants.LONGEST / np.maximum(size, 1e-12))[:, None],
-        )
+        size = np.abs(step).max(axis=1, keepdims=True, initial=0.0)
+        step *= np.minimum(1.0, constants.LONGEST / np.maximum(size, 1e-12))
+        q[rows] = _within(arm, at[rows] + step)
         moved = np.abs(q - at)[rows].max(axis=1, initial=0.0) > constants.SETTLED
         if not moved.any():
             break
@@ -260,15 +256,10 @@ def _misfit(arm: Arm, q: Array, goal: Array, context: Context, lever: float) -> 
 
 
 def _step(arm: Arm, q: Array, miss: Array, J: Array, back: Array, more: Array) -> Array:
-    """The damped step (N, n); joints that it would take over a limit are left out and it is redone.
+    """The damped step (N, n), redone without joints that it would take over a limit.
 
-    Args:
-        arm: The arm.
-        q: Where the joints are (N, n).
-        miss: What is missing (N, 6).
-        J: Its Jacobian (N, 6, n).
-        back: The way back to where the joints are wanted (N, n), weighed by the damping.
-        more: How much dearer a joint's motion is than by the damping alone (N,) [m/rad].
+    J (N, 6, n) is that of what is missing (N, 6); the way back (N, n) is weighed by the damping,
+    than which a joint's motion is so much dearer (N,) [m/rad].
     """
     step = _least(J, miss, back, more)
     over = (q + step < arm.chain.lower) | (q + step > arm.chain.upper)

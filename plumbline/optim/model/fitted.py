@@ -13,7 +13,8 @@ with the left Jacobian of the rotation vector (Sola, Deray, Atchuthan 2018, eq. 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
 import scipy
@@ -78,18 +79,15 @@ def told(
     at = {name: k for k, name in enumerate(names)}
     values = dict.fromkeys(names, 0.0)
     if "frame x" in at:
-        R, t = (
-            scipy.spatial.transform.Rotation.from_matrix(T_device_base[:3, :3]),
-            T_device_base[:3, 3],
-        )
+        phi, t = _rotation_vector(T_device_base[:3, :3]), T_device_base[:3, 3]
         turn = [at[f"frame r{c}"] for c in "xyz"]
         A[np.ix_([at[f"frame {c}"] for c in "xyz"], turn)] = -_cross(t - centre)
-        A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(R.as_rotvec()))
-        values |= _named("frame ", t) | _named("frame r", R.as_rotvec())
+        A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(phi))
+        values |= _named("frame ", t) | _named("frame r", phi)
     if "tool x" in at:
         values |= _named("tool ", tool)
     if "tool rx" in at:
-        turned = scipy.spatial.transform.Rotation.from_matrix(R_tip_tool).as_rotvec()
+        turned = _rotation_vector(R_tip_tool)
         turn = [at[f"tool r{c}"] for c in "xyz"]
         A[np.ix_(turn, turn)] = np.linalg.inv(left_jacobian(turned))
         values |= _named("tool r", turned)
@@ -114,12 +112,22 @@ def left_jacobian(phi: Array) -> Array:
     return np.asarray(np.eye(3) + a * hat + b * hat @ hat)
 
 
+def _rotation_vector(R: Array) -> Array:
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(R).as_rotvec())
+
+
 def _cross(v: Array) -> Array:
     return np.cross(v, np.eye(3)).T
 
 
 def _named(begin: str, values: Array) -> dict[str, float]:
     return {f"{begin}{c}": float(v) for c, v in zip("xyz", values, strict=True)}
+
+
+def by_effect(effects: Sequence[Effect], values: Any) -> list[tuple[Effect, Any]]:
+    """The effects, each with its own of their stacked parameters (E,)."""
+    edges = pairwise(np.cumsum([0, *(len(effect.parameters) for effect in effects)]))
+    return [(effect, values[a:b]) for effect, (a, b) in zip(effects, edges, strict=True)]
 
 
 def chain_of(robot: Robot, tip_frame: str, observation: str, ranges: Columns) -> Chain:
@@ -216,9 +224,8 @@ class Fitted:
 
     def of(self, kept: Sequence[int]) -> Self:
         """The model with some of its effects, by index."""
-        first = len(self.nuisance_names)
-        sizes = np.cumsum([0, *(len(e.parameters) for e in self.effects)])
-        own = [i for k in kept for i in range(sizes[k], sizes[k + 1])]
+        first, parts = len(self.nuisance_names), by_effect(self.effects, range(len(self.values)))
+        own = [i for k in kept for i in parts[k][1]]
         columns = [*range(first), *(first + i for i in own)]
         return replace(
             self,

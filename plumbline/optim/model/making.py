@@ -25,7 +25,7 @@ from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.nuisance import Nuisance
 from plumbline.optim.model.constants import WIDE
-from plumbline.optim.model.fitted import Held, left_jacobian
+from plumbline.optim.model.fitted import Held, by_effect, left_jacobian
 from plumbline.optim.model.model import Model
 from plumbline.optim.model.rows import columns_of, ranges_of, some_rows
 from plumbline.optim.recording.recording import Recording, Session, socket_labels
@@ -109,11 +109,7 @@ def _found(n: Nuisance, x: Array) -> tuple[Array, ...]:
 
 
 def number_of(session: Session, name: str) -> int:
-    """Number of the recording of a name; the first that says where the tip is, without one.
-
-    Raises:
-        PlumblineError: There is none of that name.
-    """
+    """Number of the recording of a name, refused if none; of none the first that has places."""
     names = [part.name for part in session.parts]
     if not name:
         places = [k for k, part in enumerate(session.parts) if part.kind.places]
@@ -127,13 +123,9 @@ def number_of(session: Session, name: str) -> int:
 def of_part(fit: FitEnd, k: int) -> FitEnd:
     """The fit as recording k has it."""
     own = fit.nuisance.own[k]
-    sizes = np.cumsum([fit.nuisance.size, *(len(e.parameters) for e in fit.effects)])
-    columns, effects = [own.columns], []
-    for effect, first, last in zip(fit.effects, sizes[:-1], sizes[1:], strict=True):
-        if k in (parts_of(effect) or (k,)):
-            columns.append(np.arange(first, last))
-            effects.append(plain(effect))
-    mine = np.concatenate(columns)
+    each = by_effect(fit.effects, np.arange(fit.nuisance.size, len(fit.x)))
+    kept = [(plain(effect), at) for effect, at in each if k in (parts_of(effect) or (k,))]
+    effects, mine = [e for e, _ in kept], np.concatenate([own.columns, *(at for _, at in kept)])
     rest = np.setdiff1d(np.arange(len(fit.x)), mine)
     P = fit.precision
     cross = P[np.ix_(mine, rest)]

@@ -34,6 +34,7 @@ from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.model import constants
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.constants import LAG_ROUNDS, NARROWEST, PLACED
+from plumbline.optim.model.fitted import by_effect
 from plumbline.optim.model.rows import Columns, of_rows
 from plumbline.optim.model.statement import ModelFunctions
 
@@ -147,7 +148,9 @@ def pathed(
     arm: Arm, wanted: Array, goal: Array, context: Context, *, placed: bool
 ) -> tuple[Array, Array, Indices]:
     """As :func:`.near` for an arm some of whose joints remember their path, to twice as much."""
-    columns, plays = arm.columns(wanted, context), _plays(arm)
+    columns = arm.columns(wanted, context)
+    parts = by_effect(arm.effects, arm.values)
+    plays = [(e, float(v[0])) for e, v in parts if isinstance(e, Hysteresis)]  # and what they move
     q, moved = wanted, np.zeros((len(plays), len(wanted)))
     for _ in range(LAG_ROUNDS):
         before = moved
@@ -169,13 +172,3 @@ def _lag(play: Hysteresis, size: float, columns: Columns, moved: Array) -> tuple
     scale = 1.0 / max(1.0 - size / play.width, NARROWEST)
     ((name, lag),) = play.derive({**columns, "q": scale * links}).items()
     return name, lag
-
-
-def _plays(arm: Arm) -> Sequence[tuple[Hysteresis, float]]:
-    """The plays and how far each moves its link."""
-    found, first = [], 0
-    for effect in arm.effects:
-        if isinstance(effect, Hysteresis):
-            found.append((effect, float(arm.values[first])))
-        first += len(effect.parameters)
-    return found

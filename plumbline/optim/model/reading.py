@@ -53,11 +53,7 @@ def settings_of(path: str | Path) -> Section:
 
 
 def tables_of(section: Section, key: str, title: str) -> list[dict[str, object]]:
-    """The tables of a list, which only effects may lack.
-
-    Raises:
-        PlumblineError: There is something else.
-    """
+    """The tables of a list, which only effects may lack; refused if it is something else."""
     blocks = section.values.get(key, [] if key == "effects" else None)
     if not isinstance(blocks, list) or not all(isinstance(block, dict) for block in blocks):
         raise section.fault(key, f"tables [[{title}]]", SAVE_IT)
@@ -72,11 +68,7 @@ def _check_format(top: Section) -> None:
 
 
 def robot_of(section: Section) -> tuple[Robot, str]:
-    """A stored robot, and the tip frame meant.
-
-    Raises:
-        PlumblineError: It cannot be made of what stands there.
-    """
+    """A stored robot, and the tip frame meant; refused if it cannot be made."""
     tip, name = word_of(section, "tip_frame"), word_of(section, "name")
     gravity = array_of(section, "gravity", (3,))
     urdf, mjcf, rows = section.word("urdf"), section.word("mjcf"), section.values.get("dh")
@@ -299,11 +291,7 @@ def _rotation(section: Section, key: str) -> Array:
 
 
 def _try_it(top: Section, found: Mapping[str, Any]) -> None:
-    """Ask the model once: an effect of a joint that there is not, or a value beyond reason, ends.
-
-    Raises:
-        PlumblineError: It has no answer, or none that is finite.
-    """
+    """Ask the model once: refused if an effect is of no joint of it, or no finite tip comes."""
     arm = Arm(**found)
     n = arm.chain.n
     for number, effect in enumerate(arm.effects, start=1):

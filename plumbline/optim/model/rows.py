@@ -133,11 +133,7 @@ def _shaped(name: str, values: ArrayLike, rows: int, width: int) -> Array:
 
 
 def postures(chain: Chain, q: ArrayLike) -> Array:
-    """Postures (N, n) from (N, n) or (n,).
-
-    Raises:
-        PlumblineError: Another number of joints, or no finite numbers.
-    """
+    """Postures (N, n) from (N, n) or (n,), refused if of other joints or not finite."""
     try:
         table = np.atleast_2d(np.asarray(q, dtype=float))
     except (TypeError, ValueError):

@@ -23,7 +23,7 @@ from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.kinematics.spectrum import fourier_sum
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import closed_chain
-from plumbline.optim.model.fitted import Fitted
+from plumbline.optim.model.fitted import Fitted, by_effect
 from plumbline.optim.model.rows import Columns
 
 Valued = tuple[Effect, list[cs.SX]]
@@ -110,12 +110,8 @@ class ModelFunctions:
         R_tip_tool = rotation(_three(part, "tool r")) @ constant(model.R_tip_tool)
         state = State.ideal(model.chain, self.symbols, tool)
         state = replace(state, R_tip_tool=R_tip_tool)
-        values = list(x[len(model.nuisance_names) :])
-        effects: list[tuple[Effect, list[cs.SX]]] = []
-        for effect in model.effects:
-            if acts_on_places(effect):
-                effects.append((effect, values[: len(effect.parameters)]))
-            values = values[len(effect.parameters) :]
+        parts = by_effect(model.effects, x[len(model.nuisance_names) :])
+        effects = [(effect, list(own)) for effect, own in parts if acts_on_places(effect)]
         where = self._device(part) if device else Transform.identity()
         others = [one for one in effects if not _is_ripple(one[0])]
         state, T_frame_tip = closed_chain(_summed(state, effects), others, where)

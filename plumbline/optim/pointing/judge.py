@@ -121,7 +121,7 @@ def judged(asked: Angles, q: Array, pairs_too: bool = True) -> Found:
     """
     aim, around = asked.aim, asked.around
     found = checked(aim, q, asked.theta, asked.beta)
-    values = around.table(asked.capsules(q), pairs_too).values
+    values = around.table(asked.capsules(q), pairs_too)
     clearance = values.min(axis=1, initial=np.inf)
     clearance[~np.isfinite(q).all(axis=1)] = np.nan
     spare = aim.needle.standoff - aim.way_out(asked.theta, asked.beta)

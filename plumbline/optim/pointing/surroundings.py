@@ -106,14 +106,6 @@ def by_name(pairs: Sequence[Pair], values: Array, where: Array) -> tuple[Clearan
 
 
 @dataclass(frozen=True, eq=False)
-class Distances:
-    """Clearances of N postures."""
-
-    values: Array  # of every pair (N, P) [m]; infinite where a capsule has no length or no place
-    exact: Flags  # which of them are coal's (N, P); the others are lower bounds
-
-
-@dataclass(frozen=True, eq=False)
 class Surroundings:
     """Pairs of an aim that must not meet."""
 
@@ -196,15 +188,16 @@ class Surroundings:
                 found[k] = self.distance(segments[k], self.pairs[p]) >= self.pairs[p].limit
         return found
 
-    def table(self, segments: Array, pairs_too: bool = True) -> Distances:
-        """Clearances at capsules (N, M, 2, 3): each posture's nearest exactly, and each pair's."""
-        values = self.bounds(segments) if len(self.pairs) else np.empty((len(segments), 0))
-        exact = np.isposinf(values)
-        if values.size:
-            self._asked(segments, values, exact, pairs_too)
-        return Distances(values, exact)
+    def table(self, segments: Array, pairs_too: bool = True) -> Array:
+        """Clearances (N, P) [m] at capsules (N, M, 2, 3); lower bounds but for coal's.
 
-    def _asked(self, segments: Array, values: Array, exact: Flags, pairs_too: bool) -> None:
+        Coal is asked for each posture's nearest and, if that is said, each pair's; infinite where a
+        capsule has no length or no place.
+        """
+        if not len(self.pairs):
+            return np.empty((len(segments), 0))
+        values = self.bounds(segments)
+        exact = np.isposinf(values)
         rows, columns = np.arange(len(values)), np.arange(len(self.pairs))
         nowhere = np.asarray(np.isnan(segments).any(axis=(1, 2, 3)))[:, None]
         while True:
@@ -218,7 +211,7 @@ class Surroundings:
                 todo[np.where(nowhere, np.inf, values).argmin(axis=0), columns] = True
             todo &= ~exact
             if not todo.any():
-                return
+                return values
             for k, p in zip(*(index.tolist() for index in np.nonzero(todo)), strict=True):
                 values[k, p] = self.distance(segments[k], self.pairs[p])
             exact |= todo

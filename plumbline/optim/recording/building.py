@@ -113,11 +113,7 @@ def build(
     known_effects: Iterable[str] | None = None,
     **context: Any,
 ) -> Recording:
-    """A checked recording; the arguments are those of :class:`~.recording.recording.Recording`.
-
-    Raises:
-        PlumblineError: Anything is not as it must be.
-    """
+    """A checked :class:`~.recording.recording.Recording`, which says what the arguments are."""
     check_observation(observation, "observation")
     chain = chain_to(robot, tip_frame, "tip_frame", observation, _width(q))
     postures = _matrix(q, "q", chain.n, origin)
@@ -167,11 +163,7 @@ def _frame_is_fitted(off: float, origin: Origin) -> str:
 
 
 def check_observation(name: str, where: str) -> None:
-    """Check that ``diagnose`` reads this kind of observation.
-
-    Raises:
-        PlumblineError: It is unknown, or another command reads it.
-    """
+    """Refuse a kind of observation that is unknown, or that another command reads."""
     if name in KINDS:
         return
     if name in ELSEWHERE:
@@ -325,10 +317,8 @@ def held_flags(values: ArrayLike | None, rows: int, origin: Origin) -> Flags | N
     if values is None:
         return None
     numbers = as_integers(_column(values, "held_out", rows, origin), "held_out", origin)
-    broken = np.flatnonzero((numbers != 0) & (numbers != 1))
-    if len(broken):
-        where = origin.at("held_out", broken[0])
-        raise fault(where, str(numbers[broken[0]]), "0 or 1", "1 keeps the row from every fit")
+    bad = (numbers != 0) & (numbers != 1)
+    origin.refuse("held_out", bad, numbers, "0 or 1", "1 keeps the row from every fit")
     if numbers.all():
         raise fault(
             origin.at("held_out"), "every row held out", "some of them", "delete the column"

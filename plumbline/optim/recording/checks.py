@@ -191,11 +191,7 @@ def held_out_is_told_apart(r: Recording, origin: Origin) -> Iterator[str]:
 
 
 def check_always(always: tuple[str, ...], effects: tuple[str, ...], where: str) -> None:
-    """Check the words of [fit] always against the names of effects.
-
-    Raises:
-        PlumblineError: A word that is neither ``frame`` nor ``tool`` nor an effect.
-    """
+    """Refuse words of [fit] always that are neither ``frame`` nor ``tool`` nor an effect."""
     known = (*ALWAYS, *effects)
     unknown = next((word for word in always if word not in known), None)
     if unknown is not None:

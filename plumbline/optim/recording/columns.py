@@ -162,11 +162,7 @@ def _empty(table: Table, name: str) -> bool:
 
 
 def context_columns(table: Table, joints: Joints, observation: str) -> Context:
-    """The optional columns that are there.
-
-    Raises:
-        PlumblineError: One is incomplete, or holds no numbers.
-    """
+    """The optional columns that are there, refused if incomplete or no numbers."""
     values: dict[str, Any] = {}
     used: list[str] = []
     for name in [name for name in SCALAR if name in table]:
@@ -195,11 +191,7 @@ def context_columns(table: Table, joints: Joints, observation: str) -> Context:
 
 
 def elsewhere_columns(table: Table, observation: str) -> None:
-    """Check that a recording for another command has the columns of its kind.
-
-    Raises:
-        PlumblineError: A column is missing.
-    """
+    """Refuse a recording for another command that lacks a column of its kind."""
     kind = ELSEWHERE[observation]
     table.require(kind.columns)
     for prefix in kind.prefixes:

@@ -43,11 +43,7 @@ RATES = ("velocity", "acceleration", "turning")
 
 
 def torque_constants(settings: Section, joints: int) -> Array:
-    """What makes newton metres of the recorded efforts, joint by joint (n,).
-
-    Raises:
-        PlumblineError: The unit is unknown, or amperes come without their constant.
-    """
+    """What makes newton metres of the recorded efforts, joint by joint (n,); refused if unknown."""
     motion = settings.section("motion")
     unit = motion.word("effort_unit") or UNITS[0]
     if unit not in UNITS:
@@ -62,11 +58,7 @@ def torque_constants(settings: Section, joints: int) -> Array:
 
 
 def by_joint(section: Section, key: str, joints: int) -> Array:
-    """A number of the settings for all joints, or one for each (n,), all above zero.
-
-    Raises:
-        PlumblineError: There are neither one nor n of them, or one is not above zero.
-    """
+    """A number for all joints, or one for each (n,), refused if not all are above zero."""
     value = section.values.get(key)
     given = value if isinstance(value, list) else [value]
     numbers = [v for v in given if isinstance(v, int | float) and not isinstance(v, bool)]

@@ -107,11 +107,7 @@ class Folder:
         return hash_of(self.data, self._samples, *more)
 
     def must_be(self, observation: str, lacking: str) -> None:
-        """Refuse another kind of observation than the one that is asked for.
-
-        Raises:
-            PlumblineError: It says what the kind lacks and which command reads it.
-        """
+        """Refuse another kind of observation than this one, and say which command reads it."""
         kind, where = self.settings.word("observation"), self.settings.where("observation")
         if kind == observation:
             return
@@ -125,11 +121,7 @@ class Folder:
 
 
 def open_folder(folder: str | Path) -> Folder:
-    """Read the settings of a recording's folder of any kind.
-
-    Raises:
-        PlumblineError: There is no such folder, or no settings in it that can be read.
-    """
+    """Read the settings of a recording's folder of any kind, refused if there are none."""
     place = Path(folder)
     if not is_folder(place):
         if is_file(place):
@@ -317,29 +309,28 @@ def read_robot(settings: Section, folder: Path) -> RobotFiles:
         where = section.where(given[1]) if given else SETTINGS
         raise fault(where, found, "one of urdf, mjcf, bundled, description or [[robot.dh]]", mend)
     tip_frame = section.word("tip_frame")
-    make = {
-        "urdf": _from_urdf, "mjcf": _from_mjcf, "dh": _from_dh,
-        "bundled": _from_bundled, "description": _described,
-    }  # fmt: skip
     try:
-        made = make[given[0]](section, folder, tip_frame)
+        robot, data = _made(section, folder, given[0], tip_frame)
     except PlumblineError as error:
         raise PlumblineError(one_line(f"{section.where(given[0])}: {error}")) from None
     gravity = section.vector("gravity")
-    return made if gravity is None else replace(made, robot=made.robot.with_gravity(gravity))
+    return RobotFiles(robot if gravity is None else robot.with_gravity(gravity), tip_frame, data)
 
 
-def _from_bundled(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
-    name = section.word("bundled") or ""
-    return RobotFiles(Robot.bundled(name), tip_frame, name.encode())
+def _made(section: Section, folder: Path, source: str, tip: str | None) -> tuple[Robot, bytes]:
+    """A robot by one of its sources, and the bytes that it was made from."""
+    if source == "dh":
+        return _from_dh(section, tip), b""
+    if source in ("urdf", "mjcf"):
+        return _from_file(section, folder, source)
+    name = section.word(source) or ""
+    if source == "bundled":
+        return Robot.bundled(name), name.encode()
+    robot = Robot.described(name)
+    return robot, (robot.urdf or "").encode()
 
 
-def _described(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
-    robot = Robot.described(section.word("description") or "")
-    return RobotFiles(robot, tip_frame, (robot.urdf or "").encode())
-
-
-def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
+def _from_dh(section: Section, tip_frame: str | None) -> Robot:
     rows = section.values["dh"]
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         mend = "write a table [[robot.dh]] for each joint, with d, a, alpha, theta, kind"
@@ -348,34 +339,24 @@ def _from_dh(section: Section, folder: Path, tip_frame: str | None) -> RobotFile
         for key in ("alpha", "theta"):
             value = row.get(key, 0.0)
             if isinstance(value, int | float) and abs(value) > LARGEST_TWIST:
-                found, mend = (
-                    f"{key} = {shown(value)} in row {number}",
-                    "looks like degrees: use rad",
-                )
+                found = f"{key} = {shown(value)} in row {number}"
+                mend = "looks like degrees: use rad"
                 raise fault(section.where("dh"), found, "an angle within one turn", mend)
     # Rows have no names: the last one's frame is called as the folder calls its tip.
     inner = tip_frame in {f"link{k}" for k in range(1, 1000)}
     name = section.word("name") or "dh"
-    robot = Robot.from_dh(rows, name=name, tip_frame="flange" if inner else tip_frame or "flange")
-    return RobotFiles(robot, tip_frame, b"")
+    return Robot.from_dh(rows, name=name, tip_frame="flange" if inner else tip_frame or "flange")
 
 
-def _from_urdf(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
-    file, data = _inside(section, folder, "urdf")
-    refuse_xacro(decode(file, data), file)
-    check_urdf(file, data)
-    # Of the bytes that were checked and are hashed, not of a file that may have changed since.
-    try:
-        return RobotFiles(Robot.from_urdf(decode(file, data)), tip_frame, data)
-    except PlumblineError as error:
-        raise PlumblineError(f"{file}: {error}") from None
-
-
-def _from_mjcf(section: Section, folder: Path, tip_frame: str | None) -> RobotFiles:
-    file, data = _inside(section, folder, "mjcf")
+def _from_file(section: Section, folder: Path, source: str) -> tuple[Robot, bytes]:
+    """Of the bytes that were checked and are hashed, not of a file that may change meanwhile."""
+    file, data = _inside(section, folder, source)
     text = decode(file, data)
+    if source == "urdf":
+        refuse_xacro(text, file)
+        check_urdf(file, data)
     try:
-        return RobotFiles(Robot.from_mjcf(text), tip_frame, data)
+        return (Robot.from_urdf if source == "urdf" else Robot.from_mjcf)(text), data
     except PlumblineError as error:
         raise PlumblineError(f"{file}: {error}") from None
 

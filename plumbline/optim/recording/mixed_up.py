@@ -93,11 +93,7 @@ def _cosines(expected: Array, read: Array) -> Array:
 
 
 def refuse_repeated(told: Array, read: Array, letter: str, origin: Origin) -> None:
-    """Refuse readings (N, n) that stand while commands (N, n) and joints are under way.
-
-    Raises:
-        PlumblineError: Some are that of the row before.
-    """
+    """Refuse readings (N, n) that stand while commands (N, n) and joints are under way."""
     step = np.diff(read, axis=0)
     new, asked = np.any(step != 0.0, axis=1), np.any(np.diff(told, axis=0) != 0.0, axis=1)
     rows, size = np.flatnonzero(new), np.abs(step[new])

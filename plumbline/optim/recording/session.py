@@ -256,11 +256,7 @@ def placed_alike(one: Recording, other: Recording) -> bool:
 
 
 def apart(recording: Recording) -> tuple[Session, Integers]:
-    """The recordings that its rows are of, and which of them each row is of (N,).
-
-    Raises:
-        PlumblineError: It is one recording.
-    """
+    """The recordings that its rows are of, and which of them each is of (N,); refused of one."""
     if recording.session is None or recording.part is None:
         raise PlumblineError(f"{recording.name}: one recording, several expected")
     return recording.session, recording.part
@@ -300,11 +296,7 @@ class SessionFile:
 
 
 def open_session(folder: str | Path) -> SessionFile:
-    """Read and check a ``session.toml``; nothing is written.
-
-    Raises:
-        PlumblineError: It cannot be used; one line says where, why and how to mend it.
-    """
+    """Read and check a ``session.toml``, refused if it cannot be used; nothing is written."""
     place = Path(folder)
     settings = read_settings(FILE, loading.read_bytes(place, FILE))
     _refuse_unknown(settings, KEYS)

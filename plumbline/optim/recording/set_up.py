@@ -179,11 +179,7 @@ def plausible(recording: Recording) -> float:
 
 
 def refuse_wrong_set_up(recording: Recording) -> None:
-    """Refuse a recording that another simple set-up explains far better.
-
-    Raises:
-        PlumblineError: It names the likely fault and the way out.
-    """
+    """Refuse a recording that another simple set-up explains far better, and name that."""
     wrong = wrong_set_up(recording)
     if wrong is not None:
         mend = "mend it, or diagnose as it is with --force (in Python: force=True)"

@@ -91,11 +91,7 @@ class Section:
 
 
 def read_settings_file(path: Path) -> Section:
-    """The settings of a TOML file.
-
-    Raises:
-        PlumblineError: It cannot be read, or is none.
-    """
+    """The settings of a TOML file (PlumblineError: it cannot be read, or is none)."""
     try:
         data = read_file(path, constants.LARGEST_SETTINGS)
     except (OSError, ValueError) as error:
@@ -105,11 +101,7 @@ def read_settings_file(path: Path) -> Section:
 
 
 def read_settings(file: str, data: bytes) -> Section:
-    """The top table of a TOML file, given its bytes.
-
-    Raises:
-        PlumblineError: The file is no text or no TOML.
-    """
+    """The top table of a TOML file, given its bytes; refused if it is none."""
     text = decode(file, data)
     _refuse_long_keys(file, text)
     try:

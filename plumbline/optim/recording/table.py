@@ -62,6 +62,12 @@ class Origin:
             return Spot(words, self.file, int(index), column)
         return Spot.at(self.file, int(self.lines[index]), column)
 
+    def refuse(self, column: str, bad: Flags, values: Array | Integers, *words: str) -> None:
+        """Refuse the first row that is bad (N,): what is expected of its value, and the way out."""
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise fault(self.at(column, row), shown(values[row].item()), *words)
+
 
 @dataclass(frozen=True)
 class Table:
@@ -84,11 +90,7 @@ class Table:
                 raise self._missing(name)
 
     def numbers(self, name: str) -> Array:
-        """A column as finite numbers (N,).
-
-        Raises:
-            PlumblineError: There is no such column, or a cell of it is no finite number.
-        """
+        """A column as finite numbers (N,), refused if it is missing or holds others."""
         self.require([name])
         cells = self.columns[name]
         if plain(cells):
@@ -174,11 +176,7 @@ def diagnose_cell(cell: str) -> tuple[str, str, str]:
 
 
 def decode(file: str, data: bytes) -> str:
-    """The text of a UTF-8 file, with or without a byte order mark.
-
-    Raises:
-        PlumblineError: The file is empty, binary, or in another encoding.
-    """
+    """The text of a UTF-8 file, refused if empty, binary or in another encoding."""
     if not data.strip():
         raise fault(file, "an empty file", "text", "write the file again")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -302,14 +300,7 @@ def _check_lengths(file: str, header: list[str], rows: list[list[str]], lines: l
 
 
 def as_integers(values: Array, column: str, origin: Origin) -> Integers:
-    """Whole numbers (N,) of a column of numbers (N,).
-
-    Raises:
-        PlumblineError: A value that is not whole.
-    """
-    broken = np.flatnonzero(values != np.round(values))
-    if len(broken):
-        found = shown(float(values[broken[0]]))
-        mend = "number them 0, 1, 2, ..."
-        raise fault(origin.at(column, broken[0]), found, "a whole number", mend)
+    """Whole numbers (N,) of a column of numbers (N,), refused if not whole."""
+    bad = values != np.round(values)
+    origin.refuse(column, bad, values, "a whole number", "number them 0, 1, 2, ...")
     return values.astype(np.int64)

@@ -255,11 +255,7 @@ def payload_is_in_kilograms(r: Recording, origin: Origin) -> Iterator[str]:
 
 
 def refuse_fast(r: Recording, origin: Origin) -> None:
-    """Refuse speeds, accelerations and efforts beyond any drive's, as they were recorded.
-
-    Raises:
-        PlumblineError: The first of them.
-    """
+    """Refuse speeds, accelerations and efforts beyond any drive's, as they were recorded."""
     efforts = r.measured if r.kind.efforts else r.effort
     for name, values, most, unit in (
         ("velocity", r.velocity, at.LARGEST_SPEED, "rad/s or m/s"),
@@ -273,10 +269,8 @@ def refuse_fast(r: Recording, origin: Origin) -> None:
 def _within(
     values: Array, low: float, high: float, unit: str, column: str, origin: Origin
 ) -> Iterator[str]:
-    broken = np.flatnonzero((values < low) | (values > high))
-    if len(broken):
-        where, found = origin.at(column, broken[0]), shown(float(values[broken[0]]))
-        raise fault(where, found, f"{low:g} to {high:g} {unit}", "mend the cell or its unit")
+    expected, bad = f"{low:g} to {high:g} {unit}", (values < low) | (values > high)
+    origin.refuse(column, bad, values, expected, "mend the cell or its unit")
     yield from ()
 
 

@@ -23,11 +23,7 @@ TYPES = (*LIMITED, "continuous", "fixed", "floating", "planar")
 
 
 def check_urdf(file: str, data: bytes) -> None:
-    """Check the links and joints of a URDF, given its bytes.
-
-    Raises:
-        PlumblineError: The file is no XML, no URDF, or a joint of it cannot be.
-    """
+    """Refuse a URDF, given its bytes, that is none, or a joint of which cannot be."""
     text = decode(file, data).encode()
     try:
         root = ElementTree.fromstring(text)

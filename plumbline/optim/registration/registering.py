@@ -109,11 +109,7 @@ def register(
 
 
 def rank_triples(recording: Fiducials, lesion: ArrayLike) -> tuple[Registration, ...]:
-    """Every usable triple as a registration, the best for a lesion (3,) in CT [m] first.
-
-    Raises:
-        PlumblineError: The markers cannot be registered, by no triple.
-    """
+    """Every usable triple, registered, the best for a lesion (3,) in CT [m] first; or refused."""
     markers = recording.checked()
     check(markers)
     frames = Frames.of(markers, usable_triples(markers))

@@ -108,27 +108,6 @@ def test_both_states_of_an_instrument_have_the_same_clearances():
         assert np.abs(held.full()).max() < 1e-6
 
 
-def test_no_admissible_motion_brings_a_left_out_pair_within_reach():
-    statement = two(p=10)
-    rng = np.random.default_rng(1)
-    _, x0, stage = statement.symbols
-    reach = cs.Function("r", [x0, stage], [cs.vertcat(*statement.reachable)])
-    stages = statement.stages(GOAL, OBSTACLES)
-    tested = 0
-    for _ in range(40):
-        start = START + rng.normal(0, 12, 6)
-        ways = rng.normal(size=(200, 10, 6))
-        moves = statement.step * ways / norms(ways, (3, 3))
-        ends = start + np.cumsum(moves, axis=1)
-        for k in (2, 5, 9):
-            lower = reach(start, stages[k]).full().ravel()
-            found = statement.clearances.map(200)(ends[:, k].T, np.tile(stages[k], (200, 1)).T)
-            least = found.full().min(axis=1)
-            assert (least >= lower - 1e-9).all()
-            tested += int((lower > 0.0).sum())
-    assert tested > 50
-
-
 @pytest.mark.parametrize("body", [LEFT, EndsInstrument()])
 def test_no_point_of_a_shaft_moves_farther_than_its_reach(body):
     x, c, within = (cs.SX.sym(name, size) for name, size in (("x", body.size), ("c", 3), ("w", 6)))

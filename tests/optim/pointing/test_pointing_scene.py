@@ -289,7 +289,7 @@ def test_what_is_proven_between_angles_is_so_and_what_is_told_is_exact():
         table = Solid("wall", HalfSpace((0.0, wall + spare + 2e-3, 0.0), (0.0, -1.0, 0.0)))
         aim = aimed(room=[table], body=None)
         around = surroundings(aim, 2e-3)
-        values = around.table(moving(UR3, NEEDLE, q)).values
+        values = around.table(moving(UR3, NEEDLE, q))
         ways = between(aim, around, q, values)
         short = float((ways.least - around.limits).min(initial=np.inf))
         exact, _ = shortfall(aim, q, 150)

@@ -33,6 +33,7 @@ from plumbline.optim.measurement.observation import closed_chain
 from plumbline.optim.measurement.torque import BODIES
 from plumbline.optim.model.arm import Arm, efforts_of
 from plumbline.optim.model.constants import ASKED, SAME_CONSTANT
+from plumbline.optim.model.fitted import by_effect
 from plumbline.optim.model.statement import acts_on_places
 from plumbline.optim.recording.kinds import EFFORTS
 
@@ -123,12 +124,8 @@ def _drawn(arm: Arm, name: str, width: int) -> Array:
 
 
 def _state(arm: Arm) -> tuple[State, Transform]:
-    values, effects = arm.values.tolist(), []
-    for effect in arm.effects:
-        size = len(effect.parameters)
-        if acts_on_places(effect):
-            effects.append((effect, [cs.SX(v) for v in values[:size]]))
-        values = values[size:]
+    parts = by_effect(arm.effects, [cs.SX(value) for value in arm.values])
+    effects = [(effect, own) for effect, own in parts if acts_on_places(effect)]
     state = State.ideal(arm.chain, arm.statement.symbols, constant(arm.tool))
     state = replace(state, R_tip_tool=constant(arm.R_tip_tool))
     return closed_chain(state, effects, Transform.identity())
@@ -157,16 +154,14 @@ def attribute_of(effect: Effect, names: Mapping[str, str]) -> str:
 def drives_of(arm: Arm, names: Mapping[str, str]) -> dict[int, dict[str, float]]:
     """Attributes by joint (from 1), as a format names them."""
     found: dict[int, dict[str, float]] = {}
-    first = 0
-    for effect in arm.effects:
+    for effect, values in by_effect(arm.effects, arm.values):
         attribute = attribute_of(effect, names)
-        value = max(float(arm.values[first]), 0.0) if effect.parameters else 0.0
+        value = max(float(values[0]), 0.0) if effect.parameters else 0.0
         if attribute and effect.element is not None:
             own = found.setdefault(effect.element, {})
             own[attribute] = own.get(attribute, 0.0) + value
             if isinstance(effect, CableSpring) and value:
-                own["springref"] = effect.middle - float(arm.values[first + 1]) / value
-        first += len(effect.parameters)
+                own["springref"] = effect.middle - float(values[1]) / value
     return found
 
 

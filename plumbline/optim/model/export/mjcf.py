@@ -43,11 +43,7 @@ FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001 
 
 
 def mjcf(arm: Arm) -> Exported:
-    """The model as MJCF, read again by MuJoCo where it is installed.
-
-    Raises:
-        PlumblineError: Read again, it does not stand where the model has it.
-    """
+    """The model as MJCF, refused if MuJoCo, where it is installed, reads another one again."""
     fixed = fixed_part(arm)
     held = held_by(arm, MUJOCO, gravity=True)
     kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or e in held.effects]

@@ -97,11 +97,7 @@ def _grid(ends: Array, step: float) -> Array:
 
 
 def dh(arm: Arm) -> exported.Exported:
-    """The model as DH rows, read again.
-
-    Raises:
-        PlumblineError: Read again, they do not stand where the model has them.
-    """
+    """The model as DH rows, refused if, read again, they do not stand where the model has them."""
     exported.must_be_one_arm(arm, "DH rows")
     missing = exported.lacking(arm, fixed_part(arm))
     tool = ", ".join(f"{v:.12g}" for v in tool_of(arm)[:3, 3])

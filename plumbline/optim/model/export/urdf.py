@@ -49,11 +49,7 @@ def urdf(arm: Arm) -> exported.Exported:
 
 
 def _with_efforts(held: Arm, text: str, tip: str) -> str:
-    """The URDF with what of the efforts it holds, its torques tried by Pinocchio.
-
-    Raises:
-        PlumblineError: Read again, they are others.
-    """
+    """The URDF with what of the efforts it holds, refused if Pinocchio reads others again."""
     if held.observation != EFFORTS:
         return text
     own, chain = geometry.drives_of(held, geometry.URDF), _chain(held, text, tip)
