@@ -14,7 +14,7 @@ it drops the row.
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, Self
 
 import casadi as cs
 import numpy as np
@@ -35,53 +35,44 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Layout:
     """Where everything stands: stage k holds x_k, y_k, then s_k (from 1 on), then d_k.
 
     Hpipm has no unknowns but states in its last stage, so one follows in which nothing is asked.
     """
 
-    p: int
-    n: int
-    m: int
-    kept: bool  # whether the step before is a state
+    x: Indices  # states (p + 2, n)
+    y: Indices  # steps before (p + 2, n), or none (p + 2, 0)
+    s: Indices  # slacks (p, m)
+    d: Indices  # steps (p + 1, n)
+    dynamics: Indices  # equations of the next states (p + 1, n)
+    memory: Indices  # equations of the next steps before (p + 1, n), or none
+    rows: Indices  # what has the slacks (p, m)
 
-    @property
-    def states(self) -> int:
-        return 2 * self.n if self.kept else self.n
-
-    def x(self, k: int) -> slice:
-        begin = (self.states + self.n) * k + max(k - 1, 0) * self.m
-        return slice(begin, begin + self.n)
-
-    def y(self, k: int) -> slice:
-        begin = self.x(k).stop
-        return slice(begin, begin + self.states - self.n)
-
-    def s(self, k: int) -> slice:
-        begin = self.y(k).stop
-        return slice(begin, begin + self.m)
-
-    def d(self, k: int) -> slice:
-        begin = self.y(k).stop + (self.m if k else 0)
-        return slice(begin, begin + self.n)
+    @classmethod
+    def of(cls, p: int, n: int, m: int, kept: bool) -> Self:
+        """Of p stages of n states and m rows; ``kept`` if the step before is a state."""
+        y, unknowns, equations = n if kept else 0, [], []
+        for k in range(p + 2):
+            slacks, steps = [("s", m)] * (0 < k <= p), [("d", n)] * (k <= p)
+            unknowns += [("x", n), ("y", y), *slacks, *steps]
+            if k <= p:
+                equations += [("dynamics", n), ("memory", y), *[("rows", m)] * (k > 0)]
+        return cls(**_numbers(unknowns), **_numbers(equations))
 
     @property
     def size(self) -> int:
-        return self.y(self.p + 1).stop
+        return self.x.size + self.y.size + self.s.size + self.d.size
 
-    def equations(self, k: int) -> slice:
-        begin = k * self.states + max(k - 1, 0) * self.m
-        return slice(begin, begin + self.n)
 
-    def memory(self, k: int) -> slice:
-        begin = self.equations(k).stop
-        return slice(begin, begin + self.states - self.n)
-
-    def rows(self, k: int) -> slice:
-        begin = (k + 1) * self.states + (k - 1) * self.m
-        return slice(begin, begin + self.m)
+def _numbers(blocks: list[tuple[str, int]]) -> dict[str, Indices]:
+    """Numbers of what blocks hold, one behind the other, by the blocks' names (B, size)."""
+    found, at = dict[str, list[Indices]](), 0
+    for name, size in blocks:
+        found.setdefault(name, []).append(np.arange(at, at + size))
+        at += size
+    return {name: np.array(numbers) for name, numbers in found.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,36 +80,30 @@ class _Built:
     """A solver, values that never change, and where those that do have their places."""
 
     solver: cs.Function
-    layout: _Layout
+    at: _Layout
     hessian: cs.Sparsity
     rows: cs.Sparsity
     h: Array
     a: Array
     h_blocks: Indices  # (p, n, n)
-    d_diagonal: Indices  # (p n,)
-    y_diagonal: Indices  # (p n,), or none
-    crossed: Indices  # (2 p n,) of y with d, or none
+    d_diagonal: Indices  # (p, n)
+    y_diagonal: Indices  # (p, n), or none
+    crossed: Indices  # (2, p, n) of y with d, or none
     a_rows: Indices  # (p, m, n)
-    places: tuple[Indices, ...]  # of x, s, d among the unknowns, of rows among equations
 
 
 def _patterns(at: _Layout) -> tuple[Array, Array]:
     """Hessian and equations with all that never changes; 7 stands where values come and go."""
-    p, n, m = at.p, at.n, at.m
     H = CURVATURE * np.eye(at.size)
-    A = np.zeros((p * (at.states + m) + at.states, at.size))
-    for k in range(1, p + 1):
-        H[at.x(k), at.x(k)] = 7.0
-        A[at.rows(k), at.x(k)] = 7.0
-        A[at.rows(k), at.s(k)] = np.eye(m)
-    for k in range(p + 1):
-        A[at.equations(k), at.x(k)] = A[at.equations(k), at.d(k)] = np.eye(n)
-        A[at.equations(k), at.x(k + 1)] = -np.eye(n)
-        if at.kept:
-            A[at.memory(k), at.d(k)] = np.eye(n)
-            A[at.memory(k), at.y(k + 1)] = -np.eye(n)
-        if at.kept and k < p:
-            H[at.y(k), at.d(k)] = H[at.d(k), at.y(k)] = 7.0 * np.eye(n)
+    A = np.zeros((at.dynamics.size + at.memory.size + at.rows.size, at.size))
+    x = at.x[1:-1]
+    H[x[:, :, None], x[:, None, :]] = A[at.rows[:, :, None], x[:, None, :]] = 7.0
+    A[at.rows, at.s] = A[at.dynamics, at.x[:-1]] = A[at.dynamics, at.d] = 1.0
+    A[at.dynamics, at.x[1:]] = -1.0
+    if at.y.size:
+        y, d = at.y[:-2], at.d[:-1]
+        A[at.memory, at.d], A[at.memory, at.y[1:]] = 1.0, -1.0
+        H[y, d] = H[d, y] = 7.0
     return H, A
 
 
@@ -136,42 +121,23 @@ def _build(plugin: str, p: int, n: int, m: int, kept: bool) -> _Built:
         raise PlumblineError(
             f"solver: {plugin!r} is not in this CasADi; take 'piqp', 'hpipm', or BandedQp()"
         )
-    at = _Layout(p, n, m, kept)
+    at = _Layout.of(p, n, m, kept)
     H, A = _patterns(at)
     hessian, rows = (cs.sparsify(cs.DM(M)).sparsity() for M in (H, A))
     options: dict[str, Any] = {**OPTIONS.get(plugin, {}), "error_on_fail": False}
     if plugin == "hpipm":
-        options |= {"N": p + 1, "nx": [at.states] * (p + 2), "ng": [0] + [m] * p + [0]}
+        states = at.x.shape[1] + at.y.shape[1]
+        options |= {"N": p + 1, "nx": [states] * (p + 2), "ng": [0] + [m] * p + [0]}
         options["nu"] = [n] + [m + n] * p + [0]
     solver = cs.conic("qp", plugin, {"h": hessian, "a": rows}, options)
     in_h, in_a = _numbered(hessian, H.shape), _numbered(rows, A.shape)
-    stages = range(1, p + 1)
-    places = (
-        np.stack([np.r_[at.x(k)] for k in stages]),
-        np.stack([np.r_[at.s(k)] for k in stages]),
-        np.stack([np.r_[at.d(k - 1)] for k in stages]),
-        np.stack([np.r_[at.rows(k)] for k in stages]),
-    )
-    diagonal = np.concatenate([np.diag(in_h)[at.d(k)] for k in range(p)])
-    memory = [np.r_[at.y(k)] for k in range(p)]
-    steps = [np.r_[at.d(k)] for k in range(p)]
-    y_diagonal = np.concatenate([np.diag(in_h)[y] for y in memory])
-    crossed = [in_h[y, d] if kept else y for y, d in zip(memory, steps, strict=True)]
-    turned = [in_h[d, y] if kept else y for y, d in zip(memory, steps, strict=True)]
+    x, y, d = at.x[1:-1], at.y[:-2], at.d[:-1]
+    crossed = np.stack([in_h[y, d], in_h[d, y]]) if kept else np.zeros((2, p, 0), dtype=np.intp)
     return _Built(
-        solver,
-        at,
-        hessian,
-        rows,
-        H[hessian.get_triplet()],
-        A[rows.get_triplet()],
-        np.stack([in_h[at.x(k), at.x(k)] for k in stages]),
-        diagonal,
-        y_diagonal,
-        np.concatenate([*crossed, *turned]),
-        np.stack([in_a[at.rows(k), at.x(k)] for k in stages]),
-        places,
-    )
+        solver, at, hessian, rows, H[hessian.get_triplet()], A[rows.get_triplet()],
+        in_h[x[:, :, None], x[:, None, :]], in_h[d, d], in_h[y, y], crossed,
+        in_a[at.rows[:, :, None], x[:, None, :]],
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -197,16 +163,18 @@ class LibraryQp:
         chosen = np.argsort(~present, axis=1, kind="stable")[:, :m]
         G = np.take_along_axis(qp.G, chosen[:, :, None], axis=1)
         h = np.take_along_axis(qp.h, chosen, axis=1)
-        at_x, at_s, _, at_rows = built.places
+        at = built.at
         found = built.solver(**_values(built, qp, G, h, start))
         values = found["x"].full().ravel()
-        duals = np.maximum(-found["lam_a"].full().ravel()[at_rows], 0.0)
+        duals = np.maximum(-found["lam_a"].full().ravel()[at.rows], 0.0)
         slack, multiplier = np.zeros(qp.h.shape), np.zeros(qp.h.shape)
-        np.put_along_axis(slack, chosen, np.maximum(values[at_s], 0.0), axis=1)
+        np.put_along_axis(slack, chosen, np.maximum(values[at.s], 0.0), axis=1)
         np.put_along_axis(multiplier, chosen, duals, axis=1)
         stats = built.solver.stats()
         solved = bool(stats["success"]) and bool(np.isfinite(values).all())
-        return QpPath(values[at_x], slack, multiplier, solved, int(stats.get("iter_count", -1)))
+        return QpPath(
+            values[at.x[1:-1]], slack, multiplier, solved, int(stats.get("iter_count", -1))
+        )
 
 
 def _with_a_row(qp: StageQp) -> StageQp:
@@ -217,25 +185,25 @@ def _with_a_row(qp: StageQp) -> StageQp:
 
 def _values(built: _Built, qp: StageQp, G: Array, h: Array, start: Array) -> dict[str, Any]:
     """What CasADi's solver is called with."""
-    at, (at_x, at_s, at_d, at_rows) = built.layout, built.places
+    at, x, d = built.at, built.at.x[1:-1], built.at.d[:-1]
     H, A, g = built.h.copy(), built.a.copy(), np.zeros(at.size)
     present = ~(h <= DROPPED)
     H[built.h_blocks] = qp.H
     H[built.d_diagonal] = 2 * (qp.effort + qp.smooth) + CURVATURE
     H[built.y_diagonal], H[built.crossed] = 2 * qp.smooth + CURVATURE, -2 * qp.smooth
     A[built.a_rows] = np.where(present[:, :, None], G, 0.0)
-    g[at_x], g[at_s] = qp.g, qp.penalty
+    g[x], g[at.s] = qp.g, qp.penalty
     low, high = np.full(at.size, -INFINITE), np.full(at.size, INFINITE)
-    low[at.x(0)] = high[at.x(0)] = qp.x0
-    if at.kept:
-        low[at.y(0)] = high[at.y(0)] = qp.move
-    low[at_s], low[at_d], high[at_d] = 0.0, -qp.step, qp.step
-    low[at.d(at.p)] = high[at.d(at.p)] = 0.0
+    low[at.x[0]] = high[at.x[0]] = qp.x0
+    if at.y.size:
+        low[at.y[0]] = high[at.y[0]] = qp.move
+    low[at.s], low[d], high[d] = 0.0, -qp.step, qp.step
+    low[at.d[-1]] = high[at.d[-1]] = 0.0
     below, above = np.zeros(built.rows.size1()), np.zeros(built.rows.size1())
-    below[at_rows], above[at_rows] = np.where(present, h, -INFINITE), INFINITE
+    below[at.rows], above[at.rows] = np.where(present, h, -INFINITE), INFINITE
     first = np.zeros(at.size)
-    first[at.x(0)], first[at_x] = qp.x0, start
-    first[at_d] = np.diff(start, axis=0, prepend=qp.x0[None])
+    first[at.x[0]], first[x] = qp.x0, start
+    first[d] = np.diff(start, axis=0, prepend=qp.x0[None])
     return {
         "h": cs.DM(built.hessian, H),
         "a": cs.DM(built.rows, A),
