@@ -170,8 +170,7 @@ class Evasion:
             return None
         if last is not None and enough[1]:
             return last
-        chosen: Array = rates[1:][np.where(enough[1:], rates[1:] @ way, -np.inf).argmax()]
-        return chosen
+        return rates[1:][np.where(enough[1:], rates[1:] @ way, -np.inf).argmax()]
 
 
 def _about(rate: Array) -> Array:

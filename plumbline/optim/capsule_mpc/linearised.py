@@ -221,19 +221,9 @@ class Linearised:
         stages[:, own.stepped] = steps
         most, turn = self._bounds(before, steps, stages)
         H, g, G, h = self._stages(path, x0, stages)
-        return StageQp(
-            H.reshape(p, n, n),
-            g.reshape(p, n),
-            G.reshape(p, -1, n),
-            h.reshape(p, -1),
-            x0,
-            most,
-            constants.MM * s.penalty,
-            *s.weights,
-            stages[0, own.moved],
-            turn,
-            own.groups,
-        )
+        made = H.reshape(p, n, n), g.reshape(p, n), G.reshape(p, -1, n), h.reshape(p, -1)
+        costs = constants.MM * s.penalty, *s.weights
+        return StageQp(*made, x0, most, *costs, stages[0, own.moved], turn, own.groups)
 
     def _bounds(self, before: Array, steps: Array, stages: Array) -> tuple[Array, Array | None]:
         """Sides (p, n) of the boxes that steps stay in, and their turns (p, n, n)."""

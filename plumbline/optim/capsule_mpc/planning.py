@@ -116,19 +116,11 @@ class BandedQp:
         turn, group = _turned(qp)
         given = [qp.H, qp.g, qp.x0, qp.move, qp.step, qp.G, qp.h]
         arrays = [np.ascontiguousarray(a, dtype=float) for a in given]
-        count = solver.banded_qp_turned(
-            p,
-            n,
-            rows,
-            *(a.ctypes.data for a in arrays),
-            qp.penalty,
-            qp.effort,
-            qp.smooth,
-            self.tolerance,
-            self.max_iterations,
-            *(a.ctypes.data for a in (x, slack, multiplier, work, kept)),
-            *(None if a is None else a.ctypes.data for a in (turn, group)),
-        )
+        numbers = (qp.penalty, qp.effort, qp.smooth, self.tolerance, self.max_iterations)
+        found = (x, slack, multiplier, work, kept, turn, group)
+        read = (a.ctypes.data for a in arrays)
+        written = (None if a is None else a.ctypes.data for a in found)
+        count = solver.banded_qp_turned(p, n, rows, *read, *numbers, *written)
         return QpPath(x, slack, multiplier, count >= 0, abs(count))
 
 

@@ -48,6 +48,7 @@ d + T later, and the tip follows z that much later but for curvature, :math:`T^2
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
@@ -61,6 +62,14 @@ from plumbline.optim.core.problem import Array
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
+
+
+def _at_least(given: object, limits: Mapping[str, float], mend: str) -> None:
+    """Refuse fields that are stated and below their limits."""
+    for name, least in limits.items():
+        value = getattr(given, name)
+        if value is not None and not value >= least:
+            raise PlumblineError(f"{name}: found {value}, expected at least {least}; {mend}")
 
 
 @dataclass(frozen=True)
@@ -114,11 +123,7 @@ class Noise:
     bias: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("measured", "step", "feedback", "bias"):
-            if not getattr(self, name) >= 0:
-                raise PlumblineError(
-                    f"{name}: found {getattr(self, name)}, expected at least 0; give its size"
-                )
+        _at_least(self, dict.fromkeys(("measured", "step", "feedback", "bias"), 0), "give its size")
         if not 0.0 < self.epsilon <= 0.5:
             raise PlumblineError(
                 f"epsilon: found {self.epsilon}, expected in (0, 0.5]; use the default"
@@ -181,13 +186,8 @@ class Settings:
     def __post_init__(self) -> None:
         if self.form not in ("planes", "scalar"):
             raise PlumblineError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
-        least_of = {"p": 1.0, "dt": 1e-6, "safe": 0.0, "penalty": 1e-3}
-        for name in (*least_of, "effort", "smooth", "hold"):
-            least, value = least_of.get(name, 0.0), getattr(self, name)
-            if value is not None and not value >= least:
-                raise PlumblineError(
-                    f"{name}: found {getattr(self, name)}, expected at least {least}; raise it"
-                )
+        least = {"p": 1.0, "dt": 1e-6, "safe": 0.0, "penalty": 1e-3}
+        _at_least(self, least | dict.fromkeys(("effort", "smooth", "hold"), 0.0), "raise it")
 
 
 # Which field an effect fills.
@@ -268,8 +268,4 @@ class Safety:
     plant: Plant = field(default_factory=Plant)
 
     def __post_init__(self) -> None:
-        for name in ("budget", "patience", "delay"):
-            if not getattr(self, name) >= 0:
-                raise PlumblineError(
-                    f"{name}: found {getattr(self, name)}, expected at least 0; use the default"
-                )
+        _at_least(self, dict.fromkeys(("budget", "patience", "delay"), 0), "use the default")

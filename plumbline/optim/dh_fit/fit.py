@@ -56,17 +56,8 @@ def fit_dh(
     nominal = task.solved(task.always, GaussNewton())
     known, found = _identified(task, recording.name)
     statement = of_links(found.problem).statement
-    fit = DHFit(
-        recording,
-        options,
-        registration,
-        known,
-        statement.unknowns,
-        found.x,
-        found.iterations,
-        found.message,
-        nominal.x,
-    )
+    ended = (found.x, found.iterations, found.message, nominal.x)
+    fit = DHFit(recording, options, registration, known, statement.unknowns, *ended)
     # What a stored fit states again is at hand.
     at_hand = {"task": task, "statement": statement}
     vars(fit).update(at_hand, nominal_statement=of_links(nominal.problem).statement)

@@ -138,17 +138,10 @@ def quantities(found: Sums, values: Array, covariance: Array, quantile: float) -
         places = [k, *(int(j) for j in np.flatnonzero(counts) if j != k)]
         parts = tuple((found.unknowns[j].name, float(row[j])) for j in places)
         value, at = float(row @ values), float(row @ nominal)
-        reported.append(
-            Quantity(
-                " ".join(_term(found.unknowns[j], row[j], found.unknowns[k]) for j in places),
-                parts,
-                found.unknowns[k].unit,
-                at,
-                value,
-                float(std),
-                (value - quantile * float(std), value + quantile * float(std)),
-            )
-        )
+        name = " ".join(_term(found.unknowns[j], row[j], found.unknowns[k]) for j in places)
+        ends = (value - quantile * float(std), value + quantile * float(std))
+        unit = found.unknowns[k].unit
+        reported.append(Quantity(name, parts, unit, at, value, float(std), ends))
     return reported
 
 

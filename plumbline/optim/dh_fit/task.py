@@ -54,10 +54,8 @@ class DHOptions:
     solver: Solver = field(default_factory=GaussNewton)
 
     def __post_init__(self) -> None:
-        for name, value, known in (
-            ("frame", self.frame, FRAMES),
-            ("parameters", self.parameters, CHOICES),
-        ):
+        for name, known in (("frame", FRAMES), ("parameters", CHOICES)):
+            value = getattr(self, name)
             if value not in known:
                 raise PlumblineError(
                     f"{name} {value!r} not recognised; choose {' or '.join(known)}"

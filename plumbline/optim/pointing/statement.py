@@ -138,11 +138,8 @@ class SweepStatement:
     def _hessian(self) -> cs.Function:
         """The Lagrangian's Hessian: one block an angle, and the chain of moves between them."""
         n, K, S = self.task.chain.n, self.count, self.slots
-        z, p, sigma = (
-            cs.MX.sym("z", (n + S) * K),
-            cs.MX.sym("p", self.width * K),
-            cs.MX.sym("sigma"),
-        )
+        z, p = cs.MX.sym("z", (n + S) * K), cs.MX.sym("p", self.width * K)
+        sigma = cs.MX.sym("sigma")
         forces = cs.MX.sym("forces", EQUATIONS * K + n * (K - 1) + S * K)
         Q, data = cs.reshape(z[: n * K], n, K), cs.reshape(p, self.width, K)
         blocks = self.stage[2].map("curvatures", "serial", K, [2], [])(

@@ -72,8 +72,7 @@ class Registration(Answer):
     @property
     def residuals(self) -> Array:
         """``T_RC p_C - p_R`` of every marker (n, 3), along the robot's axes [m]."""
-        left: Array = self.map(self.recording.markers.ct) - self.recording.markers.robot
-        return left
+        return self.map(self.recording.markers.ct) - self.recording.markers.robot
 
     @property
     def noise_std(self) -> float:
@@ -134,8 +133,7 @@ class Registration(Answer):
         """Predicted RMS error (...) at targets (..., 3) of CT [m], for maps of many points."""
         mean, covariance = self._moments(self.map(targets), curved=True)
         squares = np.trace(covariance, axis1=-2, axis2=-1) + np.sum(mean**2, axis=-1)
-        rms: Array = np.sqrt(squares)
-        return rms
+        return np.sqrt(squares)
 
     def _moments(self, places: Array, curved: bool) -> tuple[Array, Array]:
         """Mean (..., 3) and covariance (..., 3, 3) of the error at places (..., 3) of frame R."""

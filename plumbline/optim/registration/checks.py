@@ -119,8 +119,7 @@ def misfits(ct: Array, robot: Array) -> Array:
     """Root mean square misfits (N,) of the rigid fits of N versions of CT's markers (N, n, 3)."""
     T = rigid_match(ct, np.broadcast_to(robot, ct.shape))
     left = ct @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3] - robot
-    rms: Array = np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
-    return rms
+    return np.sqrt(np.mean(np.sum(left**2, axis=2), axis=1))
 
 
 def _any_orders(apart: Array, wanted: Array) -> Indices:

@@ -82,8 +82,7 @@ def whitened_squares(rows: Array, T: Array) -> Array:
     A = T[:, None, :3, :3]
     d = (A @ rows[:, :3, None])[..., 0] + T[:, None, :3, 3] - rows[:, 3:6]
     spread = A @ _symmetric(rows[:, 6:12]) @ np.swapaxes(A, -1, -2) + _symmetric(rows[:, 12:18])
-    squares: Array = np.sum(d * np.linalg.solve(spread, d[..., None])[..., 0], axis=-1)
-    return squares
+    return np.sum(d * np.linalg.solve(spread, d[..., None])[..., 0], axis=-1)
 
 
 def _trimmed(rows: Array, most: int) -> Array:

@@ -72,8 +72,7 @@ class TargetError:
     def semi_axes(self, share: float = 0.95) -> Array:
         """Semi-axes (3,) of the ellipsoid that holds a share of all errors, longest first [m]."""
         variances = np.linalg.eigvalsh(self.covariance)[::-1]
-        axes: Array = np.sqrt(self.limit(share) * np.maximum(variances, 0.0))
-        return axes
+        return np.sqrt(self.limit(share) * np.maximum(variances, 0.0))
 
     @property
     def reach(self) -> float:
@@ -183,8 +182,7 @@ class Unstated:
 
 def _moves(points: Array) -> Array:
     """How shifts and turns move points (n, 3), by coordinates (3 n, 6)."""
-    moves: Array = lever(points - points.mean(axis=0)).reshape(-1, 6)
-    return moves
+    return lever(points - points.mean(axis=0)).reshape(-1, 6)
 
 
 def _unknown(markers: Markers) -> str:

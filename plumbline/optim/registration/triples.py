@@ -303,5 +303,4 @@ def _rotation_vector(R: Array) -> Array:
     sine = np.linalg.norm(axis, axis=-1)
     angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
     factor = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)
-    vector: Array = axis * factor[..., None]
-    return vector
+    return axis * factor[..., None]
