@@ -103,10 +103,9 @@ class Sweep(Answer):
         return len(self.theta)
 
     def __repr__(self) -> str:
-        error = f"{1e3 * float(np.max(self.rcm_error, initial=0.0)):.2g} mm"
-        return (
-            f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; off the lesion by {error}>"
-        )
+        off = self.rcm_error[np.isfinite(self.rcm_error)]
+        kept = f"off the lesion by {1e3 * off.max():.2g} mm" if off.size else "no path through all"
+        return f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; {kept}>"
 
 
 def plan_sweep(

@@ -149,6 +149,7 @@ def test_out_of_reach_is_a_status_with_a_reason_and_no_posture():
     found = plan_sweep(far, deg(20), deg([0.0, 90.0, 180.0]))
     assert set(found.status) == {Status.REACH}
     assert np.isnan(found.joints).all()
+    assert repr(found).endswith("0 safe; no path through all>")
     assert all("misses by" in words for words in found.reasons)
     assert "0 of 3 angles safe" in found._repr_html_()
 
