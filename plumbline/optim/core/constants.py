@@ -8,7 +8,9 @@ STILL = 0.1  # standard errors: what moves by less changes no figure by half a p
 STATIONARY = 1e-5  # of the scales: ten times what solvers are asked for
 FEASIBLE = 1e-8  # of a bound or constraint, in the unknowns' own units: what rounding leaves
 LEAST_RESIDUAL = 1e-9  # [the residual's unit] below lies rounding, which no step makes smaller
-SINGULAR = 1e-12  # of the largest curvature: below, a direction is not told by the rows
+# Of the largest curvature: below, a direction is not told by the rows. Sixty places known to
+# 0.05 mm tell it to 0.6 m there, such as an upright tool's length beside the frame's height.
+SINGULAR = 1e-10
 LISTED = 4  # unknowns at a bound that a line names
 
 # Mapped

@@ -135,6 +135,17 @@ def test_what_the_rows_do_not_tell_is_not_asked_to_move():
     assert judged(LevenbergMarquardt().solve(problem, np.zeros(2))).converged
 
 
+@pytest.mark.parametrize(("apart", "asked"), [(1e-5, False), (1e-4, True)])
+def test_a_direction_that_rows_tell_a_hundred_thousand_times_worse_is_not_asked_to_move(
+    apart, asked
+):
+    """Columns apart by so much: half the square of it is the least curvature, of two."""
+    a, b, noise = np.linalg.qr(np.random.default_rng(0).normal(size=(30, 3)))[0].T
+    problem = linear(np.column_stack([a, a + apart * b]), noise)
+    off = Solution(problem, np.array([-1.0, 1.0]) / apart)  # five standard errors
+    assert judged(off).converged != asked
+
+
 def test_a_point_that_is_no_number_has_not_converged():
     problem, _ = noisy_line()
     found = judged(Solution(problem, np.array([np.nan, 0.0])))
