@@ -87,7 +87,7 @@ def test_a_bias_of_a_tenth_of_a_metre_is_none(bias, wrong):
 @pytest.mark.parametrize(("angle", "wrong"), [(9.0, False), (18.0, True)])
 def test_an_angle_beyond_two_turns_is_in_degrees(angle, wrong):
     table = read_table("samples.csv", f"q1\n{angle}\n".encode())
-    chain = SimpleNamespace(kinds=("revolute",))
+    chain = SimpleNamespace(turning=np.array([True]))
     given = (table, ("q1",), np.array([[angle]]), chain)
     assert refused(_check_angles, *given, match="degrees") is wrong
 
