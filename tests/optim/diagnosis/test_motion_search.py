@@ -145,6 +145,25 @@ def test_a_search_takes_a_way_s_slopes_to_one_side_and_a_verdict_to_both(rough, 
     assert rolled[: 4 if rough else 6] == [(2, 3), *[()] * (2 if rough else 4), ()]
 
 
+def test_neighbours_of_a_drive_are_those_of_every_form_that_it_goes_by():
+    """From a delay and a dead band that is play, a lag and play were two exchanges away."""
+    signals = signals_of(recorded([{"lag": 0.05, "play": 0.01}, {}], seconds=20.0))
+    library = tuple(e for c in MOTION_EFFECTS for e in c.candidates(Law.POSITION, masses=False))
+    found = models.Models(signals.windows(0, signals.starts), library, signals.seen(0))
+
+    plain = {e.name.removeprefix("actuation_"): e for e in library if not e.variant}
+
+    def key(*names):
+        return frozenset(plain[name] for name in names)
+
+    less = next(e for e in library if e.name == "actuation_deadband" and e.variant)
+    here = key("delay") | {less}
+    found.fit(here, found.found[frozenset()])
+    assert key("lag", "play") in found.around(here)
+    assert key("delay", "lag", "play") in found.with_one_more(here)
+    assert here not in found.around(here)
+
+
 def test_a_search_goes_on_from_what_all_windows_alone_have_shown():
     """Of a saturated motor effects were spared that no search on fewer windows had tried."""
     signals = signals_of(recorded([{"gain": 0.1, "lag": 0.05}, {}], seconds=20.0))

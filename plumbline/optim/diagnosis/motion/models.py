@@ -147,26 +147,30 @@ class Models:
         """Add effects one by one while that pays."""
         here: Key = frozenset()
         while True:
-            names = {e.name for e in here}
-            more = [here | {e} for e in self.library if e.name not in names]
-            here, moved = self._best(here, more)
+            here, moved = self._best(here, self.with_one_more(here))
             if not moved:
                 return here
 
     def settle(self, here: Key) -> Key:
         """Exchange, add and drop while that pays."""
         for _ in range(MOVES):
-            more = [here | {e} for e in self.library]
-            here, moved = self._best(here, [*self.around(here), *more])
+            here, moved = self._best(here, [*self.around(here), *self.with_one_more(here)])
             if not moved:
                 break
         return here
 
     def around(self, key: Key) -> list[Key]:
-        """Models with one effect less, or with one exchanged for another."""
-        others = [e for e in self.library if e not in key]
-        less = [key - {effect} for effect in key]
-        return [*less, *(rest | {other} for rest in less for other in others)]
+        """Models with one effect less, or with one exchanged for another, of all its forms."""
+        less = [form - {effect} for form in self._forms(key) for effect in form]
+        every = [*less, *(rest | {other} for rest in less for other in self.library)]
+        return [k for k in dict.fromkeys(every) if k != key]
+
+    def with_one_more(self, key: Key) -> list[Key]:
+        """Models with one effect more, of all its forms: beside a lag these are not the same."""
+        return [form | {e} for form in self._forms(key) for e in self.library]
+
+    def _forms(self, key: Key) -> list[Key]:
+        return [key, *(other for *_, other in self.other_forms(key))]
 
     def _best(self, here: Key, others: list[Key]) -> tuple[Key, bool]:
         for key in others:
@@ -252,7 +256,7 @@ class Models:
             if not moved:
                 break
             few.fit(key, self.found[key])  # which may have been found here alone
-            for k in (*few.around(key), *(key | {e} for e in self.library)):
+            for k in (*few.around(key), *few.with_one_more(key)):
                 few.fit(k, few.found[key])
         return key
 
@@ -262,7 +266,7 @@ class Models:
             fit = self.found[key]
             if sigma is None or (1 - LEAST_SHARE) * fit.square <= self.floor(fit, sigma) ** 2:
                 break
-            key, moved = self._best(key, [key | {e} for e in self.library])
+            key, moved = self._best(key, self.with_one_more(key))
             if not moved:
                 break
         return key
