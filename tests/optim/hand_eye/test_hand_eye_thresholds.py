@@ -210,11 +210,9 @@ def test_samples_are_so_many_that_a_clean_one_is_among_them():
 
 @pytest.mark.parametrize(("sigma", "wrong"), [(15e-3, False), (30e-3, True)])
 def test_a_scatter_of_two_centimetres_is_of_other_rows(monkeypatch, sigma, wrong):
-    monkeypatch.setattr(calibrate, "robust_start", lambda r: (AHEAD, sigma, np.zeros(9)))
-    for name in ("refuse_unturned", "refuse_misread"):
-        monkeypatch.setattr(calibrate, name, lambda *_: None)
-    given = (at(spread(9, 1, 1, 1)), HandEyeOptions())
-    assert refused(calibrate._robust, *given, match="at most 20 mm") is wrong
+    monkeypatch.setattr(start, "robust_start", lambda *_, **__: (AHEAD, sigma, None))
+    given = (at(spread(9, 1, 1, 1)), sigma)
+    assert refused(start.refuse_misread, *given, match="at most 20 mm") is wrong
 
 
 @pytest.mark.parametrize(
