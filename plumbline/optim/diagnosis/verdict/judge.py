@@ -47,6 +47,7 @@ from plumbline.optim.diagnosis.verdict.lack_of_fit import (
     lack_of_fit,
     noisiest_joint,
     quieter,
+    turned_sides,
 )
 from plumbline.optim.diagnosis.verdict.parts import friction_curves
 from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
@@ -269,7 +270,7 @@ def _notes(
             "a zero of a second encoder is the joint's or its mounting's: [fit] always = "
             '["joint_offset"] fits them all and judges none'
         )
-    notes += _unnamed(selected, told)
+    notes += [*turned_sides(selected, told.words), *_unnamed(selected, told)]
     return tuple(notes)
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.special import chdtrc, expit, fdtr, logit, logsumexp
 
 from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.backlash import Backlash
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis import prior
@@ -122,6 +123,24 @@ def noisiest_joint(recording: Recording, selected: SelectedModel) -> str:
     if each[k] ** 2 < prior.ANISOTROPY * float(np.mean(each**2)):
         return ""
     return f"joint {recording.measured_joints[k] + 1}'s error changes from reading to reading"
+
+
+def turned_sides(selected: SelectedModel, words: str) -> Iterator[str]:
+    """What is said where an unlisted side of approach is that of a play of less than nothing."""
+    if "side of approach" not in words:
+        return
+    left = selected.selection.reduce(selected.chosen)
+    pulls = {
+        c.effect.element: left.b[c.columns][0]
+        for c in selected.selection.candidates
+        if isinstance(c.effect, Backlash) and c.effect.by == "direction"
+    }
+    joint = max(pulls, key=lambda j: abs(pulls[j]), default=None)
+    if joint is not None and pulls[joint] < 0.0:
+        yield (
+            f"joint {joint} goes further on the side that it comes from, which no play does: "
+            f"direction{joint} is 1 where it came from below"
+        )
 
 
 def block_errors(selected: SelectedModel, models: Sequence[FoldModel] = ()) -> Array:
