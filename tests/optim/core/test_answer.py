@@ -144,6 +144,9 @@ class Caused(Answer):
     card = __repr__ = Made.__repr__
 
 
+del Answer.kinds["Caused"]  # of this file alone: nobody else has to show it
+
+
 def test_an_effect_that_nobody_has_imported_is_named_with_the_way_out(tmp_path):
     """What an answer knew as its own effect is found again once its module is imported."""
     assert effect_named("joint_offset") is JointOffset
