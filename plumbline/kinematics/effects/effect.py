@@ -222,8 +222,7 @@ class Effect(ABC):
     #: what its error depends on, in a word or two: ``"own angle"``, ``"load"``
     depends_on: ClassVar[str] = "nothing"
     reference: ClassVar[str]  #: who describes it: authors, the year in brackets, where to look
-    #: what it means, in a sentence; ``{element}`` stands for the joint's or link's number, the name
-    #: of a field of the effect's own for its value
+    #: what it means, in a sentence; ``{element}``, or a field's name, stands for its value
     words: ClassVar[str]
     #: columns that the formula reads, all of which the recording must have
     needs: ClassVar[tuple[str, ...]] = ()
@@ -235,6 +234,7 @@ class Effect(ABC):
     acts_at: ClassVar[Stage | None] = None
     #: field that is tried on a fine grid, such as the order of a ripple
     scanned: ClassVar[str | None] = None
+    of_slides: ClassVar[bool] = False  #: whether it is of joints that slide alone
     in_motion: ClassVar[bool] = False  #: whether readings along one motion alone can show it
     #: whether there is nothing of it where there is no gravity
     needs_gravity: ClassVar[bool] = False

@@ -28,6 +28,7 @@ class ScrewRipple(JointEffect):
     depends_on = "own angle"
     name = "screw_ripple"
     scanned = "order"
+    of_slides = True
     words = "joint {element} errs once per turn of what drives it along, as an eccentric screw does"
     reference = "ISO 3408-3 (2006), ball screws: variation of travel within one revolution"
     source = (

@@ -55,6 +55,17 @@ def test_leads_are_from_a_millimetre_to_where_a_wave_and_a_half_is_seen():
     np.testing.assert_allclose(phases, np.pi)
 
 
+@pytest.mark.parametrize(("arm", "joints"), [("ur5", 6), ("laparoscopic", 7)])
+def test_an_arm_without_slides_is_not_told_of_screws(arm, joints):
+    plain = bench(arm, "joint_position", columns=[])
+    still = np.tile(np.full(joints, 0.1), (40, 1)) + np.eye(40, joints)
+    still[:, -1] = 0.1
+    measured = still + NOISE * np.random.default_rng(0).normal(size=still.shape)
+    recording = replace(plain, q=still, measured=measured, noise_std=NOISE, whole=None, place=None)
+    unseen = {b.effect for b in diagnose(recording).verdict.unobservable}
+    assert ("screw_ripple" in unseen) == (arm == "laparoscopic")
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_is_no_screw(seed):
     found = diagnose(recorded(np.zeros_like, seed)).verdict

@@ -195,6 +195,8 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
 
 def _of_another_world(cls: type[Effect], scope: Scope) -> bool:
     """Whether it shows in efforts alone while places were measured, or the other way about."""
+    if cls.of_slides and len(scope.turning) == len(scope.joints):
+        return True
     if not scope.arm and _is_of_an_arm(cls):
         return True
     if scope.observation in cls.observations:
