@@ -7,7 +7,7 @@ from plumbline.experiments.reality.arm import Array, load_torque
 from plumbline.experiments.reality.body_effects import link_vector
 from plumbline.experiments.reality.scene import Scene
 
-TURN = 2.0 * np.pi
+TURN = 2.0 * np.pi  # [rad]
 LOADED = 0.05  # least swing of a joint's load over the largest of all joints
 LONG = 0.12  # [m] of a link that bends
 TWIST = (1.0, 1.0, 1.0, 1.5, 1.5, 1.5)  # of a base: metres, and radians per metre of arm

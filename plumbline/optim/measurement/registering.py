@@ -18,7 +18,7 @@ from plumbline.optim.measurement.constants import EQUAL, FRAME_SCALE, REGISTERIN
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.rigid import nearest_rotation, rigid_match, rotations, some_of
 
-# A radian that a frame is off counts as the metres by which it is off as often.
+# [m/rad]: a radian that a frame is off counts as the metres by which it is off as often.
 TURN = FRAME_SCALE[0] / FRAME_SCALE[1]
 Turns = tuple[Array, Array]  # of the model's tips and as recorded (N, 3, 3) each
 
