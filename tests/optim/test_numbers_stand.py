@@ -81,7 +81,7 @@ STAND = {
     "measurement": {
         "SMOOTH": 0.25, "FRAME_SCALE": (0.1, 0.1), "TOOL_SCALE": 0.05, "COINCIDENT": 1e-12,
         "WIDE_BOUNDS": 1000.0, "MASS_PER_METRE": 15.0, "LEAST_HALF": 0.001, "UNIT": 0.0001,
-        "WAYS": 6, "POSE_FREEDOM": 8, "REGISTERING_STEPS": 3, "EQUAL": 1e-06,
+        "WAYS": 6, "POSE_FREEDOM": 8, "REGISTERING_STEPS": 3,
     },
     "model": {
         "MARGIN": 0.02, "CHANGED": 4.0, "WORTH": 0.1, "NAMED": 3, "STILL_HOLDS": 1.5,

@@ -25,7 +25,6 @@ POSE_FREEDOM = 8  # rows that the prior of a pose's noise is worth: the fewest t
 # Steps by turns of frame and tool. Of 480 recordings of few joints with a tool of 0.1 or 0.5 m none
 # ends elsewhere by 1 to 5, 7 do by none; two more where noise and a gap pull.
 REGISTERING_STEPS = 3
-EQUAL = 1e-6  # share by which costs differ that are one: what descents still lack after those steps
 
 # Torque
 UNIT = 1e-4  # noise of a weighed residual: as that of a good tracker in metres

@@ -14,7 +14,7 @@ import scipy
 
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
-from plumbline.optim.measurement.constants import EQUAL, FRAME_SCALE, REGISTERING_STEPS
+from plumbline.optim.measurement.constants import FRAME_SCALE, REGISTERING_STEPS
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.rigid import nearest_rotation, rigid_match, rotations, some_of
 
@@ -48,7 +48,7 @@ def _descended(first: Array, tips: Array, measured: Array, turns: Turns, free: b
     for _ in range(REGISTERING_STEPS):
         R = nearest_rotation(_towards(R, t, p, turns, free)[0])
     cost = _towards(R, t, p, turns, free)[1]
-    best = cost <= (1.0 + EQUAL) * cost.min() + np.finfo(float).eps * np.sum(p**2)
+    best = cost <= cost.min() + np.finfo(float).eps * np.sum(p**2)
     return np.asarray(R[np.argmax(best)])  # of equals, that nearest to the tips' own match
 
 
