@@ -21,7 +21,6 @@ from plumbline.experiments.reality.unseen import unseen_offered
 RANGES = Ranges("case")
 KINDS = ("single", "pair", "none", "outside", "unseen")
 OBSERVATIONS = ("tip_position", "pose", "fixed_point", "joint_position")
-GLUED = 0.6  # chance that the thermometer is on the arm; else it hangs in the air
 TRIES = 400  # scenes that are drawn until one gives the gap that is asked for
 
 
@@ -62,7 +61,7 @@ def draw_case(plan: Plan, name: str, seed: int) -> Case:
         if found is None:
             continue
         gross = float(rng.uniform(0.0, plan.gross))
-        lag = RANGES.one("lag", rng) if rng.random() < GLUED else None
+        lag = RANGES.one("lag", rng) if RANGES.happens("glued", rng) else None
         return replace(
             bare, name=name, seed=seed, gap_to_noise=gaps, effects=found, gross_share=gross,
             thermometer=lag,
@@ -87,7 +86,7 @@ def _set_up(plan: Plan, names: tuple[str, ...], rng: np.random.Generator) -> Cas
     real = arm.with_mass(arm.mass * RANGES.many("mass", rng, arm.joints))
     reach = float(np.abs(arm.a).sum() + np.abs(arm.d).sum())
     nominal = _tool(min(reach, 1.5), rng)
-    tool = nominal + rng.normal(0.0, 2e-3, 3)
+    tool = nominal + RANGES.near("tool", rng, 3)
     may_move = plan.observation != "fixed_point"
     moving = "latency" in names or (may_move and rng.random() < plan.moving)
     rows = int(rng.integers(plan.rows[0], plan.rows[1] + 1))
@@ -117,8 +116,8 @@ def _arm(plan: Plan, rng: np.random.Generator) -> Arm:
 
 
 def _tool(reach: float, rng: np.random.Generator) -> Array:
-    """A nominal tool offset (3,) [m], on the last axis in three cases of ten."""
-    aside = 0.0 if rng.random() < 0.3 else RANGES.one("tool_aside", rng) * reach
+    """A nominal tool offset (3,) [m], at times on the last axis."""
+    aside = 0.0 if RANGES.happens("centred", rng) else RANGES.one("tool_aside", rng) * reach
     turn = rng.uniform(0.0, 2.0 * np.pi)
     along = RANGES.one("tool_along", rng) * reach
     return np.round([aside * np.cos(turn), aside * np.sin(turn), along], 3)
@@ -133,7 +132,7 @@ def looking_at(arm: Arm, q: Array, rng: np.random.Generator) -> Array:
     towards /= np.linalg.norm(towards)
     side = np.cross(towards, rng.normal(size=3))
     side /= np.linalg.norm(side)
-    aim = rotations(rng.normal(0.0, 0.05, 3))
+    aim = rotations(RANGES.near("aim", rng, 3))
     R = aim @ np.stack([side, np.cross(towards, side), towards])
     return placed(R, -R @ (centre - towards * size * RANGES.one("away", rng)))
 
@@ -152,6 +151,6 @@ def _effects(
         sized = scaled(bare.scene, mechanism, target, plan.observation, bare.sockets)
         if sized is None:
             return None
-        flip = name in SIGNED and rng.random() < 0.5
+        flip = name in SIGNED and RANGES.happens("flipped", rng)
         found.append(sized.sized(-sized.size) if flip else sized)
     return tuple(found)

@@ -5,12 +5,13 @@ from numpy.typing import ArrayLike
 
 from plumbline.experiments.reality.arm import Array, load_torque
 from plumbline.experiments.reality.body_effects import link_vector
+from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Scene
 
+RANGES = Ranges("library")
 TURN = 2.0 * np.pi  # [rad]
 LOADED = 0.05  # least swing of a joint's load over the largest of all joints
 LONG = 0.12  # [m] of a link that bends
-TWIST = (1.0, 1.0, 1.0, 1.5, 1.5, 1.5)  # of a base: metres, and radians per metre of arm
 
 
 def any_joint(scene: Scene, rng: np.random.Generator) -> int:
@@ -56,7 +57,7 @@ def unit(rng: np.random.Generator) -> tuple[float, ...]:
 
 def twist(rng: np.random.Generator) -> tuple[float, ...]:
     """Weights (6,) of a base's motion."""
-    return vector(rng.normal(size=6) * TWIST)
+    return vector(RANGES.near("twist", rng, 6))
 
 
 def phase(rng: np.random.Generator) -> float:

@@ -36,7 +36,7 @@ def _ripple(scene: Scene, rng: np.random.Generator) -> Mechanism:
 
 def _gear(scene: Scene, rng: np.random.Generator) -> Mechanism:
     order = RANGES.one("gear_order", rng)
-    order = round(order, None if rng.random() < 0.5 else 2)
+    order = round(order, None if RANGES.happens("whole_order", rng) else 2)
     return joint.GearRipple(0.0, turning(scene, rng), float(order), phase(rng))
 
 
@@ -49,9 +49,9 @@ def _coupling(scene: Scene, rng: np.random.Generator) -> Mechanism:
 
 
 def _geometry(scene: Scene, rng: np.random.Generator) -> Mechanism:
-    chosen = rng.random(3) < 0.5
+    chosen = rng.random(3) < RANGES.chances["dimension"].share
     chosen[rng.integers(3)] = True
-    weights = vector(np.where(chosen, rng.normal(size=3) * [1.0, 1.0, 2.0], 0.0))
+    weights = vector(np.where(chosen, RANGES.near("geometry", rng, 3), 0.0))
     return body.LinkGeometry(0.0, any_joint(scene, rng), weights)
 
 
@@ -65,7 +65,7 @@ def _payload(scene: Scene, rng: np.random.Generator) -> Mechanism:
 def _loose(scene: Scene, rng: np.random.Generator) -> Mechanism:
     rows = scene.session.rows
     chosen = rng.choice(np.arange(1, rows), size=3, replace=False)
-    if rng.random() < 0.5:
+    if RANGES.happens("in_a_row", rng):
         chosen = np.arange(3) + rng.integers(1, rows - 3)
     return outside.LooseTool(0.0, tuple(sorted(chosen.tolist())), unit(rng))
 
@@ -88,16 +88,16 @@ def _cross(scene: Scene, rng: np.random.Generator) -> Mechanism:
 
 def _needle(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
     """The needle points from the flange to the tip, give or take three degrees."""
-    axis = scene.tool[0] / np.linalg.norm(scene.tool[0]) + rng.normal(0.0, 0.05, 3)
+    axis = scene.tool[0] / np.linalg.norm(scene.tool[0]) + RANGES.near("needle", rng, 3)
     return vector(axis / np.linalg.norm(axis))
 
 
 def _play(scene: Scene, rng: np.random.Generator) -> Mechanism:
-    """Sided by the approach, or, in one of three, by the weight of a link that leans both ways."""
+    """Sided by the approach, or at times by the weight of a link that leans both ways."""
     torque = chances.torques(scene)
     least = LEANS * np.abs(torque).max(axis=0)
     leaning = np.flatnonzero((torque.max(axis=0) > least) & (torque.min(axis=0) < -least)) + 1
-    if len(leaning) and rng.random() < 1.0 / 3.0:
+    if len(leaning) and RANGES.happens("seated_by_load", rng):
         seat = RANGES.one("play_seat", rng)
         return joint.LoadedPlay(0.0, int(rng.choice(leaning)), seat)
     return joint.Backlash(0.0, any_joint(scene, rng))
@@ -112,14 +112,14 @@ def _coupled_play(scene: Scene, rng: np.random.Generator) -> Mechanism:
 
 def _slip(scene: Scene, rng: np.random.Generator) -> Mechanism:
     """Re-seated once, or anew in each group of the session."""
-    if rng.random() < 0.6:
+    if RANGES.happens("once", rng):
         return end.ToolSlip(0.0, (unit(rng),), (RANGES.one("moment", rng),))
     groups = int(np.ptp(scene.session.group))
     return end.ToolSlip(0.0, tuple(unit(rng) for _ in range(groups)))
 
 
 def _breath(scene: Scene, rng: np.random.Generator) -> Mechanism:
-    way, period, begun = unit(rng), RANGES.one("breath", rng), float(rng.uniform(0.0, np.pi))
+    way, period, begun = unit(rng), RANGES.one("breath", rng), RANGES.one("breath_begun", rng)
     return end.Respiration(0.0, way, period, begun, RANGES.whole("breath_power", rng))
 
 

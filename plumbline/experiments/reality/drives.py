@@ -28,6 +28,7 @@ from plumbline.experiments.reality.recorder import Recording, numbered, write
 RANGES = Ranges("drive")
 FINE = 10  # steps within a sample
 GRAVITY = 9.81  # m/s^2
+SAMPLES = (0.005, 0.01, 0.02)  # s, of controllers of 50 to 200 Hz
 JOINTS = 2  # of the plane arm
 YIELDS = 4  # times that a droop changes the load that makes it: the next change is below 1e-6 rad
 # Pairs that hardly any motion tells apart: of the first kind, with what stands for it.
@@ -251,13 +252,13 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
 
 def commands(rng: np.random.Generator) -> tuple[Array, Array]:
     """Times (N,) [s] and commands (N, 2) [rad]: sines, faster ones, slow lines and holds."""
-    dt = float(rng.choice([0.005, 0.01, 0.02]))
+    dt = float(rng.choice(SAMPLES))
     t = np.arange(0.0, RANGES.one("lasts", rng), dt)
     u = np.zeros((len(t), JOINTS))
     for j in range(JOINTS):
         for f in RANGES.many("frequency", rng, 5):
             u[:, j] += 0.3 / (1 + 2 * f) * np.sin(2 * np.pi * (f * t + rng.random()))
-        still = rng.random(max(int(t[-1] / 4), 1)) < 0.2
+        still = rng.random(max(int(t[-1] / 4), 1)) < RANGES.chances["holds"].share
         rate = np.where(still[np.minimum((t / 4).astype(int), len(still) - 1)], 0.0, 1.0)
         u[:, j] = np.interp(np.cumsum(rate) * dt, t, u[:, j])
     return t, u

@@ -180,10 +180,11 @@ def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         known = ", ".join(allowed) or "nothing"
         raise PlumblineError(f"moving cases know {known} of this kind for {plan.observation}")
     arm = ARMS[str(rng.choice([a for a in ARM_NAMES if not plan.arms or a in plan.arms]))]()
-    real = arm.with_mass(arm.mass * Ranges("case").many("mass", rng, arm.joints))
+    still = Ranges("case")
+    real = arm.with_mass(arm.mass * still.many("mass", rng, arm.joints))
     rows = int(rng.integers(plan.rows[0], plan.rows[1] + 1))
     nominal = np.round([RANGES.one("tool_aside", rng), 0.0, RANGES.one("tool_along", rng)], 3)
-    tool = nominal + rng.normal(0.0, 2e-3, 3)
+    tool = nominal + still.near("tool", rng, 3)
     course = Course.draw(real, rows, rng)
     trouble = Trouble()
     mechanisms: tuple[Mechanism, ...] = ()

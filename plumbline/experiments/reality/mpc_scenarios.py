@@ -29,6 +29,9 @@ CLEAR = 4.0  # [mm] between any two capsules at start and goal
 TRIES = 4000  # starts and goals that are drawn until a task is clear
 BLOCKED = 2.0  # [mm] that the straight way comes short of
 EVADED = 20.0  # [mm/s] of an obstacle, up to which a shaft may start in its way
+SLOW = (5.0, EVADED)  # [mm/s] of what swings and can be evaded
+DRIFTS = (20.0, BRISK)  # [mm/s] of what drifts, no faster than a tip
+HARDLY, WELL = (DEPTHS[0], 30.0), (60.0, DEPTHS[1])  # [mm] behind a trocar
 PASSED = 6.0  # [s] after which an obstacle that drifts has left, or a swing repeats itself
 STATED = Mismatch(0.1, 0.03, gain=0.05, lag=0.006, delay=0.005, deadband=0.5)
 
@@ -43,6 +46,22 @@ def _swing(
 ) -> Swing:
     still = np.zeros(3) if way is None else np.asarray(way, float)
     return Swing(np.array([a, b], dtype=float), radius, still, rate)
+
+
+def _apart(rng: np.random.Generator, half: float = 45.0) -> Array:
+    """Two trocars (2, 3) on either side."""
+    return np.array([[-half, 0, 0], [half, 0, 0]]) + RANGES.near("trocar", rng, (2, 3))
+
+
+def _beside(rng: np.random.Generator, half: float) -> Array:
+    """Two trocars (2, 3) that are close, and as high."""
+    up = float(RANGES.near("height", rng))
+    return np.array([[-half, 0, up], [half, 0, up]])
+
+
+def _circle(angles: Array) -> Array:
+    """Places (I, 3) on a circle of radius one."""
+    return np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
 
 
 Draft = tuple[Array, Array, Array, tuple[Swing, ...]]
@@ -71,29 +90,27 @@ def scaled(rng: np.random.Generator, make: Callable[[np.random.Generator, float]
 def crossing(rng: np.random.Generator) -> Draft:
     """Two tips swap sides, so that the shafts cross."""
     half = RANGES.one("half", rng)
-    trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    trocars = _apart(rng, half)
     far, depth = RANGES.one("far", rng), RANGES.one("deep", rng)
-    left = np.array([-far, 0, -depth]) + rng.normal(0, 5, 3)
-    right = np.array([far, 0, -depth]) + rng.normal(0, 5, 3)
-    ends = np.stack([left, right])
-    others = ends[::-1] + rng.normal(0, 5, (2, 3))
+    ends = np.array([[-far, 0, -depth], [far, 0, -depth]]) + RANGES.near("tip", rng, (2, 3))
+    others = ends[::-1] + RANGES.near("tip", rng, (2, 3))
     return _at_depths(rng, (trocars, ends, others, ()))
 
 
 def parallel(rng: np.random.Generator) -> Draft:
     """Two shafts side by side that sweep past each other, nearly parallel all the while."""
     half = RANGES.one("close", rng)
-    trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + np.array([0, 0, 1]) * rng.normal(0, 3)
+    trocars = _beside(rng, half)
     near, sweep = RANGES.one("near", rng), RANGES.one("sweep", rng)
-    depth = RANGES.one("pass_depth", rng) + np.array([0.0, rng.normal(0, 5)])
+    depth = RANGES.one("pass_depth", rng) + np.array([0.0, float(RANGES.near("tip", rng))])
     starts = np.array([[-near, -sweep, -depth[0]], [near, sweep, -depth[1]]])
     goals = np.array([[-near, sweep, -depth[0]], [near, -sweep, -depth[1]]])
-    return _at_depths(rng, (trocars, starts, goals + rng.normal(0, 2, (2, 3)), ()))
+    return _at_depths(rng, (trocars, starts, goals + RANGES.near("passed", rng, (2, 3)), ()))
 
 
 def narrow_gap(rng: np.random.Generator, scale: float) -> Draft:
     """One of two instruments passes between two rods hardly farther apart than its shaft."""
-    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    trocars = _apart(rng)
     radius, gap, x = (RANGES.one(name, rng) for name in ("rod", "gap", "gap_at"))
     rods = []
     for side in (-1.0, 1.0):
@@ -101,12 +118,13 @@ def narrow_gap(rng: np.random.Generator, scale: float) -> Draft:
         rods.append(_swing([x, y, -170], [x, y + side * 6, -60], radius))
     starts = np.array([[x - 35, 0, -110], [50, RANGES.one("off", rng), -110]])
     goals = np.array([[x + 25, 0, -110], [65, RANGES.one("off", rng), -120]])
-    return trocars, starts + rng.normal(0, 4, (2, 3)), goals + rng.normal(0, 4, (2, 3)), tuple(rods)
+    noise = RANGES.near("narrow", rng, (2, 2, 3))
+    return trocars, starts + noise[0], goals + noise[1], tuple(rods)
 
 
 def dead_end(rng: np.random.Generator, _: float) -> Draft:
     """A wall of rods between tip and goal: the straight way ends in a pocket."""
-    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    trocars = _apart(rng)
     width, depth, x = (RANGES.one(name, rng) for name in ("width", "wall_depth", "wall_at"))
     radius = 4.0
     wall = _swing([x, -width, -depth], [x, width, -depth], radius)
@@ -116,38 +134,39 @@ def dead_end(rng: np.random.Generator, _: float) -> Draft:
     ]
     starts = np.array([[x - 35, 0, -depth - 8], [50, RANGES.one("off", rng), -110]])
     goals = np.array([[x + 22, 0, -depth - 8], [62, RANGES.one("off", rng), -120]])
-    noise = rng.normal(0, 4, (2, 2, 3))
+    noise = RANGES.near("narrow", rng, (2, 2, 3))
     return trocars, starts + noise[0], goals + noise[1], (wall, *arms)
 
 
 def moving_obstacle(rng: np.random.Generator, scale: float) -> Draft:
     """Spheres or rods swing across the way of two instruments."""
-    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    trocars = _apart(rng)
     obstacles = []
     for _ in range(RANGES.whole("swings", rng)):
         middle = np.array([RANGES.one(axis, rng) for axis in ("across", "along", "height")])
-        along = rng.normal(size=3) * RANGES.one("rod_half", rng) * (rng.random() < 0.5)
-        way = rng.normal(size=3) * np.array([8, 12, 8])
-        speed = rng.uniform(5.0, EVADED)  # [mm/s], at the middle of the swing
+        along = rng.normal(size=3) * RANGES.one("rod_half", rng) * RANGES.happens("rod", rng)
+        way = RANGES.near("swing", rng, 3)
+        speed = rng.uniform(*SLOW)  # at the middle of the swing
         rate = min(speed / max(scale * float(np.linalg.norm(way)), 1.0), 1.5)
         radius = RANGES.one("body", rng)
         swing = _swing(middle - along, middle + along, radius, way, rate)
         obstacles.append(replace(swing, phase=rng.uniform(0, 2 * np.pi)))
-    starts = np.array([[-35.0, 0, -115], [35.0, 0, -115]]) + rng.normal(0, 10, (2, 3))
-    goals = np.array([[5.0, 0, -115], [45.0, 0, -115]]) + rng.normal(0, 15, (2, 3))
+    starts = np.array([[-35.0, 0, -115], [35.0, 0, -115]]) + RANGES.near("start", rng, (2, 3))
+    goals = np.array([[5.0, 0, -115], [45.0, 0, -115]]) + RANGES.near("goal", rng, (2, 3))
     return trocars, starts, goals, tuple(obstacles)
 
 
 def ring(rng: np.random.Generator, count: int) -> Draft:
     """So many instruments about a ring, places exchanged."""
     angles = 2 * np.pi * np.arange(count) / count + rng.uniform(0, 2 * np.pi)
-    angles = angles + rng.normal(0, 0.1, count)
-    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    angles = angles + RANGES.near("spacing", rng, count)
+    circle = _circle(angles)
     trocars = RANGES.one("circle", rng) * circle
     depth = np.array([0, 0, -1]) * RANGES.many("ring_depth", rng, (count, 1))
-    starts = RANGES.one("inner", rng) * circle + depth + rng.normal(0, 5, (count, 3))
+    starts = RANGES.one("inner", rng) * circle + depth + RANGES.near("tip", rng, (count, 3))
     turn = rng.permutation(count)
-    goals = RANGES.one("inner", rng) * circle[turn] + depth[turn] + rng.normal(0, 5, (count, 3))
+    inner = RANGES.one("inner", rng)
+    goals = inner * circle[turn] + depth[turn] + RANGES.near("tip", rng, (count, 3))
     return _at_depths(rng, (trocars, starts, goals, ()))
 
 
@@ -162,8 +181,8 @@ def _anywhere(rng: np.random.Generator, trocars: Array, depths: tuple[float, flo
 def shallow(rng: np.random.Generator) -> Draft:
     """Tips hardly behind trocars that are close: outer ends sweep far, and fast."""
     half = RANGES.one("shallow", rng)
-    trocars = np.array([[-half, 0, 0], [half, 0, 0]]) + np.array([0, 0, 1]) * rng.normal(0, 3)
-    starts, goals = (_anywhere(rng, trocars, (DEPTHS[0], 30.0)) for _ in range(2))
+    trocars = _beside(rng, half)
+    starts, goals = (_anywhere(rng, trocars, HARDLY) for _ in range(2))
     return trocars, starts, goals, ()
 
 
@@ -171,7 +190,7 @@ def _flier(rng: np.random.Generator, aim: Array, when: float) -> Swing:
     """A sphere or a rod that flies straight through a point at a time, at up to 1 m/s."""
     way = rng.normal(size=3)
     drift = RANGES.one("fast", rng) * way / np.linalg.norm(way)
-    half = rng.normal(size=3) * RANGES.one("flier_half", rng) * (rng.random() < 0.5)
+    half = rng.normal(size=3) * RANGES.one("flier_half", rng) * RANGES.happens("rod", rng)
     middle, velocity = aim - when * drift, (float(drift[0]), float(drift[1]), float(drift[2]))
     flier = _swing(middle - half, middle + half, RANGES.one("flier", rng))
     return replace(flier, drift=velocity)
@@ -189,7 +208,7 @@ def _swinger(rng: np.random.Generator, middle: Array) -> Swing:
 
 def fast_obstacle(rng: np.random.Generator) -> Draft:
     """One or two obstacles that fly past or swing at up to a metre a second."""
-    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
+    trocars = _apart(rng)
     starts, goals = _crossed(rng, trocars)
     return trocars, starts, goals, _fast(rng, trocars, starts, goals, RANGES.whole("fliers", rng))
 
@@ -216,8 +235,8 @@ def _fast(
     own = _alone(trocars, starts, goals)
     for _ in range(TRIES):
         i, share = int(rng.integers(len(trocars))), rng.uniform()
-        near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 15, 3)
-        flies = rng.random() < 0.5
+        near = starts[i] + share * (goals[i] - starts[i]) + RANGES.near("near", rng, 3)
+        flies = RANGES.happens("flies", rng)
         tried = _flier(rng, near, RANGES.one("when", rng)) if flies else _swinger(rng, near)
         if replace(own, obstacles=(tried,)).passed(np.arange(0.0, PASSED, 4 * LOOKED)) >= CLEAR:
             found.append(tried)
@@ -228,15 +247,15 @@ def _fast(
 
 def drifting_obstacle(rng: np.random.Generator) -> Draft:
     """Obstacles drift straight across the tips' ways, no faster than a tip."""
-    trocars = np.array([[-45.0, 0, 0], [45.0, 0, 0]]) + rng.normal(0, 4, (2, 3))
-    starts, goals = (_anywhere(rng, trocars, (60.0, DEPTHS[1])) for _ in range(2))
+    trocars = _apart(rng)
+    starts, goals = (_anywhere(rng, trocars, WELL) for _ in range(2))
     found = []
     for _ in range(RANGES.whole("drifters", rng)):
         i, share = int(rng.integers(2)), rng.uniform()
-        near = starts[i] + share * (goals[i] - starts[i]) + rng.normal(0, 10, 3)
+        near = starts[i] + share * (goals[i] - starts[i]) + RANGES.near("met", rng, 3)
         when, way = share * np.linalg.norm(goals[i] - starts[i]) / BRISK, rng.normal(size=3)
-        drift = rng.uniform(20.0, BRISK) * way / np.linalg.norm(way)
-        middle, half = near - when * drift, rng.normal(0, 8, 3)
+        drift = rng.uniform(*DRIFTS) * way / np.linalg.norm(way)
+        middle, half = near - when * drift, RANGES.near("rod", rng, 3)
         flier = _swing(middle - half, middle + half, 5.0)
         velocity = (float(drift[0]), float(drift[1]), float(drift[2]))
         found.append(replace(flier, radius=RANGES.one("drifter", rng), drift=velocity))
@@ -246,13 +265,13 @@ def drifting_obstacle(rng: np.random.Generator) -> Draft:
 def crowd(rng: np.random.Generator) -> Draft:
     """Two to four instruments at any depth among obstacles that stand, swing and fly past."""
     count = RANGES.whole("crowd", rng)
-    angles = 2 * np.pi * np.arange(count) / count + rng.normal(0, 0.1, count)
-    circle = np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
+    angles = 2 * np.pi * np.arange(count) / count + RANGES.near("spacing", rng, count)
+    circle = _circle(angles)
     trocars = RANGES.one("crowd_circle", rng) * circle
     starts, goals = _crossed(rng, trocars)
     still = []
     for _ in range(RANGES.whole("still", rng)):
-        at, half = rng.normal(size=3) * [50.0, 50.0, 40.0] - [0.0, 0.0, 110.0], rng.normal(0, 8, 3)
+        at, half = RANGES.near("place", rng, 3) - [0.0, 0.0, 110.0], RANGES.near("rod", rng, 3)
         still.append(_swing(at - half, at + half, RANGES.one("still_body", rng)))
     return trocars, starts, goals, (*still, *_fast(rng, trocars, starts, goals, 1))
 

@@ -1,6 +1,8 @@
 """Ranges that simulators draw from: ``ranges.toml``, a table a kind, each with unit and reason.
 
-``name = [low, high, unit, reason]``; with ``"log"`` behind them, even over the logarithm.
+``name = [low, high, unit, reason]``; with ``"log"`` behind them, even over the logarithm. Under
+``spread`` a table has ``[1 sigma, unit, reason]`` of what is normal about zero, and under
+``chance`` ``[share, reason]``.
 """
 
 import tomllib
@@ -23,11 +25,35 @@ class Range(NamedTuple):
     law: str = "uniform"  # or ``log``
 
 
+class Spread(NamedTuple):
+    """How far something lies from zero."""
+
+    size: float | list[float]
+    unit: str
+    why: str
+
+
+class Chance(NamedTuple):
+    """How often something happens."""
+
+    share: float
+    why: str
+
+
+READ = tomllib.loads(
+    resources.files(__package__).joinpath("ranges.toml").read_text(encoding="utf-8")
+)
 TABLES: Mapping[str, Mapping[str, Range]] = {
-    kind: {name: Range(*row) for name, row in table.items()}
-    for kind, table in tomllib.loads(
-        resources.files(__package__).joinpath("ranges.toml").read_text(encoding="utf-8")
-    ).items()
+    kind: {name: Range(*row) for name, row in table.items() if isinstance(row, list)}
+    for kind, table in READ.items()
+}
+SPREADS: Mapping[str, Mapping[str, Spread]] = {
+    kind: {name: Spread(*row) for name, row in table.get("spread", {}).items()}
+    for kind, table in READ.items()
+}
+CHANCES: Mapping[str, Mapping[str, Chance]] = {
+    kind: {name: Chance(*row) for name, row in table.get("chance", {}).items()}
+    for kind, table in READ.items()
 }
 
 
@@ -35,7 +61,7 @@ class Ranges:
     """The ranges of one kind, by name."""
 
     def __init__(self, kind: str) -> None:
-        self.of = TABLES[kind]
+        self.of, self.spreads, self.chances = TABLES[kind], SPREADS[kind], CHANCES[kind]
 
     def many(
         self, name: str, rng: np.random.Generator, size: int | tuple[int, ...] | None
@@ -49,6 +75,16 @@ class Ranges:
     def one(self, name: str, rng: np.random.Generator) -> float:
         """A number."""
         return float(self.many(name, rng, None))
+
+    def near(
+        self, name: str, rng: np.random.Generator, size: int | tuple[int, ...] | None = None
+    ) -> Array:
+        """Numbers of that shape, normal about zero."""
+        return np.asarray(rng.normal(0.0, self.spreads[name].size, size))
+
+    def happens(self, name: str, rng: np.random.Generator) -> bool:
+        """Whether it does, this time."""
+        return bool(rng.random() < self.chances[name].share)
 
     def whole(self, name: str, rng: np.random.Generator) -> int:
         """A whole number, both ends included."""

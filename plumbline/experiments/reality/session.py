@@ -14,7 +14,7 @@ from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Session
 
 RANGES = Ranges("session")
-REPEATED, HELD = 0.1, 0.25  # chance that a pose was visited before, that a joint holds still
+SLIDE = 0.2  # m of a slide where a turning joint has a radian
 
 
 def draw_session(
@@ -35,9 +35,10 @@ def draw_session(
     q = _revisit(q, rng)
     time = np.cumsum(RANGES.many("period", rng, rows))
     velocity = np.zeros_like(q)
-    direction = rng.choice([-1.0, 0.0, 1.0], size=q.shape, p=[0.45, 0.1, 0.45])
+    no = RANGES.chances["unsided"].share
+    direction = rng.choice([-1.0, 0.0, 1.0], size=q.shape, p=[(1 - no) / 2, no, (1 - no) / 2])
     if moving:
-        velocity = rng.normal(0.0, 0.3, q.shape) * np.where(arm.prismatic, 0.2, 1.0)
+        velocity = RANGES.near("velocity", rng, q.shape) * np.where(arm.prismatic, SLIDE, 1.0)
         direction = np.sign(velocity)
     warmth, ambient = climate(time, rng)
     parts = RANGES.whole("parts", rng)
@@ -48,7 +49,7 @@ def draw_session(
 def spread(arm: Arm, rows: int, rng: np.random.Generator) -> Array:
     """Poses (N, n) over the whole joint range, some joints holding still from row to row."""
     q = rng.uniform(arm.lower, arm.upper, (rows, arm.joints))
-    held = rng.random(q.shape) < HELD
+    held = rng.random(q.shape) < RANGES.chances["held"].share
     for k in range(1, rows):
         q[k] = np.where(held[k], q[k - 1], q[k])
     return q
@@ -57,7 +58,7 @@ def spread(arm: Arm, rows: int, rng: np.random.Generator) -> Array:
 def _revisit(q: Array, rng: np.random.Generator) -> Array:
     again = q.copy()
     for k in range(3, len(q)):
-        if rng.random() < REPEATED:
+        if RANGES.happens("repeated", rng):
             again[k] = again[rng.integers(0, k - 1)]
     return again
 
@@ -121,9 +122,10 @@ def box_middle(arm: Arm, tool: Array, rng: np.random.Generator) -> tuple[Array, 
     return centre, tips(arm, centre[None], tool)[0][0]
 
 
-def starts(arm: Arm, centre: Array, sway: float, rows: int, rng: np.random.Generator) -> Array:
-    """Poses (rows, n) strewn around one pose, `sway` rad wide."""
-    return centre + rng.normal(0.0, sway, (rows, arm.joints)) * np.where(arm.prismatic, 0.2, 1.0)
+def starts(arm: Arm, centre: Array, about: str, rows: int, rng: np.random.Generator) -> Array:
+    """Poses (rows, n) strewn around one pose, as widely as a box or a socket asks for."""
+    off = RANGES.near(about, rng, (rows, arm.joints))
+    return np.asarray(centre + off * np.where(arm.prismatic, SLIDE, 1.0))
 
 
 def boxed(arm: Arm, rows: int, tool: Array, rng: np.random.Generator) -> Array:
@@ -136,7 +138,7 @@ def boxed(arm: Arm, rows: int, tool: Array, rng: np.random.Generator) -> Array:
     for _ in range(50):
         centre, middle = box_middle(arm, tool, rng)
         goal = middle + rng.uniform(-0.5 * side, 0.5 * side, (3 * rows, 3))
-        q, good = reach(arm, starts(arm, centre, 0.5, 3 * rows, rng), goal, tool)
+        q, good = reach(arm, starts(arm, centre, "box", 3 * rows, rng), goal, tool)
         if good.sum() >= rows:
             return q[good][:rows]
     raise PlumblineError(f"no box of {side:.2f} m within reach of {arm.name}: take a smaller one")
@@ -155,7 +157,7 @@ def socketed(
         centre, middle = box_middle(arm, tool, rng)
         sockets = middle + RANGES.many("socket", rng, (count, 3))
         number = np.asarray(rng.integers(0, count, 3 * rows))
-        q, good = reach(arm, starts(arm, centre, 0.9, 3 * rows, rng), sockets[number], tool)
+        q, good = reach(arm, starts(arm, centre, "socket", 3 * rows, rng), sockets[number], tool)
         chosen = number[good][:rows]
         if good.sum() >= rows and len(np.unique(chosen)) == count:
             return q[good][:rows], chosen

@@ -26,7 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.arm import Arm, Array, Shape, forward, load_torque, rotations
+from plumbline.experiments.reality.ranges import Ranges
 
+RANGES = Ranges("tips")
 # d [m], a [m], alpha [deg], theta [deg]; the last row is the needle.
 BH7 = (
     (0.0, 0.0, 0.0, 0.0),
@@ -170,8 +172,8 @@ def draw_errors(rng: np.random.Generator, length: float, angle: float) -> Array:
 
 def draw_camera(rng: np.random.Generator, noise: float) -> Camera:
     """A camera about two metres away, looking anywhere."""
-    R = rotations(rng.uniform(-1.5, 1.5, 3))
-    return Camera(np.asarray(R), rng.normal(0.0, 0.3, 3) + np.array([0.3, 0.0, 2.0]), noise)
+    R = rotations(RANGES.many("turn", rng, 3))
+    return Camera(np.asarray(R), RANGES.near("camera", rng, 3) + np.array([0.3, 0.0, 2.0]), noise)
 
 
 def draw_session(
@@ -263,10 +265,10 @@ def draw_crooked(
     give = np.where(arm.prismatic, 0.0, np.abs(rng.normal(0.0, reality.compliance, n)))
     q = rng.uniform(arm.lower, arm.upper, (rows, n))
     tips = crooked_tips(arm, errors, give, q, tool + off)
-    R = rotations(rng.uniform(-1.5, 1.5, 3))
+    R = rotations(RANGES.many("turn", rng, 3))
     axes = np.array([1.0, 1.0, reality.depth])
     noise = reality.noise * axes / np.sqrt(np.mean(axes**2))
-    measured = (tips - rng.normal(0.0, 0.5, 3)) @ R + rng.normal(size=tips.shape) * noise
+    measured = (tips - RANGES.near("device", rng, 3)) @ R + rng.normal(size=tips.shape) * noise
     gross = np.zeros(rows, dtype=bool)
     gross[rng.choice(rows, reality.gross, replace=False)] = True
     push = rng.normal(size=(rows, 3))

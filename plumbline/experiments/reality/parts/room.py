@@ -57,17 +57,17 @@ class Room:
 
 def draw_room(arm: Arm, rng: np.random.Generator) -> Room:
     """A floor and two walls within reach, roughly square to each other, the finder anyhow."""
-    v = np.array([0.0, 0.0, 1.0]) + 0.2 * rng.normal(size=3)
+    v = np.array([0.0, 0.0, 1.0]) + RANGES.near("beam", rng, 3)
     faces = [np.eye(3), np.eye(3)[:, [1, 2, 0]], np.eye(3)[:, [2, 0, 1]]]
-    axes = np.stack([rotations(0.15 * rng.normal(size=3)) @ face for face in faces])
+    axes = np.stack([rotations(RANGES.near("square", rng, 3)) @ face for face in faces])
     places = np.array([[0.55, 0.0, -0.15], [1.05, 0.05, 0.45], [0.5, 0.85, 0.45]])
     # Columns of an axes' matrix are x, y and the normal: up, along x, along y; towards the arm.
     signs = np.array([1.0, -1.0, -1.0])
     axes = axes.copy()
     axes[:, :, 2] *= signs[:, None]
     axes[:, :, 1] *= signs[:, None]
-    middles = places + 0.05 * rng.normal(size=(3, 3))
-    r = np.array([0.03, -0.02, 0.08]) + 0.02 * rng.normal(size=3)
+    middles = places + RANGES.near("place", rng, (3, 3))
+    r = np.array([0.03, -0.02, 0.08]) + RANGES.near("mount", rng, 3)
     return Room(arm, r, v / np.linalg.norm(v), middles, axes)
 
 

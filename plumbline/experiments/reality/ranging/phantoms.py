@@ -79,7 +79,8 @@ def tracked(
     chosen = np.flatnonzero(good.reshape(-1, views).all(axis=1))[:count]
     rows = (chosen[:, None] * views + np.arange(views)).ravel()
     read = scene.finder.read(distance[rows], cosine[rows], rng)
-    T = placed(rotations(rng.normal(0.0, 1.0, 3)), rng.uniform([-1.0, -1.0, 1.0], [1.0, 1.0, 3.0]))
+    turn, aside = RANGES.near("tracker", rng, 3), RANGES.many("tracker_aside", rng, 2)
+    T = placed(rotations(turn), np.append(aside, RANGES.one("tracker_away", rng)))
     seen = _carried(T, points[chosen])
     # Trackers are specified by the root mean square in space.
     seen += rng.normal(0.0, scene.instrument.tracker / np.sqrt(3.0), seen.shape)
@@ -132,9 +133,9 @@ def _faces(rng: np.random.Generator) -> list[Board]:
 def draw_head(rng: np.random.Generator, points: int = 20_000) -> Head:
     """A head before the arm, facing it and up, and its CT."""
     face = np.array([[-0.6, 0.0, 0.8], [0.0, -1.0, 0.0], [0.8, 0.0, 0.6]]).T  # x of the head
-    turn = rotations(rng.normal(0.0, 0.05, 3)) @ face
+    turn = rotations(RANGES.near("head", rng, 3)) @ face
     T = placed(turn, np.array([0.50, 0.0, 0.10]) + RANGES.many("put", rng, 3))
-    T_ct = placed(rotations(rng.normal(0.0, 0.6, 3)), RANGES.many("ct", rng, 3))
+    T_ct = placed(rotations(RANGES.near("scanner", rng, 3)), RANGES.many("ct", rng, 3))
     ways = rng.normal(size=(points, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     surface = ways * (radius(ways) + rng.normal(0.0, CT_NOISE, points))[:, None]

@@ -125,7 +125,7 @@ def _boards(given: Instrument, angles: float, rng: np.random.Generator) -> tuple
     side = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]).T
     front = rotations(np.array([0.0, lean, 0.0])) @ front
     side = rotations(np.array([-lean, 0.0, 0.0])) @ side
-    whole = rotations(rng.normal(0.0, 0.03, 3))
+    whole = rotations(DRAWN.near("stands", rng, 3))
     centres = np.array([[0.40, -0.02, 0.02], [0.83, 0.0, 0.36], [0.36, 0.64, 0.36]])
     found = []
     for centre, axes in zip(centres, (floor, front, side), strict=True):

@@ -103,7 +103,7 @@ class StitchedVolume(Mechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> StitchedVolume:
         """A seam through the cloud of tips."""
         points, _ = scene.pose_in_device()
-        seam = points.mean(axis=0) + 0.3 * points.std(axis=0) * rng.normal(size=3)
+        seam = points.mean(axis=0) + points.std(axis=0) * RANGES.near("seam", rng, 3)
         return cls(0.0, vector(seam), unit(rng), unit(rng))
 
     def sense(self, points: Array, session: Session) -> Array:
