@@ -174,7 +174,8 @@ def _noise_notes(c: Calibration, stated: float | None) -> tuple[str, ...]:
     steep = float(np.rad2deg(incidence(c.readings, c.beam, c.planes).max()))
     return (
         f"readings scatter by {scatter * 1e3:.3f} mm about the boards, the finder states "
-        f"{stated * 1e3:.3f} mm: look at the boards, the arm and beams up to {steep:.0f} deg",
+        f"{stated * 1e3:.3f} mm: look at the finder's scale, the boards, the arm and beams up to "
+        f"{steep:.0f} deg, or ask plumbline diagnose",
     )
 
 

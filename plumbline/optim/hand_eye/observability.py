@@ -94,11 +94,12 @@ def _reason(direction: Direction, readings: Readings, incidence: Array) -> str:
     )
     if direction.name.endswith("along the beam"):
         why = f"incidence spans {low:.0f} to {high:.0f} deg only; meet planes at 0 and at 30 deg"
-    elif direction.name.endswith("across the beam"):
-        why = "normals are seen from too few sides; tilt the flange about two axes, both ways"
-    else:
+    else:  # across the beam r and v go together, at the ranges' mean
         span = np.ptp(readings.distance) * 1e3
-        why = f"ranges span {span:.0f} mm; vary the stand-off and the tilt"
+        why = (
+            f"incidence spans {low:.0f} to {high:.0f} deg, ranges span {span:.3g} mm; tilt the "
+            "flange about two axes, both ways, and vary the stand-off"
+        )
     return f"{direction.name} ({how}): {why}"
 
 

@@ -146,3 +146,32 @@ def write_poses(folder, readings):
     (folder / "samples.csv").write_text(pose_lines(readings), encoding="utf-8")
     text = f'observation = "plane_range"\nnoise_std = {PAPER.noise}\n'
     (folder / "dataset.toml").write_text(text, encoding="utf-8")
+
+
+def boards_met(seed, tilt, stand):
+    """Boards square to each other, met at tilts up to one [rad] from stand-offs of a range [m]."""
+    rng = np.random.default_rng([seed, 9])
+    way, start = np.array([0.05, -0.1, 0.99]) / 0.9963, np.array([0.03, -0.02, 0.08])
+    normals = np.repeat(np.eye(3), 20, axis=0)
+    beam = Rotation.from_rotvec(tilt * rng.uniform(-1.0, 1.0, normals.shape)).apply(-normals)
+    R = Rotation.concatenate([Rotation.align_vectors(b[None], way[None])[0] for b in beam])
+    R = Rotation.from_rotvec(beam * rng.uniform(-3.0, 3.0, (60, 1))) * R
+    spots = 0.1 * rng.normal(size=(60, 3)) * (1.0 - normals)
+    d = rng.uniform(*stand, 60)
+    t = spots - R.apply(start + d[:, None] * way)
+    noise = 5e-5 * rng.normal(size=60)
+    return Readings.from_arrays(R.as_matrix(), t, d + noise, np.repeat(np.arange(3), 20))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_stand_off_is_told_by_its_span_and_other_ranges_are_asked_for(seed):
+    with pytest.raises(PlumblineError, match=r"ranges span 0\.\d+ mm.*vary the stand-off"):
+        calibrate(boards_met(seed, 0.7, (0.4, 0.4001)))
+    unseen = calibrate(boards_met(seed, 0.7, (0.38, 0.42))).seen.unseen
+    assert any("r across" in line and "ranges span 3" in line for line in unseen)
+
+
+def test_boards_met_squarely_are_told_by_their_incidence_and_tilts_are_asked_for():
+    unseen = calibrate(boards_met(0, 0.06, (0.1, 0.7))).seen.unseen
+    assert any("r across" in line and "0 to 5 deg" in line for line in unseen)
+    assert all("tilt the flange" in line for line in unseen if "across" in line)
