@@ -210,35 +210,52 @@ def test_gravity_that_points_elsewhere_is_pinocchio_s(two):
     np.testing.assert_allclose(ours, rnea(model, q, v, a), atol=1e-9)
 
 
-def test_a_payload_is_a_ball_at_the_tip(two):
-    robot, q, v, a, rec = two
+def carrying(two, load, still=False):
+    """Oracle's torques with a load at the tip frame, and the recording of the same motion."""
+    robot, q, v, a, _ = two
+    q, v, a = q, v * (not still), a * (not still)
     model = robot.dynamics().model.copy()
-    mass, moment, extent = 2.0, np.array([0.1, -0.05, 0.2]), 0.3
-    T = pin.SE3(rec.chain.T_last_tip)
-    place = T.act(moment / mass)
-    model.inertias[2] += pin.Inertia(mass, place, extent * np.eye(3))
-    values = [mass, *moment, extent]
-    ours = predicted(rec, [CarriedMass()], values)
+    rec = recording(robot, q, v, a)
+    model.inertias[2] += pin.SE3(rec.chain.T_last_tip).act(load)
+    return rnea(model, q, v, a), rec
+
+
+def test_a_payload_is_a_body_at_the_tip(two):
+    mass, moment = 2.0, np.array([0.1, -0.05, 0.2])
+    load = pin.Inertia(
+        mass, moment / mass, np.array([[0.3, 0.1, 0], [0.1, 0.4, -0.05], [0, -0.05, 0.2]])
+    )
+    oracle, rec = carrying(two, load)
+    about = load.matrix()[3:, 3:]
+    values = [mass, *moment, *about[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]]
+    np.testing.assert_allclose(predicted(rec, [CarriedMass(True)], values), oracle, atol=1e-9)
+
+
+def test_a_payload_is_a_point_at_the_tip(two):
+    mass, moment = 2.0, np.array([0.1, -0.05, 0.2])
+    load, values = pin.Inertia(mass, moment / mass, np.zeros((3, 3))), [mass, *moment]
+    oracle, rec = carrying(two, load)
     # Its inertia is rounded by a hundredth of a kilogram, so that a payload may be none.
-    np.testing.assert_allclose(ours, rnea(model, q, v, a), atol=10 * LIGHTEST * 0.25)
-    still = recording(robot, q, 0 * v, 0 * a)
-    ours = predicted(still, [CarriedMass()], values)
-    np.testing.assert_allclose(ours, rnea(model, q, 0 * v, 0 * a), atol=1e-9)
+    rounded = 10 * LIGHTEST * 0.25
+    np.testing.assert_allclose(predicted(rec, [CarriedMass()], values), oracle, atol=rounded)
+    oracle, rec = carrying(two, load, still=True)
+    np.testing.assert_allclose(predicted(rec, [CarriedMass()], values), oracle, atol=1e-9)
 
 
 def test_bodies_are_expected_to_err_by_the_weight_and_reach_of_their_arm(two):
     rec = two[-1]
-    (load,) = REGISTRY["payload"].candidates(scope_of(rec))
+    load = REGISTRY["payload"].candidates(scope_of(rec))[-1]
     link = REGISTRY["link_inertia"].candidates(scope_of(rec))[0]
     arm, reach = 4.5, 1.4  # kg; m, to two digits
     assert sum(body.mass for body in rec.chain.joints) == arm
     assert rec.chain.reach == pytest.approx(reach, abs=0.05)
     widths = [p.scale for p in (*load.parameters, *link.parameters)]
-    wide = [0.06 * arm, *3 * [0.006 * arm * reach], 6e-4 * arm * reach**2]
+    wide = [0.06 * arm, *3 * [0.006 * arm * reach], *3 * [2.4e-3 * arm * reach**2]]
+    wide += 3 * [6e-4 * arm * reach**2]
     np.testing.assert_allclose(widths, [*wide, 0.1, *3 * [0.02 * reach]])
     ends = [(p.lower, p.upper) for p in (*load.parameters, *link.parameters)]
     far = (-10 * arm * reach, 10 * arm * reach)
-    large = [(0, 10 * arm), *3 * [far], (-10 * arm * reach**2, 10 * arm * reach**2)]
+    large = [(0, 10 * arm), *3 * [far], *6 * [(-10 * arm * reach**2, 10 * arm * reach**2)]]
     other = (-0.5 * reach, 0.5 * reach)
     np.testing.assert_allclose(ends, [*large, (-0.9, 4.0), *3 * [other]])
 

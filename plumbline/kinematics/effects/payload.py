@@ -9,8 +9,9 @@ under it (2e-5 rad/(N m) in arms that carry 10 kg). The mass hangs at the tip fr
 tool's tip, so that the wrist feels the tool as a lever.
 
 Where efforts are measured the mass shows itself, with the place of its centre: what is fitted are
-the mass, its first moment about the tip frame, and the inertia of its extent, a ball's. In these
-torques are linear but for the centre's own square, :math:`|m c|^2 / m` about the tip frame.
+the mass and its first moment about the tip frame, as of a point, or with them its inertia, as of
+any body. In a body's numbers torques are linear; a point's have :math:`m c\,(m c)^T / m` besides,
+which has no slope where there is no mass.
 """
 
 from collections.abc import Sequence
@@ -36,7 +37,6 @@ from plumbline.kinematics.parameters import Parameter
 USUAL_TWIST = 2e-3  # rad, of a drive under the most that the bare arm asks of it
 SHORTEST_TOOL = 0.01  # m
 LIGHTEST = 1e-2  # kg: rounds the inertia of a mass that may be none
-BALL = cs.DM([1, 0, 1, 0, 0, 1])  # xx, xy, yy, xz, yz, zz of an inertia that is alike all around
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,14 @@ class Payload(Effect):
 
 @dataclass(frozen=True)
 class CarriedMass(Effect):
-    """The same where efforts are measured: mass, first moment and extent at the tip frame.
+    """The same where efforts are measured: a point's mass and first moment at the tip frame.
 
-    Declared for an arm of one kilogram that reaches one metre; on others it and its bounds are as
-    large as the arm is heavy, ``arm`` [kg], and long, ``reach`` [m].
+    Or, ``extended``, any body's. Declared for an arm of one kilogram that reaches one metre; on
+    others it and its bounds are as large as the arm is heavy, ``arm`` [kg], and long, ``reach``
+    [m].
     """
 
+    extended: bool = False
     arm: float = field(default=1.0, metadata=UNSAID)
     reach: float = field(default=1.0, metadata=UNSAID)
 
@@ -107,36 +109,55 @@ class CarriedMass(Effect):
     reference = "Swevers, Verdonck, De Schutter (2007), IEEE Control Systems 27(5) (payload)"
     source = (
         "makers rate arms for .17 to .47 of their own mass; by hand: grippers and tools are a "
-        "tenth to a half of that (geometric means: .06), a tenth of the reach off and in extent; "
-        "the bounds are ten arms"
+        "tenth to a half of that (geometric means: .06), a tenth of the reach off along each axis "
+        "and as far about their centre, of which two squares each make an inertia; the bounds are "
+        "ten arms"
     )
     mass = Parameter("kg", 0.0, 10.0, scale=0.06, doc="unknown mass")
     x, y, z = Parameter(
         "kg m", -10.0, 10.0, scale=6e-3, doc="mass times its centre's {} in the tip frame"
     ).each(*"xyz")
-    extent = Parameter("kg m^2", -10.0, 10.0, scale=6e-4, doc="inertia beyond a point's, a ball's")
+    xx, yy, zz = Parameter(
+        "kg m^2", -10.0, 10.0, scale=2.4e-3, doc="inertia {} about the tip frame"
+    ).each("xx", "yy", "zz")
+    xy, xz, yz = Parameter(
+        "kg m^2", -10.0, 10.0, scale=6e-4, doc="inertia {} about the tip frame"
+    ).each("xy", "xz", "yz")
+
+    @property
+    def variant(self) -> str:
+        """A body, if it is not a point."""
+        return "a body of any inertia" if self.extended else ""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """As wide as the arm is heavy, and long."""
-        mass, *moments, extent = self.declared
-        heavy, far = self.arm, self.arm * self.reach
-        wide = (moment.of_width(far) for moment in moments)
-        return (mass.of_width(heavy), *wide, extent.of_width(far * self.reach))
+        """As wide as the arm is heavy, and long; a point has no inertia of its own."""
+        sizes = self.arm * self.reach ** np.repeat((0.0, 1.0, 2.0), (1, 3, 6))
+        asked = self.declared[: None if self.extended else 4]
+        return tuple(p.of_width(float(s)) for p, s in zip(asked, sizes, strict=False))
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """One, at the tip frame."""
-        return [cls(*size_of(scope.chain))]
+        """A point, and a body, at the tip frame."""
+        return [cls(extended, *size_of(scope.chain)) for extended in (False, True)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         body, T = state.chain.body_of_tip, constant(state.chain.T_last_tip)
         mass, place, away = values[0], T[:3, 3], T[:3, :3] @ cs.vertcat(*values[1:4])
         moment = mass * place + away
-        # Of m c c^T with c = place + away / m, whose last part is rounded: the mass may be none.
-        both = steiner(cs.SX(1), place + away) - steiner(cs.SX(1), place)
-        own = (1 / (mass + LIGHTEST) - 1) * steiner(cs.SX(1), away)
-        inertia = steiner(mass, place) + both + own + values[4] * BALL
+        # Of m (p + c) (p + c)^T what is linear in m and m c; m c c^T is a body's own.
+        both = steiner(1.0, place + away) - steiner(1.0, place) - steiner(1.0, away)
+        own = steiner(1 / (mass + LIGHTEST), away)
+        if self.extended:
+            own = _turned(T[:3, :3], cs.vertcat(*values[4:]))
         inertial = cs.SX(state.inertial)
-        inertial[body, :] += cs.vertcat(mass, moment, inertia).T
+        inertial[body, :] += cs.vertcat(mass, moment, steiner(mass, place) + both + own).T
         return replace(state, inertial=inertial)
+
+
+def _turned(R: cs.SX, inertia: cs.SX) -> cs.SX:
+    """An inertia (6,) xx, yy, zz, xy, xz, yz turned by R: xx, xy, yy, xz, yz, zz."""
+    xx, yy, zz, xy, xz, yz = cs.vertsplit(inertia)
+    own = cs.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    turned = R @ own @ R.T
+    return cs.vertcat(*(turned[i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))))

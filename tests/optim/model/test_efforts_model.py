@@ -29,7 +29,7 @@ CAUSES = {
     REGISTRY["rotor_inertia"](joint=3): [0.05],
     REGISTRY["cable_spring"](joint=2, middle=0.2): [0.8, 0.1],
     REGISTRY["link_inertia"](link=2): [0.2, 0.01, -0.02, 0.03],
-    CarriedMass(): [0.4, 0.01, 0.0, 0.02, 0.003],
+    CarriedMass(True): [0.4, 0.01, 0.0, 0.02, 0.003, 0.004, 0.002, 0.0002, 0.0, 0.0001],
     REGISTRY["gravity_direction"](): [0.05, -0.03],
     REGISTRY["stribeck_friction"](joint=4, speed=0.3): [0.2],
     REGISTRY["torque_offset"](joint=1): [0.15],

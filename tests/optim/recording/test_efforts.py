@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.signal import lfilter, savgol_coeffs, savgol_filter
 
@@ -573,3 +574,33 @@ def test_a_clock_that_stands_every_other_row_foretells_no_change_of_load(robot):
 def test_third_differences_of_white_noise_say_its_size():
     noise = np.random.default_rng(0).normal(0.0, 1.0, 100_000)
     assert np.median(np.abs(np.diff(noise, 3))) == pytest.approx(THIRD_DIFFERENCE, rel=0.02)
+
+
+def balls(masses):
+    """An arm whose links are balls of these masses [kg], 0.1 m in their radius of gyration."""
+    said = '<robot name="balls"><link name="b0"/>'
+    for k, m in enumerate(masses, start=1):
+        shape = f'<inertia ixx="{0.01 * m}" iyy="{0.01 * m}" izz="{0.01 * m}"'
+        said += f'<link name="b{k}"><inertial><origin xyz="0 0 0.05"/><mass value="{m}"/>{shape}'
+        said += f' ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{k}" type="revolute">'
+        said += f'<parent link="b{k - 1}"/><child link="b{k}"/><axis xyz="0 {1 - k % 2} {k % 2}"/>'
+        said += f'<origin xyz="0 0 {0.2 if k < 3 else 0.05}"/>'
+        said += '<limit lower="-3" upper="3" effort="99" velocity="9"/></joint>'
+    return Robot.from_urdf(said + "</robot>")
+
+
+def test_a_body_in_the_hand_is_a_payload_and_no_link_s_inertia():
+    """Of a shape like the links' own, and as far from the tip as the wrist is long."""
+    robot = balls((3.0, 3.5, 3.0, 2.5))
+    t, q, v, a = swing(4, 1000)
+    model = robot.dynamics().model.copy()
+    model.inertias[4] += pin.Inertia(0.4, np.array([0.03, -0.02, 0.12]), 0.004 * np.eye(3))
+    data = model.createData()
+    tau = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
+    sigma = np.full(4, 0.05)
+    tau += sigma * np.random.default_rng(0).normal(size=tau.shape)
+    given = {"q": q, "velocity": v, "acceleration": a, "time": t, "measured": tau}
+    (cause,) = diagnose(recorded(robot, **given, noise_by_joint=sigma)).causes
+    assert cause.effect == "payload"
+    assert cause.probability > 0.95
+    assert cause.parameters["mass"].value == pytest.approx(0.4, abs=0.05)
