@@ -39,9 +39,8 @@ def page(found: Reproduction) -> Page:
 
 
 def _picture(k: int, shown: Compared) -> Picture:
-    words = "Ours as dots, with one standard deviation where there is one; what the paper gives, "
-    words += "or what is asked, as diamonds."
-    return Picture(f"compared{k}-", shown.title, words, (compared(shown),), wide=True)
+    drawn = compared(shown)
+    return Picture.of("reproduction.compared", drawn, number=k, title=shown.title)
 
 
 def compared(shown: Compared) -> Figure:

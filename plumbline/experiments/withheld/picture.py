@@ -124,19 +124,6 @@ def page(score: Score) -> Page:
     late = (f"{score.missing} cases have no verdict.",) if score.missing else ()
     groups = scoring.by_level(score)
     columns = ("", *(f"{group.name} ({group.cases})" for group in groups))
-    curve = Picture(
-        "curve",
-        "Stated probabilities against what came true",
-        "Share of right statements by probability, with intervals; below, how many they were.",
-        (reliability_figure(score),),
-    )
-    confusion = Picture(
-        "confusion",
-        "What was taken for what",
-        "Cases of at most one cause. The shade is the share of the row.",
-        (confusion_figure(score),),
-        wide=True,
-    )
     most = scoring.mistakes(score)[:MOST_MISTAKES]
     wrong = [f"{m.truth} taken for {m.answer}: {m.count}" for m in most]
     percent = Grid(columns, scoring.rows_of(groups), range(1, 99))
@@ -150,8 +137,8 @@ def page(score: Score) -> Page:
             Part("Percent, with 95 % intervals", (), percent),
             *_by_effect(score),
             Part("Probabilities", (), None, scoring.calibration_lines(score)),
-            curve,
-            confusion,
+            Picture.of("withheld.curve", reliability_figure(score)),
+            Picture.of("withheld.confusion", confusion_figure(score)),
             *([Part("Most often taken for another", (), None, wrong)] if wrong else []),
         ),
     )

@@ -6,11 +6,13 @@ import html
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
+import plumbline.experiments
 from plumbline import PlumblineError, fit_dh, load, register, write_report
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.report.dh_fit.page import page as fit_page
@@ -18,7 +20,7 @@ from plumbline.experiments.report.diagnosis.rows import band, picture
 from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.diagnosis.turned import scene, turned
 from plumbline.experiments.report.drawn import of_diagnosis
-from plumbline.experiments.report.page.page import Grid, Made, Page, Part, page_html
+from plumbline.experiments.report.page.page import PICTURES, Grid, Made, Page, Part, page_html
 from plumbline.experiments.report.registration.figures import misfits_and_targets
 from plumbline.experiments.report.reproduction import compared
 from plumbline.experiments.report.style import by_depth, house_style, new_figure, numbered, svg
@@ -270,3 +272,14 @@ def test_of_a_fit_the_strongest_pairs_that_the_rows_hardly_tell_apart_are_said(
     assert pairs[0].endswith("-0.950")
     more = n * (n - 1) // 2 - said
     assert any(f"and {more} more pairs above 0.9" in line for line in lines) == (said > 0)
+
+
+def test_every_picture_that_is_told_is_drawn_and_every_one_drawn_is_told():
+    package = Path(plumbline.experiments.__file__).parent
+    sources = "".join(path.read_text() for path in package.rglob("*.py"))
+    rooms = "|".join(PICTURES)
+    named = set(re.findall(rf'"((?:{rooms})\.\w+)(?=[{{"])', sources))
+    suffixes = re.findall(r'"(_\w+)" (?:\*|if)', sources)
+    told = {f"{room}.{part}" for room, table in PICTURES.items() for part in table}
+    longer = {f"{name}{suffix}" for name in named for suffix in suffixes} & told
+    assert named | longer == told

@@ -29,13 +29,6 @@ def page(answer: Budget) -> Page:
         Tile("after all cures", quantity(answer.rms_after, "m"), f"RMS; 95 %: {then}"),
         Tile("mend first", answer.first[0].name, f"gains {quantity(answer.first[0].gain, 'm')}"),
     ]
-    picture = Picture(
-        "waterfall",
-        "Who contributes what",
-        "Mean squares add up, lengths do not: link by link to the error now, then cure by cure.",
-        (waterfall(answer),),
-        wide=True,
-    )
     rows = [[*row_of(part), part.origin] for part in answer.parts]
     links = Grid((*COLUMNS, "from"), rows, range(1, len(COLUMNS)))
     return Page(
@@ -44,7 +37,7 @@ def page(answer: Budget) -> Page:
         tone="explained",
         lead=(answer.headline.replace("->", "→") + ".", answer.next_step()),
         tiles=tiles,
-        parts=(picture, Part("The links", (), links)),
+        parts=(Picture.of("budget.waterfall", waterfall(answer)), Part("The links", (), links)),
     )
 
 

@@ -80,12 +80,9 @@ def _misfits(fit: DHFit, unseen: HeldOut | None) -> Part:
 
 
 def _pictures(fit: DHFit) -> list[Callable[[], Picture]]:
-    rows = "Grey with the drawing's links, blue with the fitted ones."
-    pairs = "Dark squares are pairs that move together: vary the poses more to tell them apart."
-    told = "Which estimates the readings hardly tell apart"
     return [
-        lambda: Picture("rows", "Misfit of every row", rows, (fit.plot("rows"),), wide=True),
-        lambda: Picture("correlations", told, pairs, (fit.plot("correlations"),), wide=True),
+        lambda: Picture.of("dh_fit.rows", fit.plot("rows")),
+        lambda: Picture.of("dh_fit.correlations", fit.plot("correlations")),
     ]
 
 

@@ -35,39 +35,24 @@ def motion_pictures(found: MotionDiagnosis) -> tuple[Picture, ...]:
 def _where(found: MotionDiagnosis) -> Picture | None:
     if not found.where:
         return None
-    first = found.where[0]
-    return Picture(
-        "where",
-        f"{percent(first.share)} of the explained gap comes from "
-        f"{place_words(first.stage, first.element)}",
-        "How much of the square each joint's causes take.",
-        (causes.shares(found.verdict),),
-        wide=True,
-    )
+    first, drawn = found.where[0], causes.shares(found.verdict)
+    words = place_words(first.stage, first.element)
+    return Picture.of("motion.where", drawn, share=percent(first.share), first=words)
 
 
 def _staircase(found: MotionDiagnosis) -> Picture | None:
-    if not found.causes:
-        return None
-    return Picture(
-        "staircase",
-        "The gap as the drives are corrected, one joint after the other",
-        "What is left on samples that the fit has not seen, over all joints.",
-        (causes.staircase(found.verdict),),
-        wide=True,
-    )
+    told = found.causes
+    return Picture.of("motion.staircase", causes.staircase(found.verdict)) if told else None
 
 
 def _ranking(found: MotionDiagnosis) -> Picture | None:
     if not found.candidates:
         return None
-    return Picture(
-        "ranking",
-        f"{counted(len(found.candidates), 'candidate')} considered, "
-        f"{counted(len(found.causes), 'cause')} found",
-        "How probable it is that each effect is at work; blue ones are in the verdict.",
-        (causes.ranking(found.verdict),),
-        wide=True,
+    return Picture.of(
+        "motion.ranking",
+        causes.ranking(found.verdict),
+        considered=counted(len(found.candidates), "candidate"),
+        named=counted(len(found.causes), "cause"),
     )
 
 
@@ -81,17 +66,9 @@ def _traces(found: MotionDiagnosis) -> Picture | None:
         quantity(float(np.sqrt(s.mean())), found.recording.unit)
         for s in (worst[1].before, worst[1].after)
     )
-    return Picture(
-        "traces",
-        f"{found.recording.noun.capitalize()} {worst[0].number} misses its command by {before}; "
-        f"with its causes {after} is left",
-        "Some seconds that no fit has seen, of joints with the largest gap. Above: command (grey), "
-        "what it did (black, white in the dark) and what the corrected drive foretells (blue, "
-        "dashed). Below: "
-        "what is left of the ideal drive (grey) and of the corrected one (blue).",
-        tuple(traces(found, joint.number) for joint, _ in pairs[:SHOWN]),
-        wide=True,
-    )
+    drawn = (traces(found, joint.number) for joint, _ in pairs[:SHOWN])
+    joint = f"{found.recording.noun.capitalize()} {worst[0].number}"
+    return Picture.of("motion.traces", *drawn, joint=joint, before=before, after=after)
 
 
 def traces(found: MotionDiagnosis, number: int) -> Figure:
@@ -123,16 +100,7 @@ def _bode(found: MotionDiagnosis) -> Picture | None:
     pairs = list(zip(found.joints, found.left_out, strict=True))
     joint = max(pairs, key=lambda pair: float(pair[1].before.mean()))[0]
     drawn = bode(found, joint.number)
-    if drawn is None:
-        return None
-    return Picture(
-        "bode",
-        f"What joint {joint.number} makes of its command, by frequency",
-        "Gain and phase from command to joint: measured (dots, where at least nine tenths of what "
-        "the joint does follow from its command) and of the drive with its causes (line).",
-        (drawn,),
-        wide=True,
-    )
+    return Picture.of("motion.bode", drawn, joint=joint.number) if drawn is not None else None
 
 
 def bode(found: MotionDiagnosis, number: int) -> Figure | None:

@@ -27,60 +27,37 @@ def of_diagnosis(diagnosis: Diagnosis) -> dict[str, Picture]:
 
 
 def _where(subject: Subject) -> Picture | None:
-    where = subject.verdict.where
+    where, stages = subject.verdict.where, subject.recording.stand_in
     if not where:
         return None
     first = place_words(where[0].stage, where[0].element)
     first = first if where[0].element is not None else f"the {first}"
     of = "explained gap comes from" if subject.verdict.causes else "gap points to"
-    title = f"{percent(where[0].share)} of the {of} {first}"
-    if subject.recording.stand_in:
-        return Picture(
-            "where",
-            title,
-            "Shares of what the causes explain, by the place where they sit; they sum to one.",
-            (causes.shares(subject.verdict),),
-        )
-    return Picture(
-        "where",
-        title,
-        "The arm in a typical recorded posture, joints numbered from the base. The more of the gap "
-        "a part accounts for, the deeper its orange; grey parts are innocent as far as is known. "
-        "What is not part of the arm is in the bars alone.",
-        (arm(subject), causes.shares(subject.verdict)),
-    )
+    drawn = [causes.shares(subject.verdict)]
+    drawn = drawn if stages else [arm(subject), *drawn]
+    name = "diagnosis.where" + "_of_stages" * stages
+    return Picture.of(name, *drawn, share=percent(where[0].share), of=of, first=first)
 
 
 def _ripples(subject: Subject) -> Picture | None:
     found = causes.with_curves(subject.verdict)
-    if not found:
-        return None
-    return Picture(
-        "ripples",
-        "Ripples of joints over their own angle",
-        "All orders of a ripple together, over the range that was recorded, with a band of two "
-        "standard errors on either side.",
-        (causes.curves(found),),
-    )
+    return Picture.of("diagnosis.ripples", causes.curves(found)) if found else None
 
 
 def _staircase(subject: Subject) -> Picture | None:
     verdict = subject.verdict
     if not verdict.staircase:
         return None
-    ratio = verdict.gap.after / max(verdict.gap.noise_floor, 1e-300)
-    count = len(verdict.causes)
-    held = "The last bar is the gap's own; those of fewer causes are in proportion to it. "
+    last = "The last bar is the gap's own; those of fewer causes are in proportion to it. "
     known = verdict.knows_noise
-    left = "the noise" if known else "what the fit of all rows leaves"
-    line = "the instrument's noise alone would give" if known else "the fit of all rows leaves"
-    return Picture(
-        "staircase",
-        f"With {held_words(verdict)} in the model, {significant(ratio, 2)} times {left} is left",
-        "What is left on rows that the fit has not seen, as the causes go into the model one after "
-        f"the other. {held if count else ''}The dashed line is what {line}.",
-        (causes.staircase(verdict),),
-        wide=True,
+    return Picture.of(
+        "diagnosis.staircase",
+        causes.staircase(verdict),
+        held=held_words(verdict),
+        ratio=significant(verdict.gap.after / max(verdict.gap.noise_floor, 1e-300), 2),
+        left="the noise" if known else "what the fit of all rows leaves",
+        last=last if verdict.causes else "",
+        line="the instrument's noise alone would give" if known else "the fit of all rows leaves",
     )
 
 
@@ -89,16 +66,13 @@ def _ranking(subject: Subject) -> Picture | None:
     if not causes.ranked(verdict):
         return None
     considered = max(len(verdict.candidates), len(verdict.causes))
-    named = counted(len(verdict.causes), "cause") if verdict.causes else "no cause"
     less = considered - len(causes.ranked(verdict))
-    hidden = f"; {less} less probable ones are not drawn" if less > 0 else ""
-    return Picture(
-        "ranking",
-        f"{counted(considered, 'candidate')} considered, {named} found",
-        "How probable it is that each effect is at work, given all else in the verdict. "
-        f"Blue ones are in the verdict, grey ones are not{hidden}.",
-        (causes.ranking(verdict),),
-        wide=True,
+    return Picture.of(
+        "diagnosis.ranking",
+        causes.ranking(verdict),
+        considered=counted(considered, "candidate"),
+        named=counted(len(verdict.causes), "cause") if verdict.causes else "no cause",
+        hidden=f"; {less} less probable ones are not drawn" if less > 0 else "",
     )
 
 
@@ -106,58 +80,26 @@ def _workspace(subject: Subject) -> Picture | None:
     if subject.encoders or subject.recording.element is not None:
         return None
     before, after = (float(np.nanpercentile(s, 95.0)) for s in subject.sizes)
-    return Picture(
-        "workspace",
-        f"95 % of the tips lie within {significant(after)} {subject.unit} of their prediction"
-        + (f", where it was {significant(before)} {subject.unit}" if after != before else ""),
-        "Every dot is a row, where the tip was; its colour is the distance between the predicted "
-        "and the measured tip, on one scale for all panels. Structure that remains below is "
-        "structure that no named cause explains.",
-        figures.workspace(subject),
-        last_wide=True,
-    )
+    drawn, unit = figures.workspace(subject), subject.unit
+    was = f", where it was {significant(before)} {unit}" if after != before else ""
+    return Picture.of("diagnosis.workspace", *drawn, after=significant(after), unit=unit, was=was)
 
 
 def _beam(subject: Subject) -> Picture | None:
-    if not subject.ranges:
-        return None
-    return Picture(
-        "beam",
-        "Residuals over the angle and the length of the beam",
-        "Predicted less measured range, grey before, blue with the causes in the model. A line "
-        "that bends over the angle tells of slanted beams, one that climbs over the range of the "
-        "finder's scale.",
-        parts.over_the_beam(subject),
-    )
+    return Picture.of("diagnosis.beam", *parts.over_the_beam(subject)) if subject.ranges else None
 
 
 def _planes(subject: Subject) -> Picture | None:
-    if not subject.ranges:
-        return None
-    return Picture(
-        "planes",
-        "Where on each plane the ranges are missed",
-        "Every dot is where a beam met the plane; red where the prediction is longer than the "
-        "reading, so that the plane stands out, blue where it is shorter.",
-        parts.over_planes(subject),
-        last_wide=True,
-    )
+    return Picture.of("diagnosis.planes", *parts.over_planes(subject)) if subject.ranges else None
 
 
 def _markers(subject: Subject) -> Picture | None:
     if not subject.touches:
         return None
-    before, after = (_worst_marker(subject, sizes) for sizes in subject.sizes)
-    return Picture(
-        "markers",
-        f"The worst marker is missed by {significant(before[1])} {subject.unit} before (marker "
-        f"{before[0]}), by {significant(after[1])} {subject.unit} after",
-        "Every dot is a touch: how far it lies from where CT and the rigid transform put the "
-        "marker, grey before, blue with the causes in the model; each touch was left out of its "
-        "own fit.",
-        parts.by_marker(subject),
-        wide=True,
-    )
+    (first, before), (_, after) = (_worst_marker(subject, sizes) for sizes in subject.sizes)
+    told = {"first": first, "before": significant(before), "after": significant(after)}
+    drawn = parts.by_marker(subject)
+    return Picture.of("diagnosis.markers", *drawn, unit=subject.unit, **told)
 
 
 def _worst_marker(subject: Subject, sizes: Array) -> tuple[int, float]:
@@ -179,14 +121,8 @@ def _joints(subject: Subject) -> Picture | None:
         title, line = _joint_told(subject), "means"
     else:
         title, what, line = _flatter(subject), "Size of the residual", "medians"
-    return Picture(
-        "joints",
-        title,
-        f"{what} over the reading of each joint: grey before, blue with the causes in the model. "
-        f"Lines are running {line}; a line that is not level says that the error changes along "
-        "that joint's travel, whatever part causes it.",
-        figures.over_joints(subject),
-    )
+    drawn = figures.over_joints(subject)
+    return Picture.of("diagnosis.joints", *drawn, title=title, what=what, line=line)
 
 
 def _flatter(subject: Subject) -> str:
@@ -223,45 +159,19 @@ def _joint_told(subject: Subject) -> str:
 
 def _velocity(subject: Subject) -> Picture | None:
     drawn = figures.over_velocity(subject)
-    if not drawn:
-        return None
-    return Picture(
-        "velocity",
-        "Residuals over each joint's velocity",
-        "A step at zero is dry friction, a slope or a bend friction that grows with the speed."
-        if subject.torques
-        else "A step at zero is play or friction; a slope is a delay or a drive that yields.",
-        drawn,
-    )
+    name = "diagnosis.velocity" + "_of_efforts" * subject.torques
+    return Picture.of(name, *drawn) if drawn else None
 
 
 def _friction(subject: Subject) -> Picture | None:
     drawn = torques.friction(subject)
-    if not drawn:
-        return None
-    return Picture(
-        "friction",
-        f"Friction of {counted(len(drawn), 'joint')} over the velocity",
-        "Lines are the friction of all causes together, with a band of two standard errors on "
-        "either side; dots are what the rows have for it, other causes taken away. Where friction "
-        "depends on the load it is drawn at the joint's median.",
-        drawn,
-    )
+    joints = counted(len(drawn), "joint")
+    return Picture.of("diagnosis.friction", *drawn, joints=joints) if drawn else None
 
 
 def _torques(subject: Subject) -> Picture | None:
     drawn = torques.torques(subject) if subject.torques else ()
-    if not drawn:
-        return None
-    return Picture(
-        "torques",
-        "Torque over time, of the joints that miss it most for their noise",
-        "Above: the model alone (grey), what was measured (black, white in the dark) and the model "
-        "with its causes "
-        "(blue, dashed). Below: what each leaves, on rows that the fit has not seen.",
-        drawn,
-        wide=True,
-    )
+    return Picture.of("diagnosis.torques", *drawn) if drawn else None
 
 
 def _time(subject: Subject) -> Picture | None:
@@ -276,14 +186,7 @@ def _time(subject: Subject) -> Picture | None:
             f"{significant(float(median.min()))} and {significant(float(median.max()))} "
             f"{subject.unit}"
         )
-    return Picture(
-        "time",
-        title,
-        "Grey before, blue after. A line that climbs or jumps tells of drift or of a base that "
-        "moved.",
-        drawn,
-        wide=True,
-    )
+    return Picture.of("diagnosis.time", *drawn, title=title)
 
 
 def _noise(subject: Subject) -> Picture | None:
@@ -292,10 +195,9 @@ def _noise(subject: Subject) -> Picture | None:
     if np.isfinite(noise.ratio) and subject.verdict.knows_noise:
         left = "what is left" if subject.verdict.verdict != Outcome.NO_GAP else "the residual"
         title = f"Fitted to all rows, {left} is {significant(noise.ratio)} times the noise"
-    words = "Single readings' residuals before (grey) and after (blue) as densities."
-    if np.isfinite(noise.sigma):
-        words += f" The line is the noise: {noise_words(noise, unit)}."
-    return Picture("noise", title, words, (figures.against_noise(subject),), wide=True)
+    known = np.isfinite(noise.sigma)
+    line = f" The line is the noise: {noise_words(noise, unit)}." if known else ""
+    return Picture.of("diagnosis.noise", figures.against_noise(subject), title=title, line=line)
 
 
 MAKERS: tuple[Callable[[Subject], Picture | None], ...] = (

@@ -79,15 +79,7 @@ def picture(counts: Sequence[int]) -> Picture:
     """The counts as bars: even ones say that stated errors are right."""
     low, high = band(counts)
     outside = sum(not low <= count <= high for count in counts)
-    return Picture(
-        "ranks",
-        f"True values by tenths of what was stated: {outside} of {len(counts)} outside of the band",
-        "How often a simulated case's true value lay in each tenth of what was stated of it. Even "
-        "bars say that stated errors are right; high ends, that they are too small; a high middle, "
-        "that they are too large.",
-        (histogram(counts),),
-        wide=True,
-    )
+    return Picture.of("diagnosis.ranks", histogram(counts), outside=outside, all=len(counts))
 
 
 def histogram(counts: Sequence[int]) -> Figure:

@@ -65,14 +65,7 @@ def _beam(answer: HandEye) -> Part:
 def _pictures(answer: HandEye) -> Picture:
     from plumbline.experiments.report.hand_eye.pictures import bows, residuals
 
-    return Picture(
-        "left",
-        "What the fit leaves over",
-        "Distances of the readings from their boards over the angle of the beam, and where each "
-        "board stands out of its plane.",
-        (residuals(answer.calibration), bows(answer.calibration)),
-        wide=True,
-    )
+    return Picture.of("hand_eye.left", residuals(answer.calibration), bows(answer.calibration))
 
 
 def _planes(answer: HandEye) -> Part:

@@ -1,6 +1,5 @@
 """What is said of a scan: angles between faces, where it lies on a surface, its points."""
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ def page(answer: ScanAnswer) -> Page:
         lead=_lead(answer),
         tiles=_tiles(answer),
         parts=(*angles, *laid, *([Part("Notes", (), None, notes)] if notes else []),
-               partial(_picture, answer)),
+               lambda: Picture.of("hand_eye.scan", scan_picture(answer))),
         sha256=answer.recording.sha256,
     )  # fmt: skip
 
@@ -91,11 +90,6 @@ def _surface(answer: ScanAnswer) -> list[Part]:
     columns = ("target", "x [mm]", "y [mm]", "z [mm]", "standard error")
     grid = Grid(columns, rows, range(1, 5)) if rows else None
     return [Part("Laid on the surface of CT", words, grid)]
-
-
-def _picture(answer: ScanAnswer) -> Picture:
-    title = "Rebuilt points"
-    return Picture("scan", title, "In the base frame.", (scan_picture(answer),), wide=True)
 
 
 def scan_picture(answer: ScanAnswer) -> Figure:

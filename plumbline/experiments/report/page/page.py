@@ -7,6 +7,7 @@ scene shows is in an attribute, read as JSON.
 from __future__ import annotations
 
 import html
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -29,6 +30,9 @@ COLOURS = {  # of verdicts; legible on light and on dark
     "outside-library": "#b34700",
 }
 DAY = "--ink:#22262b;--muted:#6f757d;--faint:#b9bec5;--paper:#fff"  # as in style.css.j2
+PICTURES: dict[str, Any] = tomllib.loads(
+    (files(ROOM) / "pictures.toml").read_text(encoding="utf-8")
+)
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,15 @@ class Picture:
     figures: tuple[Figure, ...]  # the figures, side by side where there is room
     wide: bool = False  # whether each takes the page's full width
     last_wide: bool = False  # whether the last one does, being the scale of the others
+
+    @classmethod
+    def of(cls, name: str, *figures: Figure, **said: object) -> Picture:
+        """One of ``pictures.toml``, with what is said in the place of its braces."""
+        room, _, part = name.partition(".")
+        told = {"key": part} | PICTURES[room][part]
+        key, title, words = (told[which].format(**said) for which in ("key", "title", "words"))
+        wide, last_wide = (told.get(which, False) for which in ("wide", "last_wide"))
+        return cls(key, title, words, figures, wide, last_wide)
 
     def __repr__(self) -> str:
         return f"<Picture {self.key!r}: {self.title[:200]}>"

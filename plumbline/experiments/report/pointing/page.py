@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,10 +31,17 @@ def sweep_page(answer: Sweep) -> Page:
         ("planned in front of", ", ".join(answer.constrained) or "nothing: all pairs judged alone"),
         ("not judged", ", ".join(answer.left_out) or "nothing"),
     ]
-    drawn = partial(_picture, answer, "joints", "The path of the joints", joint_path)
     safe = int(answer.safe.sum())
     counts = Counter(answer.status).most_common()
-    return _page(answer, "Sweep", safe, safe == len(answer), lines, counts, drawn)
+    return _page(
+        answer,
+        "Sweep",
+        safe,
+        safe == len(answer),
+        lines,
+        counts,
+        lambda: Picture.of("pointing.joints", joint_path(answer)),
+    )
 
 
 def map_page(answer: AngleMap) -> Page:
@@ -47,9 +53,16 @@ def map_page(answer: AngleMap) -> Page:
         ("cone that is safe all around", cone),
         ("least clearance of a safe angle", _least(answer.clearance[answer.safe], 1e3, "mm")),
     ]
-    drawn = partial(_picture, answer, "angles", "Which angles are safe", angle_map)
     safe = int(answer.safe.sum())
-    return _page(answer, "Map", safe, safe > 0, lines, answer.counts(), drawn)
+    return _page(
+        answer,
+        "Map",
+        safe,
+        safe > 0,
+        lines,
+        answer.counts(),
+        lambda: Picture.of("pointing.angles", angle_map(answer)),
+    )
 
 
 def _page(
@@ -76,10 +89,6 @@ def _page(
         ),
         warnings=answer.judged.failures,
     )
-
-
-def _picture(answer: Any, key: str, title: str, draw: Any) -> Picture:
-    return Picture(key, title, "", (draw(answer),), wide=True)
 
 
 def _most(values: Array, factor: float, unit: str, form: str = "{:.3g}") -> str:

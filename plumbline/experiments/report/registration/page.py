@@ -117,15 +117,8 @@ def _targets(told: Mapping[str, Any]) -> list[Part]:
 def _picture(answer: Registration) -> Picture:
     from plumbline.experiments.report.registration.figures import misfits_and_targets
 
-    targets = bool(len(answer.recording.targets.labels))
-    return Picture(
-        "misfits",
-        "Misfits of the markers" + " and what they make of the targets" * targets,
-        "Bars are in mm; a marker that is not used is hollow."
-        + " Whiskers hold 95 of 100 targets." * targets,
-        (misfits_and_targets(answer),),
-        wide=True,
-    )
+    besides = "_and_targets" if len(answer.recording.targets.labels) else ""
+    return Picture.of(f"registration.misfits{besides}", misfits_and_targets(answer))
 
 
 def _markers(answer: Registration, told: Mapping[str, Any]) -> Part:
