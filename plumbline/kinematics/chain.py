@@ -192,10 +192,11 @@ class Chain:
         Raises:
             PlumblineError: A posture has another number of joints, or is no list of numbers.
         """
-        postures = self._postures(q)
+        postures = self.postures(q)
         return by_columns(over_rows(self._placement, postures)[0][:, 0])
 
-    def _postures(self, q: ArrayLike) -> Array:
+    def postures(self, q: ArrayLike) -> Array:
+        """Postures (N, n) from (N, n) or (n,); refused if they are of other joints."""
         try:
             postures = np.atleast_2d(np.asarray(q, dtype=float))
         except (TypeError, ValueError):

@@ -189,7 +189,7 @@ def _check_same_robot(recording: Recording, other: Recording) -> None:
                 f"--also {other.name}: {what} {two}, expected {one} as in {recording.name}; give a "
                 "recording of the same robot"
             )
-    if not placed_alike(recording, other):
+    if not placed_alike(recording.chain, other.chain):
         raise PlumblineError(
             f"--also {other.name}: robot {other.robot.name} with joints placed elsewhere, expected "
             f"{recording.robot.name} as in {recording.name}; give a recording of the same robot"

@@ -30,8 +30,8 @@ from plumbline.optim.measurement.torque import own_units, stated_noise
 from plumbline.optim.model.constants import CHANGED, MARGIN, NAMED, STILL_HOLDS, WORTH
 from plumbline.optim.model.fitted import Fitted, by_effect
 from plumbline.optim.model.rows import columns_of
-from plumbline.optim.recording.constants import ONE_ROBOT
 from plumbline.optim.recording.recording import Recording
+from plumbline.optim.recording.session import placed_alike
 from plumbline.optim.recording.table import row_numbers
 
 NUISANCES = (
@@ -215,9 +215,7 @@ def refuse_another_robot(model: Fitted, other: Recording) -> None:
     for what, one, two in (joints, kinds):
         if one != two:
             raise fault(f"{other.name}, {what}", two, f"{one} as in {model.recording}", mend)
-    both = zip(model.chain.joints[1:], other.chain.joints[1:], strict=True)
-    placed = [np.abs(a.T_parent_joint - b.T_parent_joint).max() for a, b in both]
-    if max(placed, default=0.0) > ONE_ROBOT:
+    if not placed_alike(model.chain, other.chain):
         found = f"{other.robot.name} with joints placed elsewhere"
         raise fault(f"{other.name}, robot", found, model.robot.name, mend)
 

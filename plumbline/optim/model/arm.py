@@ -50,10 +50,6 @@ class Arm(Fitted):
 
     def rows(self, q: ArrayLike, **context: ArrayLike) -> Array:
         """What the model reads (N, k) of postures (N, n) or (n,) and their context, or refuses."""
-        return self.rows_of(q, context)
-
-    def rows_of(self, q: ArrayLike, context: Mapping[str, ArrayLike]) -> Array:
-        """The same with the context as a mapping."""
         statement = self.statement
         return statement.values(self.columns(postures(self.chain, q), context, statement.used))
 
@@ -96,19 +92,34 @@ class Arm(Fitted):
             **context: As of :meth:`placement`.
         """
         rows = self.rows(q, **context)
-        slope = over_rows(self._by_unknowns(device=device), rows)[0].transpose(0, 2, 1)
+        slope = over_rows(_by_unknowns(self.statement, device=device), rows)[0].transpose(0, 2, 1)
         return np.asarray(slope @ self.covariance @ slope.transpose(0, 2, 1))
 
-    def _by_unknowns(self, *, device: bool) -> cs.Function:
-        if device not in self._slopes:
-            self._slopes[device] = self.statement.by_unknowns(device=device)
-        return self._slopes[device]
+    def tau(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, **context: ArrayLike) -> Array:
+        """What the drives read (N, n) [N m or N] when the joints move so; of a model of efforts.
 
-    @cached_property
-    def _slopes(self) -> dict[bool, cs.Function]:
-        return {}
+        Args:
+            q: Joints (N, n) or (n,) [rad or m].
+            v: Their velocities, as many; friction goes with their sign, 0 at rest.
+            a: Their accelerations, as many.
+            **context: As of :meth:`placement`.
+
+        Raises:
+            PlumblineError: Rows that cannot be used, or a model of something else than efforts.
+        """
+        efforts = efforts_of(self)
+        return over_rows(efforts.torque, efforts.rows(q, v, a, context))[0][:, 0]
+
+    def tau_covariance(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, **context: ArrayLike
+    ) -> Array:
+        """Covariance (N, n, n) [(N m)^2] of :meth:`tau`, from that of all that was fitted."""
+        efforts, first = efforts_of(self), len(self.nuisance_names)
+        made = over_rows(efforts.slope, efforts.rows(q, v, a, context))[0]
+        return np.asarray(made.transpose(0, 2, 1) @ self.covariance[first:, first:] @ made)
 
 
+_by_unknowns = lru_cache(maxsize=8)(ModelFunctions.by_unknowns)
 MOTION = ("q", "velocity", "acceleration")
 
 
@@ -131,6 +142,14 @@ class Efforts:
     def row(self) -> cs.SX:
         """The row (k,) of all used columns."""
         return cs.vertcat(*[self.symbols[name] for name in self.used])
+
+    def rows(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, context: Mapping[str, ArrayLike]
+    ) -> Array:
+        """Rows (N, k) of joints, velocities and accelerations, each (N, n), and their context."""
+        given = {"effort": 0.0, **context, "velocity": v, "acceleration": a}
+        columns = self.arm.columns(postures(self.arm.chain, q), given)
+        return np.hstack([columns[name] for name in self.used])
 
     @cached_property
     def torque(self) -> cs.Function:
@@ -177,36 +196,3 @@ def efforts_of(arm: Arm) -> Efforts:
                     f"one of {EFFORTS}", "diagnose efforts, and take their model")  # fmt: skip
     columns = arm.columns(np.zeros((1, arm.chain.n)), {})
     return Efforts(arm, {name: cs.SX.sym(name, v.shape[1]) for name, v in columns.items()})
-
-
-def tau(
-    arm: Arm, q: ArrayLike, v: ArrayLike, a: ArrayLike, context: Mapping[str, ArrayLike]
-) -> Array:
-    """Efforts (N, n) [N m or N]; see :meth:`plumbline.optim.model.model.Model.tau`.
-
-    Raises:
-        PlumblineError: Rows that cannot be used, or a model of something else.
-    """
-    return over_rows(efforts_of(arm).torque, _rows(arm, q, v, a, context))[0][:, 0]
-
-
-def tau_covariance(
-    arm: Arm, q: ArrayLike, v: ArrayLike, a: ArrayLike, context: Mapping[str, ArrayLike]
-) -> Array:
-    """Covariance (N, n, n) [(N m)^2] of these efforts, from that of all that was fitted.
-
-    Raises:
-        PlumblineError: Rows that cannot be used, or a model of something else.
-    """
-    made = over_rows(efforts_of(arm).slope, _rows(arm, q, v, a, context))[0]
-    slope = made.transpose(0, 2, 1)
-    first = len(arm.nuisance_names)
-    return np.asarray(slope @ arm.covariance[first:, first:] @ made)
-
-
-def _rows(
-    arm: Arm, q: ArrayLike, v: ArrayLike, a: ArrayLike, context: Mapping[str, ArrayLike]
-) -> Array:
-    given = {"effort": 0.0, **context, "velocity": v, "acceleration": a}
-    columns = arm.columns(postures(arm.chain, q), given)
-    return np.hstack([columns[name] for name in efforts_of(arm).used])

@@ -22,7 +22,7 @@ from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model import constants
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.near import Context, near, pathed
-from plumbline.optim.model.rows import of_rows, postures
+from plumbline.optim.model.rows import of_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,29 +46,7 @@ class Command:
         )
 
 
-def command(arm: Arm, q_wanted: ArrayLike, context: Context) -> Command:
-    """What to command so that the tool comes where a faultless arm at ``q_wanted`` has it."""
-    wanted = postures(arm.chain, q_wanted)
-    _refuse_outside(arm, wanted)
-    goal = arm.nominal.placement(wanted)
-    return _solved(arm, wanted, goal, context, placed=True)
-
-
-def beyond(links: Arm, q: Array, goal: Array) -> Array:
-    """What to add to readings (N, n) so that ``links`` have the tool at the goals (N, 4, 4)."""
-    return np.asarray(_solved(links, q, goal, {}, placed=True).q - q)
-
-
-def command_for(arm: Arm, pose: ArrayLike, near: ArrayLike | None, context: Context) -> Command:
-    """What to command so that the tool comes to a pose, or its tip to a point."""
-    goal, posed = _goals(pose)
-    if near is None:
-        return _nearest(arm, goal, _starts(arm, goal, posed=posed), context, posed=posed)
-    start = np.broadcast_to(postures(arm.chain, near), (len(goal), arm.chain.n))
-    return _nearest(arm, goal, [start], context, posed=posed)
-
-
-def _nearest(
+def nearest(
     arm: Arm, goal: Array, starts: list[Array], context: Context, *, posed: bool
 ) -> Command:
     """The first start that arrives; the best of all where none does."""
@@ -77,7 +55,7 @@ def _nearest(
     for start in starts:
         some = of_rows(context, open_rows, len(goal))
         there = _approach(arm, start[open_rows], goal[open_rows], posed=posed)
-        found = _solved(arm, there, goal[open_rows], some, placed=posed)
+        found = solved(arm, there, goal[open_rows], some, placed=posed)
         best = found if best is None else _better(best, found, open_rows)
         short = ~best.reached | ((best.turned > constants.REACHED / constants.NEAR_LEVER) & posed)
         open_rows = np.flatnonzero(short)
@@ -96,7 +74,7 @@ def _placed(arm: Arm, goal: Array, starts: list[Array], context: Context, best: 
         some = of_rows(context, rows, len(goal))
         there = _approach(arm, start[rows], goal[rows], posed=False)
         there = _approach(arm, there, goal[rows], posed=True, dear=constants.PLACE_FIRST)
-        best = _better(best, _solved(arm, there, goal[rows], some, placed=True, far=True), rows)
+        best = _better(best, solved(arm, there, goal[rows], some, placed=True, far=True), rows)
     return best
 
 
@@ -111,7 +89,7 @@ def _better(best: Command, found: Command, rows: Indices) -> Command:
     return Command(**merged)
 
 
-def _starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
+def starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
     """Postures of the recording, those whose tools are nearest to each goal first."""
     known = arm.samples["q"]
     T = arm.nominal.placement(known)
@@ -123,7 +101,8 @@ def _starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
     return [known[order[:, k]] for k in range(order.shape[1])]
 
 
-def _goals(pose: ArrayLike) -> tuple[Array, bool]:
+def goals(pose: ArrayLike) -> tuple[Array, bool]:
+    """Poses (N, 4, 4) [m], and whether their orientations count: points have none."""
     try:
         given = np.asarray(pose, dtype=float)
     except (TypeError, ValueError):
@@ -150,7 +129,8 @@ def _goals(pose: ArrayLike) -> tuple[Array, bool]:
     return T, True
 
 
-def _refuse_outside(arm: Arm, q: Array) -> None:
+def refuse_outside(arm: Arm, q: Array) -> None:
+    """Refuse postures (N, n) outside of the joints' limits."""
     over = np.maximum(arm.chain.lower - q, q - arm.chain.upper)
     for row, joint in np.argwhere(over > constants.SLACK)[:1]:
         low, high = arm.chain.lower[joint], arm.chain.upper[joint]
@@ -170,7 +150,7 @@ def _approach(arm: Arm, q: Array, goal: Array, *, posed: bool, dear: float = 1.0
     return _walk(arm.nominal, q, goal, {}, None, lever, weight=weight, steps=steps, damping=damping)
 
 
-def _solved(
+def solved(
     arm: Arm, wanted: Array, goal: Array, context: Context, *, placed: bool, far: bool = False
 ) -> Command:
     """Commands about postures; where the orientation is ``far`` out of reach the place counts."""

@@ -74,10 +74,7 @@ def _effects(servo: Servo, law: Law) -> Iterator[list[str]]:
 
 def read(path: str | Path) -> dict[str, Any]:
     """The fields of stored drives (PlumblineError: no such file, no drives, or a damaged file)."""
-    top = reading.settings_of(path)
-    for key, expected in (("format", FORMAT), ("version", VERSION)):
-        if top.values.get(key) != expected:
-            raise top.fault(key, shown(expected), "give what --model wrote of a motion")
+    top = reading.settings_of(path, FORMAT, VERSION)
     robot, _ = reading.robot_of(top.section("robot"))
     joints = top.words("joints") or ()
     n = len(joints)

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import NoReturn, Self
 
 import casadi as cs
+import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
 from plumbline.kinematics.files import new_file
 from plumbline.optim.core.problem import Array
-from plumbline.optim.model.arm import Arm, tau, tau_covariance
-from plumbline.optim.model.command import Command, beyond, command, command_for
+from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.command import Command, goals, nearest, refuse_outside, solved, starts
 from plumbline.optim.model.export.code import as_c, c_code, function
 from plumbline.optim.model.export.exported import Exported
 from plumbline.optim.model.export.geometry import fixed_part
@@ -30,26 +31,6 @@ from plumbline.optim.model.stored import text_of
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Arm):
     """An arm as a diagnosis found it, and what to do with it."""
-
-    def tau(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, **context: ArrayLike) -> Array:
-        """What the drives read (N, n) [N m or N] when the joints move so; of a model of efforts.
-
-        Args:
-            q: Joints (N, n) or (n,) [rad or m].
-            v: Their velocities, as many; friction goes with their sign, 0 at rest.
-            a: Their accelerations, as many.
-            **context: As of :meth:`placement`.
-
-        Raises:
-            PlumblineError: Rows that cannot be used, or a model of something else than efforts.
-        """
-        return tau(self, q, v, a, context)
-
-    def tau_covariance(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, **context: ArrayLike
-    ) -> Array:
-        """Covariance (N, n, n) [(N m)^2] of :meth:`tau`, from that of all that was fitted."""
-        return tau_covariance(self, q, v, a, context)
 
     def rollout(self, time: ArrayLike, command: ArrayLike) -> NoReturn:
         """What joints do with commands is told by :class:`.Drives` alone, the model of a motion.
@@ -70,7 +51,9 @@ class Model(Arm):
         Raises:
             PlumblineError: A posture outside of the joints' limits, or one that cannot be used.
         """
-        return command(self, q_wanted, context)
+        wanted = postures(self.chain, q_wanted)
+        refuse_outside(self, wanted)
+        return solved(self, wanted, self.nominal.placement(wanted), context, placed=True)
 
     def joint_command_for(
         self, pose: ArrayLike, *, near: ArrayLike | None = None, **context: ArrayLike
@@ -86,7 +69,12 @@ class Model(Arm):
         Raises:
             PlumblineError: Neither poses nor points, or a posture that cannot be used.
         """
-        return command_for(self, pose, near, context)
+        goal, posed = goals(pose)
+        if near is None:
+            about = starts(self, goal, posed=posed)
+        else:
+            about = [np.broadcast_to(postures(self.chain, near), (len(goal), self.chain.n))]
+        return nearest(self, goal, about, context, posed=posed)
 
     def corrections_beyond_links(self, q: ArrayLike, **context: ArrayLike) -> Array:
         """What to add to readings (N, n) [rad or m] so that exported links say what the model says.
@@ -98,7 +86,8 @@ class Model(Arm):
             q: Joint readings (N, n) or (n,).
             **context: As of :meth:`placement`.
         """
-        return beyond(fixed_part(self), postures(self.chain, q), self.placement(q, **context))
+        read, goal = postures(self.chain, q), self.placement(q, **context)
+        return np.asarray(solved(fixed_part(self), read, goal, {}, placed=True).q - read)
 
     def function(self) -> cs.Function:
         """``(q, ...) -> (T_base_tool (4, 4), J (6, n))`` as a CasADi function of what is read.

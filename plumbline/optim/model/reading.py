@@ -32,8 +32,7 @@ SAVE_IT = "save the model again"
 
 def read(path: str | Path) -> dict[str, Any]:
     """The fields of a stored model (PlumblineError: no such file, no model, or a damaged one)."""
-    top = settings_of(path)
-    _check_format(top)
+    top = settings_of(path, FORMAT, VERSION)
     robot, tip = robot_of(top.section("robot"))
     effects, values = _effects(top)
     found = _parts(top, robot, tip) | {"effects": effects, "values": values}
@@ -42,14 +41,19 @@ def read(path: str | Path) -> dict[str, Any]:
     return found
 
 
-def settings_of(path: str | Path) -> Section:
-    """What a file of TOML says (PlumblineError: it cannot be read)."""
+def settings_of(path: str | Path, form: str, version: int) -> Section:
+    """What a file of TOML says (PlumblineError: it cannot be read, or is of another form)."""
     try:
         data = read_file(Path(path), LARGEST_MODEL)
     except (OSError, ValueError) as error:
         why = f"{path}: cannot be read ({reason(error)}); check the path"
         raise PlumblineError(one_line(why)) from None
-    return read_settings(Path(path).name, data)
+    top = read_settings(Path(path).name, data)
+    if top.values.get("format") != form:
+        raise top.fault("format", f"{form!r}", "give what --model or save wrote")
+    if top.values.get("version") != version:
+        raise top.fault("version", str(version), SAVE_IT)
+    return top
 
 
 def tables_of(section: Section, key: str, title: str) -> list[dict[str, object]]:
@@ -58,13 +62,6 @@ def tables_of(section: Section, key: str, title: str) -> list[dict[str, object]]
     if not isinstance(blocks, list) or not all(isinstance(block, dict) for block in blocks):
         raise section.fault(key, f"tables [[{title}]]", SAVE_IT)
     return blocks
-
-
-def _check_format(top: Section) -> None:
-    if top.values.get("format") != FORMAT:
-        raise top.fault("format", f"{FORMAT!r}", "give what --model or Model.save wrote")
-    if top.values.get("version") != VERSION:
-        raise top.fault("version", str(VERSION), SAVE_IT)
 
 
 def robot_of(section: Section) -> tuple[Robot, str]:

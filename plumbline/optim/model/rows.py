@@ -11,7 +11,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.errors import PlumblineError, best_matches, fault, listed
+from plumbline.errors import best_matches, fault, listed
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.evaluate import over_rows
@@ -126,22 +126,16 @@ def _shaped(name: str, values: ArrayLike, rows: int, width: int) -> Array:
         found = f"shape {np.shape(values)}" if np.size(values) else "nothing"
         mend = "give one value, or one a row"
         raise fault(f"model, {name}", found, f"({rows}, {width})", mend) from None
-    if not (np.abs(shaped) <= LARGEST).all():
+    return _finite(name, shaped)
+
+
+def _finite(name: str, values: Array) -> Array:
+    if not (np.abs(values) <= LARGEST).all():
         raise fault(f"model, {name}", "a value that is not finite or far too large", "a finite one",
                     f"give numbers up to {LARGEST:g}")  # fmt: skip
-    return shaped
+    return values
 
 
 def postures(chain: Chain, q: ArrayLike) -> Array:
     """Postures (N, n) from (N, n) or (n,), refused if of other joints or not finite."""
-    try:
-        table = np.atleast_2d(np.asarray(q, dtype=float))
-    except (TypeError, ValueError):
-        table = np.empty((0, 0))
-    if table.ndim != 2 or table.shape[1] != chain.n or not (np.abs(table) <= LARGEST).all():
-        found = " x ".join(map(str, np.shape(q))) or "one number"
-        raise PlumblineError(
-            f"postures of shape {found}, expected N x {chain.n} finite numbers, a column for each "
-            f"joint to {chain.tip_frame[:60]!r}"
-        )
-    return table
+    return _finite("postures", chain.postures(q))

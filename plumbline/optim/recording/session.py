@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, best_matches, fault, one_line, shown
+from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.files import is_file, is_folder
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import loading
@@ -240,7 +241,7 @@ def _refuse_other(first: Recording, other: Recording) -> None:
     if other.chain.n != first.chain.n:
         like = f"{first.chain.n} as in {first.name}"
         raise fault(f"{other.name}, joints", str(other.chain.n), like, mend)
-    if not placed_alike(first, other):
+    if not placed_alike(first.chain, other.chain):
         found = f"{other.robot.name} with joints placed elsewhere"
         raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
     if not np.allclose(first.chain.gravity, other.chain.gravity, atol=0.1):
@@ -248,9 +249,9 @@ def _refuse_other(first: Recording, other: Recording) -> None:
         raise fault(f"{other.name}, gravity", found, like, "mounted otherwise: diagnose it alone")
 
 
-def placed_alike(one: Recording, other: Recording) -> bool:
+def placed_alike(one: Chain, other: Chain) -> bool:
     """Whether two chains of as many joints have them in the same places, the first one's aside."""
-    both = zip(one.chain.joints[1:], other.chain.joints[1:], strict=True)
+    both = zip(one.joints[1:], other.joints[1:], strict=True)
     placed = ((a.T_parent_joint, b.T_parent_joint) for a, b in both)
     return all(np.allclose(a, b, rtol=0.0, atol=ONE_ROBOT) for a, b in placed)
 

@@ -7,7 +7,6 @@ import pytest
 
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.model import near as near_commands
-from plumbline.optim.model.command import command
 from plumbline.optim.model.near import near
 from tests.optim.model.test_commands import arm as bare
 
@@ -37,7 +36,7 @@ def wanted():
 
 
 def test_a_tip_comes_to_a_nanometre_and_the_tool_to_its_orientation(arm, wanted):
-    found = command(arm, wanted, {})
+    found = arm.joint_command(wanted)
     T, goal = arm.placement(found.q), arm.nominal.placement(wanted)
     assert np.linalg.norm(arm.tip(wanted) - goal[:, :3, 3], axis=1).min() > 1e-4
     away = np.linalg.norm(T[:, :3, 3] - goal[:, :3, 3], axis=1)
@@ -62,7 +61,7 @@ def test_a_posture_takes_five_evaluations_at_the_most(arm, wanted, monkeypatch):
 def test_next_to_a_singular_posture_no_joint_goes_far_for_little(arm, wanted):
     straight = wanted.copy()
     straight[:, 4] = np.linspace(1e-5, 3e-2, COUNT)
-    found = command(arm, straight, {})
+    found = arm.joint_command(straight)
     assert found.reached.all()
     assert np.abs(found.q - straight).max() < 0.25
     q, _, rest = near(arm, straight, arm.nominal.placement(straight), {}, placed=True)

@@ -17,7 +17,6 @@ for (a largest speed) is told.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
-from importlib.util import find_spec
 from xml.etree import ElementTree
 
 import numpy as np
@@ -32,7 +31,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
 from plumbline.optim.model.constants import DAMPED, LEAST_DAMPED, MJCF_STEP, SAMPLE, SPAN, STIFF
 from plumbline.optim.model.driven import Driven, Servo
-from plumbline.optim.model.export.exported import Exported, Lack, must_agree
+from plumbline.optim.model.export.exported import Exported, Lack, has_mujoco, must_agree
 from plumbline.optim.model.export.mjcf import FRICTION, words, world
 
 # What MuJoCo's actuators cannot be told.
@@ -224,7 +223,7 @@ def _rms(apart: Array) -> float:
 
 def _read_again(robot: Robot, text: str) -> float:
     """Largest difference of a joint's place from Pinocchio's [m or a rotation's entry]."""
-    if find_spec("mujoco") is None:
+    if not has_mujoco():
         return float("nan")
     mujoco = import_module("mujoco")
     read = mujoco.MjModel.from_xml_string(text)

@@ -20,7 +20,7 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
-from plumbline.optim.model.arm import MOTION, Arm, tau
+from plumbline.optim.model.arm import MOTION, Arm
 from plumbline.optim.model.constants import AGREES, NAMED, REST
 from plumbline.optim.model.statement import acts_on_places
 from plumbline.optim.recording.kinds import EFFORTS
@@ -107,7 +107,7 @@ def apart(one: Arm, other: Arm) -> float:
     q, context = samples_of(one)
     if one.observation == EFFORTS:
         v, a = (context.pop(name, np.zeros_like(q)) for name in MOTION[1:])
-        two = [tau(arm, q, v, a, context) for arm in (one, other)]
+        two = [arm.tau(q, v, a, **context) for arm in (one, other)]
         return float(np.sqrt(np.mean((two[0] - two[1]) ** 2)))
     T, tips = one.placement(q, **context), other.tip(q, **context)
     gap = T[:, :3, 3] - tips
@@ -223,7 +223,7 @@ def replay(mjcf: str, time: ArrayLike, command: ArrayLike, start: ArrayLike = ()
     Raises:
         PlumblineError: MuJoCo is not installed, cannot read it, or has other actuators.
     """
-    if find_spec("mujoco") is None:
+    if not has_mujoco():
         raise fault(
             "replay", "no MuJoCo", "it installed", "pip install 'plumbline-robotics[mujoco]'"
         )

@@ -6,7 +6,7 @@ from plumbline.kinematics import link_export
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import dynamics_of_chain
-from plumbline.optim.model.arm import MOTION, Arm, tau
+from plumbline.optim.model.arm import MOTION, Arm
 from plumbline.optim.model.export import exported, geometry
 from plumbline.optim.model.export.exported import frames_by_pinocchio, torques_by_pinocchio
 from plumbline.optim.model.fitted import chain_of
@@ -32,11 +32,7 @@ def urdf(arm: Arm) -> exported.Exported:
     else:
         text = link_export.edited_urdf(arm.chain, geometry.placements(arm), arm.robot.urdf)
     names = Robot.from_urdf(text).tip_frames
-    tip = (
-        link_export.NAME
-        if link_export.NAME in names and arm.tip_frame != link_export.NAME
-        else arm.tip_frame
-    )
+    tip = link_export.NAME if link_export.NAME in names else arm.tip_frame
     tip = tip if tip in names else link_export.safe_tip(tip)
     text = link_export.with_frame(_with_efforts(held, text, tip), tip, TOOL, geometry.tool_of(arm))
     q = arm.samples["q"]
@@ -63,7 +59,7 @@ def _with_efforts(held: Arm, text: str, tip: str) -> str:
     )
     q, context = exported.samples_of(held)
     v, a = (context.get(name, np.zeros_like(q)) for name in MOTION[1:])
-    said = tau(geometry.sliding(held), q, v, a, {"payload": 0.0})
+    said = geometry.sliding(held).tau(q, v, a, payload=0.0)
     worst = float(np.abs(torques_by_pinocchio(_chain(held, made, tip), q, v, a) - said).max())
     worst /= float(np.abs(said).max())
     exported.must_agree(held.recording, "URDF's torques miss the model's", worst, " of the largest")
