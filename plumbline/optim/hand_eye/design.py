@@ -146,10 +146,7 @@ def _equations(c: Calibration, found: Readings, source: Array) -> tuple[Array, A
     # A candidate lies where its source did: the same bow. Its plane's number must be kept.
     rows = problem.rows[source].copy()
     index = np.searchsorted(c.readings.planes, found.plane)
-    R = np.swapaxes(c.frames.B[index], 1, 2)
-    rows[:, :9] = np.swapaxes(R @ found.R @ c.frames.F, 1, 2).reshape(-1, 9)
-    rows[:, 9:12] = np.einsum("nij,nj->ni", R, found.t - c.frames.c[index])
-    rows[:, 12] = found.distance
+    rows[:, :13] = c.frames.carried(found, index).rows
     _, J = rows_at(Mapped(problem.on(rows)), c.x)
     return J, np.sqrt(c.variance.at(incidence)), incidence
 

@@ -106,12 +106,9 @@ def state(
     phi, psi = (none if given is None else given for given in (shapes, arm))
     count = len(frames.c)
     s = symbols(count, phi.shape[1], psi.shape[1], biased)
-    R, t = frames.carried(readings)
     rows = np.hstack(
         [
-            np.swapaxes(R, 1, 2).reshape(-1, 9),  # column by column, as CasADi has it
-            t,
-            readings.distance[:, None],
+            frames.carried(readings).rows,
             np.ones((len(readings), 1)),
             marks_of_planes(frames.index(readings), count),
             phi,
@@ -201,14 +198,13 @@ def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam
     """Least squares on eq. 5 by SciPy's trust region and forward differences, from a beam."""
     frames = Frames.of(readings, start)
     index = frames.index(readings)
-    R, t = frames.carried(readings)
-    count = len(frames.c)
+    at, count = frames.carried(readings), len(frames.c)
 
     def residuals(x: Array) -> Array:
         v = np.append(x[3:5], 1.0) / np.sqrt(1.0 + x[3:5] @ x[3:5])
         slopes = np.column_stack([x[5 : 5 + 2 * count].reshape(count, 2), np.ones(count)])
         normals = slopes / np.linalg.norm(slopes, axis=1, keepdims=True)
-        points = np.einsum("nij,nj->ni", R, x[:3] + readings.distance[:, None] * v) + t
+        points = Beam(x[:3], v).points(at.R, at.t, at.distance)
         return np.asarray(np.sum(normals[index] * points, axis=1) + x[5 + 2 * count :][index])
 
     scale = symbols(count, 0).scale()

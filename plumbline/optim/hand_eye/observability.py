@@ -55,29 +55,25 @@ def observability(
     """Read a covariance (6, 6) of (r [m], v) as words; incidence (N,) [rad], assumed bias [m]."""
     v, across = beam.v, np.linalg.svd(beam.v[None])[2][1:]
     r_cov, v_cov = covariance[:3, :3], across @ covariance[3:, 3:] @ across.T
+    sizes, turns = (
+        [_root(k) for k in np.linalg.eigvalsh(C)] for C in (across @ r_cov @ across.T, v_cov)
+    )
     found = (
         Direction("r along the beam", _root(v @ r_cov @ v), "m"),
-        Direction(
-            "r across the beam", _root(np.linalg.eigvalsh(across @ r_cov @ across.T)[-1]), "m"
-        ),
-        Direction("the direction of v", _root(np.linalg.eigvalsh(v_cov)[-1]), "rad"),
+        Direction("r across the beam", sizes[-1], "m"),
+        Direction("the direction of v", turns[-1], "rad"),
     )
-    sizes = [_root(k) for k in np.linalg.eigvalsh(across @ r_cov @ across.T)]
-    turns = [_root(k) for k in np.linalg.eigvalsh(v_cov)]
     rank = sum(s < constants.LOST_R for s in [found[0].std, *sizes]) + sum(
         s < constants.LOST_V for s in turns
     )
     lines = [_reason(d, readings, incidence) for d in found if d.poor]
     lines += patch_words(readings, beam) + parallel_words(readings, frames)
-    return Observability(rank, found, (*lines, *_always(bias)))
-
-
-def _always(bias: float) -> tuple[str, ...]:
-    """What no readings on planes show, and what was assumed of it."""
-    return (
+    # What no readings on planes show, and what was assumed of it.
+    lines.append(
         "an offset of the range, or a bias that grows as 1/cos of the incidence: r along the beam "
-        f"takes them up; its error has {bias * 1e3:.2g} mm for the bias (incidence_bias_std)",
+        f"takes them up; its error has {bias * 1e3:.2g} mm for the bias (incidence_bias_std)"
     )
+    return Observability(rank, found, tuple(lines))
 
 
 def _root(value: SupportsFloat) -> float:

@@ -25,7 +25,7 @@ recording, and is compiled once; the signs of normals and beam are settled by B_
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
@@ -115,12 +115,8 @@ class Readings:
     @classmethod
     def joined(cls, parts: Sequence[Readings]) -> Readings:
         """Several readings as one."""
-        return cls(
-            *(
-                np.concatenate(arrays)
-                for arrays in zip(*(vars(p).values() for p in parts), strict=True)
-            )
-        )
+        columns = zip(*(vars(p).values() for p in parts), strict=True)
+        return cls(*map(np.concatenate, columns))
 
     @property
     def planes(self) -> Integers:
@@ -140,9 +136,17 @@ class Readings:
         for motion in np.unique(self.motion):
             yield self.select(self.motion == motion)
 
+    @property
+    def rows(self) -> Array:
+        """Poses, their rotations column by column as CasADi has them, and ranges (N, 13)."""
+        R = np.swapaxes(self.R, 1, 2).reshape(-1, 9)
+        return np.hstack([R, self.t, self.distance[:, None]])
+
     def turns(self) -> Array:
         """Angle (N,) between each orientation and the first [rad]."""
-        return turn_angles(self.R[0], self.R)
+        # From the chord: exact for small angles, where the arc cosine of the trace is not.
+        chord = np.linalg.norm(self.R - self.R[0], axis=(1, 2)) / np.sqrt(8.0)
+        return np.asarray(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0)))
 
     @property
     def distinct(self) -> int:
@@ -157,13 +161,6 @@ class Readings:
         if np.max(np.abs(self.R - self.R[0])) > SAME_TURN:
             return False
         return bool(np.all(self.turns() < SAME_TURN))
-
-
-def turn_angles(one: Array, others: Array) -> Array:
-    """Angles (N,) [rad] of the rotations between one orientation (3, 3) and others (N, 3, 3)."""
-    # From the chord: exact for small angles, where the arc cosine of the trace is not.
-    chord = np.linalg.norm(others - one, axis=(1, 2)) / np.sqrt(8.0)
-    return np.asarray(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0)))
 
 
 def _check(readings: Readings, count: int) -> None:
@@ -273,11 +270,12 @@ class Frames:
         """Which frame each reading belongs to (N,), from 0."""
         return np.asarray(np.searchsorted(readings.planes, readings.plane))
 
-    def carried(self, readings: Readings) -> tuple[Array, Array]:
-        """Orientations of the finder (N, 3, 3) and positions (N, 3) in the planes' frames."""
-        k = self.index(readings)
+    def carried(self, readings: Readings, index: Indices | None = None) -> Readings:
+        """Readings of the finder in the frames of their planes, or of other ones (N,)."""
+        k = self.index(readings) if index is None else index
         turned = np.swapaxes(self.B[k], 1, 2)
-        return turned @ readings.R @ self.F, np.einsum("nij,nj->ni", turned, readings.t - self.c[k])
+        t = np.einsum("nij,nj->ni", turned, readings.t - self.c[k])
+        return replace(readings, R=turned @ readings.R @ self.F, t=t)
 
     def of_beam(self, beam: Beam) -> Array:
         """The unknowns (5,) of a beam: its origin [m] and slope in the finder's frame."""

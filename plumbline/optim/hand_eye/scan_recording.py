@@ -128,7 +128,10 @@ def load_scan(folder: str | Path) -> ScanRecording:
     place, settings, table = opened.place, opened.settings, opened.table
     face, labels = _faces(table)
     beam, covariance = _beam(settings.section("beam"))
-    surface = surface_points(place, UNITS[_unit(settings)])
+    unit = settings.word("surface_unit") or "m"
+    if unit not in UNITS:
+        raise settings.fault("surface_unit", "m or mm", 'write surface_unit = "mm"')
+    surface = surface_points(place, UNITS[unit])
     if face is None and surface is None:
         mend = "add a column face for a block, or surface.csv or surface.stl for a surface"
         raise fault(str(place.name), "neither faces nor a surface", "one of them", mend)
@@ -186,13 +189,6 @@ def _beam(section: Section) -> tuple[Beam | None, Array]:
     given = (section.vector("r_std"), section.vector("v_std"))
     stds = [np.zeros(3) if std is None else std for std in given]
     return Beam.of(r, v), np.diag(np.concatenate(stds) ** 2)
-
-
-def _unit(settings: Section) -> str:
-    unit = settings.word("surface_unit") or "m"
-    if unit not in UNITS:
-        raise settings.fault("surface_unit", "m or mm", 'write surface_unit = "mm"')
-    return unit
 
 
 def _landmarks(place: Path) -> tuple[Array, Array] | None:

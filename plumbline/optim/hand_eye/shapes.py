@@ -80,7 +80,7 @@ def _field(readings: Readings, frames: Frames, points: Array, count: int) -> Arr
 
 def _as_the_beam(readings: Readings, frames: Frames) -> Array:
     """The beam's own columns (N, 5), each over its largest span on a plane."""
-    u = frames.carried(readings)[0][:, 2, :]
+    u = frames.carried(readings).R[:, 2, :]
     columns = np.hstack([u, readings.distance[:, None] * u[:, :2]])
     index = frames.index(readings)
     rows = [index == k for k in range(len(frames.c))]

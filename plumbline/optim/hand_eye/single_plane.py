@@ -78,11 +78,6 @@ def system(equation: cs.Function, rows: Array) -> tuple[Array, Array]:
     return np.asarray(matrix[:, :, 0]), np.asarray(-value[:, 0, 0])
 
 
-def poses(R: Array, t: Array, distance: Array) -> Array:
-    """Rows (N, 13) of poses (N, 3, 3), (N, 3) [m] and ranges (N,) [m]."""
-    return np.hstack([np.swapaxes(R, 1, 2).reshape(-1, 9), t, distance[:, None]])
-
-
 @dataclass(frozen=True, eq=False)
 class Slope:
     """What one group of pure translations tells."""
@@ -148,7 +143,8 @@ def closed_form(readings: Readings) -> SinglePlane:
     moved = [group.is_translation for group in groups]
     slopes = [slope(group) for group, still in zip(groups, moved, strict=True) if still]
     v, length = _direction(slopes)
-    normal = _common_normal(slopes, v)
+    mean = np.mean([s.R @ s.n * np.sign(s.n @ v) for s in slopes], axis=0)  # along the beams
+    normal = np.asarray(mean / np.linalg.norm(mean))
     turning = [group for group, still in zip(groups, moved, strict=True) if not still]
     return SinglePlane(Beam(_origin(turning or [readings], normal, v), v), normal, length)
 
@@ -171,18 +167,11 @@ def _direction(slopes: list[Slope]) -> tuple[Array, float]:
     return v / length, length
 
 
-def _common_normal(slopes: list[Slope], v: Array) -> Array:
-    """Mean of the groups' normals in the base frame, pointing along the beams."""
-    normals = np.array([s.R @ s.n * np.sign(s.n @ v) for s in slopes])
-    mean = normals.mean(axis=0)
-    return np.asarray(mean / np.linalg.norm(mean))
-
-
 def _origin(groups: list[Readings], normal: Array, v: Array) -> Array:
     """R (3,) by least squares over groups, each about its own first reading."""
     rows, right = [], []
     for group in groups:
-        at = poses(group.R, group.t, group.distance)
+        at = group.rows
         once = np.ones((len(at) - 1, 1))
         given = np.hstack([once * np.concatenate([normal, v]), at[1:], once * at[0]])
         matrix, values = system(rotation(), given)

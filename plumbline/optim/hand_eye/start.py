@@ -144,11 +144,6 @@ def _scalar_last(readings: Readings) -> Readings:
     return replace(readings, R=rotation.from_quat(numbers, scalar_first=False).as_matrix())
 
 
-def _transposed(readings: Readings) -> Readings:
-    """Orientations of the base in the flange frame, with positions in the base frame."""
-    return replace(readings, R=np.swapaxes(readings.R, 1, 2))
-
-
 def _inverted(readings: Readings) -> Readings:
     """Poses of the base in the flange frame."""
     R = np.swapaxes(readings.R, 1, 2)
@@ -157,6 +152,8 @@ def _inverted(readings: Readings) -> Readings:
 
 OTHER_WAYS: dict[str, Callable[[Readings], Readings]] = {
     "quaternions in the order x, y, z, w: write the scalar first (qw, qx, qy, qz)": _scalar_last,
-    "orientations transposed: give those of the flange in the base frame": _transposed,
+    "orientations transposed: give those of the flange in the base frame": lambda r: replace(
+        r, R=np.swapaxes(r.R, 1, 2)
+    ),
     "poses inverted: give those of the flange in the base frame": _inverted,
 }

@@ -8,8 +8,9 @@ all rebuilt points of plane k and X_fit their projections on their own principal
 is the one that minimises the distances, so it becomes an unknown beside the others: a plane
 :math:`m^T x + c = 0` for each k, and the minimum is the same. Groups that turn the flange have no
 slope, and take part by their points alone. As printed, eq. 18 gives the points of each group a
-principal plane of their own (`own_planes`), so that groups of one board need not agree. The
-source's alpha and beta are lost but for beta > alpha; lengths in the cost are in mm, as there.
+principal plane of their own (`own_planes`), so that groups of one board need not agree. Directions
+are slopes in frames of the planes, of length one and looking ahead. The source's alpha and beta are
+lost but for beta > alpha; lengths in the cost are in mm, as there.
 """
 
 from dataclasses import dataclass
@@ -61,90 +62,61 @@ class PlaneSymbols:
 
     planes: int  # number of planes K
     mains: int  # number of principal planes G: as many, or one for each group
-    # directions as slopes (always of length one), rather than as three numbers under constraints
-    on_spheres: bool
     x: cs.SX  # unknowns
     row: cs.SX  # a reading's or a slope's numbers
     residual: cs.SX  # of a row
-    spheres: cs.SX  # squared lengths of the directions, where they are constraints
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns."""
-        d, k = (2 if self.on_spheres else 3), range(1, self.planes + 1)
-        g = range(1, self.mains + 1)
-        axes = "xyz"
-        return (
-            *(f"r_{a}" for a in axes),
-            *(f"v_{a}" for a in axes[:d]),
-            *(f"n{i}_{a}" for i in k for a in axes[:d]),
-            *(f"m{i}_{a}" for i in g for a in axes[:d]),
-            *(f"c{i}" for i in g),
-        )
+        k, g = range(1, self.planes + 1), range(1, self.mains + 1)
+        directions = ("v", *(f"n{i}" for i in k), *(f"m{i}" for i in g))
+        slopes = (f"{direction}_{a}" for direction in directions for a in "xy")
+        return ("r_x", "r_y", "r_z", *slopes, *(f"c{i}" for i in g))
 
     def scale(self) -> Array:
         """Typical sizes of the unknowns."""
-        directions = (2 if self.on_spheres else 3) * (1 + self.planes + self.mains)
-        sizes = [SCALES["r"]] * 3 + [SCALES["slope"]] * directions
-        return np.array(sizes + [SCALES["offset"]] * self.mains)
+        counts = (3, 2 * (1 + self.planes + self.mains), self.mains)
+        return np.repeat(list(SCALES.values()), counts)
 
     def start(self, beam: Beam, frames: Frames) -> Array:
         """The unknowns at a beam, normals as the planes' frames have them."""
-        if self.on_spheres:
-            own = np.concatenate([frames.of_beam(beam), np.zeros(2 * (self.planes + self.mains))])
-        else:
-            upright = np.tile([0.0, 0.0, 1.0], self.planes + self.mains)
-            own = np.concatenate([frames.F.T @ beam.r, frames.F.T @ beam.v, upright])
-        return np.concatenate([own, np.zeros(self.mains)])
+        return np.concatenate([frames.of_beam(beam), np.zeros(2 * self.planes + 3 * self.mains)])
 
 
 @lru_cache(maxsize=16)
-def statement(planes: int, on_spheres: bool = True, mains: int | None = None) -> PlaneSymbols:
+def statement(planes: int, mains: int | None = None) -> PlaneSymbols:
     """The symbols for that many planes (and principal planes), written once."""
-    d, G = (2 if on_spheres else 3), planes if mains is None else mains
-    r, v = cs.SX.sym("r", 3), cs.SX.sym("v", d)
-    n, m, c = cs.SX.sym("n", d, planes), cs.SX.sym("m", d, G), cs.SX.sym("c", G)
+    G = planes if mains is None else mains
+    r, v = cs.SX.sym("r", 3), cs.SX.sym("v", 2)
+    n, m, c = cs.SX.sym("n", 2, planes), cs.SX.sym("m", 2, G), cs.SX.sym("c", G)
     row = cs.SX.sym("row", 16 + planes + G)
     R, t = cs.reshape(row[:9], 3, 3), row[9:12]
     distance, of_slope, root = row[12], row[13], row[14:16]
     chosen, group = row[16 : 16 + planes], row[16 + planes :]
-    direction = unit if on_spheres else cs.SX
-    beam, normal, main = direction(v), direction(n @ chosen), direction(m @ group)
+    beam, normal, main = unit(v), unit(n @ chosen), unit(m @ group)
     # Rows of slopes carry g in the place of t.
     agreement = root[0] * (R.T @ normal + t * cs.dot(R.T @ normal, beam))
     point = R @ (r + distance * beam) + t
     height = root[1] * (cs.dot(main, point) + cs.dot(group, c))
     residual = of_slope * agreement + (1 - of_slope) * cs.vertcat(height, 0, 0)
-    every = [v, *(w[:, k] for w in (n, m) for k in range(w.size2()))]
-    spheres = cs.SX(0, 1) if on_spheres else cs.vertcat(*map(cs.sumsqr, every))
     x = cs.vertcat(r, v, cs.vec(n), cs.vec(m), c)
-    return PlaneSymbols(planes, G, on_spheres, x, row, residual, spheres)
+    return PlaneSymbols(planes, G, x, row, residual)
 
 
 def state(
-    readings: Readings,
-    frames: Frames,
-    weights: Weights,
-    *,
-    on_spheres: bool = True,
-    own_planes: bool = False,
+    readings: Readings, frames: Frames, weights: Weights, *, own_planes: bool = False
 ) -> Problem:
-    """The problem of some readings.
-
-    ``on_spheres``: directions as slopes, for solvers without constraints; else ``|n| = |v| = 1``
-    and n_z > 0 at each plane's first pose, z being the finder's, are constraints.
-    """
+    """The problem of some readings; directions are slopes, so that their length is one."""
     mains, of_main = _mains(readings, frames, own_planes)
-    symbols = statement(len(frames.c), on_spheres, len(of_main))
+    symbols = statement(len(frames.c), len(of_main))
     rows = np.concatenate([_slope_rows(readings, frames), _point_rows(readings, frames)])
     chosen = np.zeros((len(rows), len(of_main)))
     chosen[-len(readings) :] = marks_of_planes(mains, len(of_main))
     rows = np.hstack([rows, chosen])
     rows[:, 14] = np.sqrt(weights.alpha)
     rows[:, 15] = MILLIMETRES * np.sqrt(weights.beta)
-    size = symbols.x.numel()
-    limit = np.full(size, np.inf)
-    constraints, low, high = _constraints(symbols, readings, frames)
+    limit = np.full(symbols.x.numel(), np.inf)
     return Problem(
         x=symbols.x,
         names=symbols.names,
@@ -154,27 +126,7 @@ def state(
         residual=symbols.residual,
         row=symbols.row,
         rows=rows,
-        constraints=constraints,
-        g_lower=low,
-        g_upper=high,
     )
-
-
-def _constraints(
-    symbols: PlaneSymbols, readings: Readings, frames: Frames
-) -> tuple[cs.SX, Array, Array]:
-    if symbols.on_spheres:
-        return cs.SX(0, 1), np.empty(0), np.empty(0)
-    k = symbols.planes
-    n = cs.reshape(symbols.x[6 : 6 + 3 * k], 3, k)
-    ahead = []
-    for index, plane in enumerate(readings.planes):
-        first = readings.R[readings.plane == plane][0] @ frames.F
-        ahead.append(cs.dot(cs.DM(frames.B[index].T @ first[:, 2]), n[:, index]))
-    unit_length = np.ones(1 + k + symbols.mains)
-    low = np.concatenate([unit_length, np.zeros(k)])
-    high = np.concatenate([unit_length, np.full(k, np.inf)])
-    return cs.vertcat(symbols.spheres, *ahead), low, high
 
 
 def _mains(readings: Readings, frames: Frames, own_planes: bool) -> tuple[Indices, Indices]:
@@ -188,12 +140,8 @@ def _mains(readings: Readings, frames: Frames, own_planes: bool) -> tuple[Indice
 
 
 def _point_rows(readings: Readings, frames: Frames) -> Array:
-    R, t = frames.carried(readings)
-    rows = np.zeros((len(readings), 16))
-    rows[:, :9] = np.swapaxes(R, 1, 2).reshape(-1, 9)  # column by column, as CasADi has it
-    rows[:, 9:12], rows[:, 12] = t, readings.distance
     chosen = marks_of_planes(frames.index(readings), len(frames.c))
-    return np.hstack([rows, chosen])
+    return np.hstack([frames.carried(readings).rows, np.zeros((len(readings), 3)), chosen])
 
 
 def _slope_rows(readings: Readings, frames: Frames) -> Array:
@@ -223,7 +171,7 @@ def solve_three_planes(
         readings: Of three planes, or of any number.
         singles: Closed forms on single planes.
         weights: alpha and beta.
-        solver: Levenberg-Marquardt by default; one that takes constraints gets them.
+        solver: Levenberg-Marquardt by default.
         own_planes: A principal plane for each group, as eq. 18 is printed.
 
     Raises:
@@ -232,27 +180,18 @@ def solve_three_planes(
     start = mean_beam([single.beam for single in singles])
     frames = Frames.of(readings, start)
     refuse_parallel(frames, readings)
-    chosen = solver or LevenbergMarquardt()
-    on_spheres = not chosen.constraints
     of_main = _mains(readings, frames, own_planes)[1]
-    problem = state(
-        readings, frames, weights or Weights(), on_spheres=on_spheres, own_planes=own_planes
-    )
-    symbols = statement(len(frames.c), on_spheres, len(of_main))
-    solution = chosen.solve(problem, symbols.start(start, frames))
-    return ThreePlanes(*_read(solution.x, frames, on_spheres, of_main), solution, start)
+    problem = state(readings, frames, weights or Weights(), own_planes=own_planes)
+    symbols = statement(len(frames.c), len(of_main))
+    solution = (solver or LevenbergMarquardt()).solve(problem, symbols.start(start, frames))
+    return ThreePlanes(*_read(solution.x, frames, of_main), solution, start)
 
 
-def _read(
-    x: Array, frames: Frames, on_spheres: bool, of_main: Indices
-) -> tuple[Beam, tuple[Plane, ...]]:
-    d, k, g = (2 if on_spheres else 3), len(frames.c), len(of_main)
-    v = np.append(x[3:5], 1.0) if on_spheres else x[3:6]
-    beam = Beam.of(frames.F @ x[:3], frames.F @ v)
-    main = x[3 + d + d * k : 3 + d + d * (k + g)].reshape(g, d)
-    slopes = main if on_spheres else main[:, :2] / main[:, 2:]
-    planes = tuple(frames.plane(int(k), slopes[i], x[i - g]) for i, k in enumerate(of_main))
-    return beam, planes
+def _read(x: Array, frames: Frames, of_main: Indices) -> tuple[Beam, tuple[Plane, ...]]:
+    g, first = len(of_main), 5 + 2 * len(frames.c)
+    slopes = x[first : first + 2 * g].reshape(g, 2)
+    planes = (frames.plane(int(k), slopes[i], x[i - g]) for i, k in enumerate(of_main))
+    return frames.beam(x), tuple(planes)
 
 
 def refuse_parallel(frames: Frames, readings: Readings) -> None:

@@ -12,7 +12,6 @@ alone points the needle elsewhere, a remote centre of motion made by software.
 """
 
 from dataclasses import dataclass
-from functools import cache
 
 import casadi as cs
 import numpy as np
@@ -20,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
-from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.body import Body
@@ -70,25 +68,13 @@ class Needle:
         return self.length + self.standoff
 
 
-def direction(theta: cs.SX, beta: cs.SX) -> cs.SX:
-    """Unit vector u (3,) from the lesion towards the needle, in CT [rad]; eqs. 10-12."""
-    return cs.vertcat(cs.sin(theta) * cs.cos(beta), cs.sin(theta) * cs.sin(beta), cs.cos(theta))
-
-
 def pointed(T_robot_ct: Transform, lesion: cs.SX, angles: cs.SX, lengths: cs.SX) -> cs.SX:
     """Tip and top (3, 2) in the robot's frame, of theta and beta (2,) [rad], r and l (2,) [m]."""
-    u = direction(angles[0], angles[1])
+    theta, beta = angles[0], angles[1]
+    u = cs.vertcat(cs.sin(theta) * cs.cos(beta), cs.sin(theta) * cs.sin(beta), cs.cos(theta))
     tip = T_robot_ct.point(lesion + lengths[0] * u)
     top = T_robot_ct.point(lesion + (lengths[0] + lengths[1]) * u)
     return cs.horzcat(tip, top)
-
-
-@cache
-def _pointed() -> cs.Function:
-    R, t, lesion = cs.SX.sym("R", 3, 3), cs.SX.sym("t", 3), cs.SX.sym("lesion", 3)
-    lengths, angles = cs.SX.sym("lengths", 2), cs.SX.sym("angles", 2)
-    both = pointed(Transform(R, t), lesion, angles, lengths)
-    return cs.Function("pointed", [R, t, lesion, lengths, angles], [cs.densify(both)])
 
 
 def tip_and_top(
@@ -109,10 +95,11 @@ def tip_and_top(
     T = rigid(T_robot_ct, "T_robot_ct")
     f = array(lesion, "lesion", (3,), "give its CT coordinates in m")
     thetas, betas = checked_angles(theta, beta)
-    rows = np.column_stack([thetas.ravel(), betas.ravel()])
-    lengths = [needle.standoff, needle.length]
-    found = over_rows(_pointed(), rows, T[:3, :3].T, T[:3, 3], f, lengths)[0]
-    return found[:, 0].reshape(*thetas.shape, 3), found[:, 1].reshape(*thetas.shape, 3)
+    u = directions(thetas, betas)
+    tip, top = (
+        (f + length * u) @ T[:3, :3].T + T[:3, 3] for length in (needle.standoff, needle.reach)
+    )
+    return tip, top
 
 
 def directions(theta: Array, beta: Array) -> Array:

@@ -64,16 +64,16 @@ class Box:
     @property
     def placement(self) -> Array:
         """The box's centre, axes along the CT's (4, 4) [m]."""
-        return homogeneous(np.eye(3), (np.asarray(self.lower) + np.asarray(self.upper)) / 2)
+        return homogeneous(np.eye(3), np.add(self.lower, self.upper) / 2)
 
     @property
     def half_size(self) -> float:
         """Radius of the sphere about its middle that holds it [m]."""
-        return float(np.linalg.norm(np.asarray(self.upper) - np.asarray(self.lower))) / 2
+        return float(np.linalg.norm(np.subtract(self.upper, self.lower))) / 2
 
     def shape(self) -> coal.CollisionGeometry:
         """Coal's box [mm]."""
-        return coal.Box(MM * (np.asarray(self.upper) - np.asarray(self.lower)))
+        return coal.Box(MM * np.subtract(self.upper, self.lower))
 
     def depth(self, point: Array, towards: Array) -> Array:
         """How far (N,) [m] a point (3,) lies inside along directions (N, 3); below 0 if outside."""
@@ -166,7 +166,7 @@ class Sphere:
     @property
     def placement(self) -> Array:
         """Its middle (4, 4) [m]."""
-        return homogeneous(np.eye(3), np.asarray(self.centre, dtype=float))
+        return homogeneous(np.eye(3), self.centre)
 
     @property
     def half_size(self) -> float:
@@ -211,9 +211,7 @@ class Capsule:
     def placement(self) -> Array:
         """Its middle, z along the segment (4, 4) [m]."""
         a, b = self.ends
-        T = homogeneous(np.eye(3), (a + b) / 2)
-        T[:3, :3] = turning_z_to(b - a)
-        return T
+        return homogeneous(turning_z_to(b - a), (a + b) / 2)
 
     @property
     def half_size(self) -> float:
@@ -248,9 +246,7 @@ class HalfSpace:
     @property
     def placement(self) -> Array:
         """The plane's point, z along its normal (4, 4) [m]."""
-        T = homogeneous(np.eye(3), np.asarray(self.point, dtype=float))
-        T[:3, :3] = turning_z_to(np.asarray(self.normal, dtype=float))
-        return T
+        return homogeneous(turning_z_to(np.asarray(self.normal, dtype=float)), self.point)
 
     @property
     def half_size(self) -> float:
