@@ -22,6 +22,7 @@ from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.toml_text import pairs
 
 QUARTER = np.pi / 2
 NAME = "calibrated_tip"
@@ -79,33 +80,19 @@ def dh_toml(table: LinkTable, *, name: str, source: str, comment: str = "") -> s
         "# Lengths in m, angles in rad, masses in kg; com is the centre of mass in the row's own",
         "# frame. A fixed row with theta = pi/2 tilts the next axis about y by its alpha.",
         "",
-        f"name = {_quoted(name)}",
-        f"source = {_quoted(source)}",
-        f"tip_frame = {_quoted(safe_tip(table.chain.tip_frame))}",
-        f"gravity = {_list(table.chain.gravity)}  # m/s^2, base frame",
+        *pairs({"name": name, "source": source, "tip_frame": safe_tip(table.chain.tip_frame)}),
+        *(f"{line}  # m/s^2, base frame" for line in pairs({"gravity": table.chain.gravity})),
     ]
     blocks = ["\n".join(_toml_row(row)) for row in standard_rows(table)]
     return "\n\n".join(["\n".join(head), *blocks]) + "\n"
 
 
 def _toml_row(row: DHRow) -> list[str]:
-    lines = ["[[dh]]"]
-    lines += [f"{key} = {getattr(row, key)!r}" for key in ("d", "a", "alpha", "theta")]
-    lines.append(f"kind = {_quoted(row.kind)}")
+    kept = ["d", "a", "alpha", "theta", "kind"]
     limited = row.kind != "fixed" and np.isfinite([row.lower, row.upper]).all()
-    lines += [f"{key} = {getattr(row, key)!r}" for key in ("lower", "upper") if limited]
-    if row.mass:
-        lines += [f"mass = {row.mass!r}", f"com = {_list(row.com)}"]
-    return lines
-
-
-def _list(values: Sequence[float] | Array) -> str:
-    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
-
-
-def _quoted(text: str) -> str:
-    plain = "".join(c if c.isprintable() else " " for c in text)
-    return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    kept += ["lower", "upper"] if limited else []
+    kept += ["mass", "com"] if row.mass else []
+    return ["[[dh]]", *pairs({key: getattr(row, key) for key in kept})]
 
 
 def urdf_text(table: LinkTable, robot: Robot) -> str:
@@ -146,6 +133,11 @@ def xml_text(root: ElementTree.Element) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
+def words(values: Array) -> str:
+    """Numbers of an attribute, to the last bit."""
+    return " ".join(repr(float(v)) for v in values)
+
+
 def _parsed(text: str) -> ElementTree.Element:
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     return ElementTree.fromstring(text.encode(), parser)
@@ -157,8 +149,8 @@ def _move(joint: ElementTree.Element, change: Array) -> None:
     T, origin = origin_of(joint) @ change, joint.find("origin")
     if origin is None:
         origin = ElementTree.SubElement(joint, "origin")
-    origin.set("xyz", _words(T[:3, 3]))
-    origin.set("rpy", _words(_angles(T[:3, :3])))
+    origin.set("xyz", words(T[:3, 3]))
+    origin.set("rpy", words(_angles(T[:3, :3])))
 
 
 def _made(rows: Sequence[DHRow], table: LinkTable, name: str) -> str:
@@ -198,7 +190,7 @@ def _link(name: str, mass: float, com: Array) -> ElementTree.Element:
 def _state(link: ElementTree.Element, com: Array, mass: float, moments: dict[str, str]) -> None:
     """Say what a link weighs, about its centre of mass."""
     inertial = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(inertial, "origin", xyz=_words(com), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "origin", xyz=words(com), rpy="0 0 0")
     ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
     ElementTree.SubElement(inertial, "inertia", moments)
 
@@ -219,7 +211,7 @@ def _joint(name: str, kind: str, links: tuple[str, str], T: Array) -> ElementTre
     joint = ElementTree.Element("joint", name=name, type=kind)
     ElementTree.SubElement(joint, "parent", link=links[0])
     ElementTree.SubElement(joint, "child", link=links[1])
-    xyz, rpy = _words(T[:3, 3]), _words(_angles(T[:3, :3]))
+    xyz, rpy = words(T[:3, 3]), words(_angles(T[:3, :3]))
     ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
     return joint
 
@@ -276,7 +268,7 @@ def origin_of(element: ElementTree.Element) -> Array:
     """Placement (4, 4) [m] that the ``<origin>`` of an element states."""
     origin = element.find("origin")
     given = ("0 0 0", "0 0 0") if origin is None else (origin.get(k, "0 0 0") for k in ORIGIN)
-    xyz, rpy = (np.array([float(word) for word in words.split()]) for words in given)
+    xyz, rpy = (np.array([float(word) for word in said.split()]) for said in given)
     return homogeneous(pin.rpy.rpyToMatrix(*rpy), xyz)
 
 
@@ -286,10 +278,6 @@ def with_frame(text: str, parent: str, name: str, T: Array) -> str:
     ElementTree.SubElement(root, "link", name=name)
     root.append(_joint(f"{name}_joint", "fixed", (parent, name), T))
     return xml_text(root)
-
-
-def _words(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
 
 
 def _angles(R: Array) -> Array:

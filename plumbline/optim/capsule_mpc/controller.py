@@ -194,7 +194,8 @@ class Controller:
         gaps = np.append(self._gaps(x0, as_seen)[0], seated.gap)
         if gaps.min() < 0.0:
             events += inside(gaps, np.append(self._margins(x0, as_seen)[0], self._dropped))
-        self._report_off(x0, stages[0], events)
+        if (off := how_far_off(self.statement, x0, stages[0])) > constants.OFF:
+            events.append(off_hold(off))
         plan, mode = None, Mode.STOP
         if not seated.danger:
             plan, mode = self._planned(begun, events, x0, stages, path)
@@ -281,11 +282,6 @@ class Controller:
         seen = [own.get(id(obstacle), obstacle) for obstacle in kept]
         stages = self.statement.stages(here[: self.statement.goals], seen, stray=self._stray)
         return self.statement.present(stages)
-
-    def _report_off(self, x: Array, stage: Array, events: list[Event]) -> None:
-        off = how_far_off(self.statement, x, stage)
-        if off > constants.OFF:
-            events.append(off_hold(off))
 
     def _planned(
         self, begun: float, events: list[Event], x0: Array, stages: Array, path: Array

@@ -150,9 +150,9 @@ class LibraryQp:
     def solve(self, qp: StageQp, start: Array) -> QpPath:
         """Solve from a path (p, n)."""
         qp = qp.upright
-        if not qp.h.shape[1]:
-            qp = _with_a_row(qp)
-        p, _, n = qp.G.shape
+        p, n = qp.g.shape
+        if not qp.h.shape[1]:  # the layout needs a row, if one that is absent
+            qp = replace(qp, G=np.zeros((p, 1, n)), h=np.full((p, 1), ABSENT))
         if not all(np.isfinite(values).all() for values in (qp.H, qp.g, qp.G, qp.h)):
             nothing = np.zeros(qp.h.shape)  # CasADi raises for a bound that is no number
             return QpPath(start, nothing, nothing, False, 0)
@@ -175,12 +175,6 @@ class LibraryQp:
         return QpPath(
             values[at.x[1:-1]], slack, multiplier, solved, int(stats.get("iter_count", -1))
         )
-
-
-def _with_a_row(qp: StageQp) -> StageQp:
-    """A program without any row, with one that is absent: its layout needs one."""
-    p, n = qp.g.shape
-    return replace(qp, G=np.zeros((p, 1, n)), h=np.full((p, 1), ABSENT))
 
 
 def _values(built: _Built, qp: StageQp, G: Array, h: Array, start: Array) -> dict[str, Any]:

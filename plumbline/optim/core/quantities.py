@@ -112,6 +112,11 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def enumerated(words: Sequence[str]) -> str:
+    """``1, 2 and 3``."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
 @dataclass(frozen=True)
 class Share:
     """How many of how many; ``None`` for what there was nothing to count of."""

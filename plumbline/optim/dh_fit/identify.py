@@ -25,6 +25,7 @@ import numpy as np
 
 from plumbline.kinematics.link_table import LinkTable
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.quantities import enumerated
 from plumbline.optim.dh_fit.constants import ABSENT, DEPENDENT, MOST_POSES, PARTNER
 from plumbline.optim.dh_fit.losses import Squares
 from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings, Unknown, state
@@ -168,12 +169,7 @@ def _held(k: int, unknowns: Sequence[Unknown], kept: Sequence[int], share: Array
         said = f"{mine.name} has no effect on what is measured in these poses"
         return Held(mine.name, Why.NO_EFFECT, (), said)
     names = [mine.name, *(name for name, _ in partners)]
-    return Held(mine.name, Why.TOGETHER, partners, f"{listed(names)} move together")
-
-
-def listed(names: Sequence[str]) -> str:
-    """``a, b and c``."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return Held(mine.name, Why.TOGETHER, partners, f"{enumerated(names)} move together")
 
 
 def _weakest(

@@ -139,19 +139,11 @@ class Driven:
             u = other.command[:, number - 1]
             outside[:, number - 1] = (u < low) | (u > high)
         columns = {f"u{j + 1}": float(outside[:, j].mean()) for j in range(len(self.joints))}
-        return Applied(
-            recording=other.name,
-            rows=len(other),
-            unit=self.unit,
-            before=float(np.sqrt(np.mean(before[seen] ** 2))),
-            after=float(np.sqrt(np.mean(after[seen] ** 2))),
-            promised=self.after,
-            refitted=(),
-            left_out=(),
-            outside=tuple(int(k) + 1 for k in np.flatnonzero(outside.any(axis=1))),
-            outside_columns={name: share for name, share in columns.items() if share},
-            changes=(),
-        )
+        was, left = (float(np.sqrt(np.mean(values[seen] ** 2))) for values in (before, after))
+        rows = tuple(int(k) + 1 for k in np.flatnonzero(outside.any(axis=1)))
+        shares = {name: share for name, share in columns.items() if share}
+        both, promised = (was, left), self.after
+        return Applied(other.name, len(other), self.unit, *both, promised, (), (), rows, shares, ())
 
     def gaps(self, other: MotionRecording) -> tuple[Array, Array]:
         """Root mean squares (n,) on another motion, ideal and with the causes [rad]; NaN at rest.

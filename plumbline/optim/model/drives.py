@@ -20,6 +20,7 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.files import new_file, read_file
+from plumbline.kinematics.toml_text import pairs
 from plumbline.optim.diagnosis.findings import Gap
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals
@@ -28,7 +29,7 @@ from plumbline.optim.model.constants import LARGEST_MODEL
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.export.drives_mjcf import drives_mjcf
 from plumbline.optim.model.export.exported import Exported
-from plumbline.optim.model.stored import pairs, robot_blocks
+from plumbline.optim.model.stored import robot_blocks
 from plumbline.optim.recording.settings import Section
 
 FORMAT = "plumbline drives"

@@ -4,6 +4,7 @@ Nothing that is read is run; every number is checked, and the model is tried at 
 it is handed out.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import Field, fields
 from pathlib import Path
@@ -28,6 +29,7 @@ from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.settings import Section, read_settings
 
 SAVE_IT = "save the model again"
+NUISANCE = re.compile(r"(frame|tool|socket)( \S+)? r?[xyz]")
 
 
 def read(path: str | Path) -> dict[str, Any]:
@@ -177,19 +179,11 @@ def _parts(top: Section, robot: Robot, tip: str) -> dict[str, Any]:
 
 def _nuisance_names(section: Section) -> tuple[str, ...]:
     names = section.words("nuisances")
-    if names is None or any(_is_strange(name) for name in names):
+    if names is None or not all(map(NUISANCE.fullmatch, names)):
         raise section.fault(
             "nuisances", "names such as 'frame x', 'tool rz', 'socket 1 x'", SAVE_IT
         )
     return names
-
-
-def _is_strange(name: str) -> bool:
-    words = name.split()
-    last = {"x", "y", "z", "rx", "ry", "rz"}
-    return len(words) not in (2, 3) or words[0] not in ("frame", "tool", "socket") or (
-        words[-1] not in last
-    )  # fmt: skip
 
 
 def _held(section: Section) -> Held:

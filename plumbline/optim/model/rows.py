@@ -87,7 +87,7 @@ def completed(
         elif name != "effort":
             found[name] = np.full((rows, width), usual.get(name, 0.0))
         elif pathed or name in used:
-            found[name] = held_against_gravity(chain, q, found["payload"])
+            found[name] = over_rows(_holding(chain), np.hstack([q, found["payload"]]))[0][:, 0]
     for effect in pathed:
         for name, values in effect.derive(found).items():
             found[name] = np.reshape(values, (rows, 1))
@@ -104,13 +104,9 @@ def of_rows(context: Mapping[str, ArrayLike], rows: Indices, count: int) -> Mapp
     return found
 
 
-def held_against_gravity(chain: Chain, q: Array, payload: Array) -> Array:
-    """Efforts (N, n) [N m or N] that hold the arm with payloads (N, 1) [kg] still."""
-    return over_rows(_holding(chain), np.hstack([q, payload]))[0][:, 0]
-
-
 @lru_cache(maxsize=8)
 def _holding(chain: Chain) -> cs.Function:
+    """Efforts (n,) [N m or N] that hold the arm with a payload [kg] still."""
     row = cs.SX.sym("row", chain.n + 1)
     torque = chain.gravity_torque(row[: chain.n], row[chain.n])
     return cs.Function("holding", [row], [cs.densify(torque)])

@@ -5,13 +5,14 @@ triangle, to nine digits; all values to the last bit.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
 
 from plumbline.errors import fault, one_line
 from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.toml_text import pairs, quoted, value_text
 from plumbline.optim.model.fitted import Fitted, Known
 
 FORMAT = "plumbline model"
@@ -34,15 +35,24 @@ def text_of(model: Fitted) -> str:
             }
         ),
     ]
-    blocks = [head, _held(model), *robot_blocks(model.robot, model.tip_frame), _tool(model)]
-    blocks += [_frame(model), _sockets(model), *_effects(model), _nuisances(model)]
-    blocks += [_ranges(model), _samples(model), _covariance(model)]
+    T = model.T_device_base
+    tool = {"nominal": model.tool_offset, "offset": model.tool, "rotation": model.R_tip_tool}
+    frame = {"rotation": T[:3, :3], "translation": T[:3, 3], "centre": model.centre}
+    sockets = {str(k): place for k, place in model.sockets.items()}
+    blocks = [
+        head,
+        ["[gap]", *pairs(vars(model.held))],
+        *robot_blocks(model.robot, model.tip_frame),
+        ["[tool]", *pairs(tool)],
+        ["[frame]  # of the robot's base in the device's frame", *pairs(frame)],
+        ["[sockets]", *pairs(sockets)] if sockets else [],
+        *_effects(model),
+        _nuisances(model),
+        ["[ranges]  # smallest and largest of what was fitted", *pairs(dict(model.ranges))],
+        _samples(model),
+        _covariance(model),
+    ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
-
-
-def _held(model: Fitted) -> list[str]:
-    values = {f.name: getattr(model.held, f.name) for f in fields(model.held)}
-    return ["[gap]", *pairs(values)]
 
 
 def robot_blocks(robot: Robot, tip_frame: str) -> Iterator[list[str]]:
@@ -64,23 +74,6 @@ def robot_blocks(robot: Robot, tip_frame: str) -> Iterator[list[str]]:
         yield ["[[robot.dh]]", *pairs(values)]
 
 
-def _tool(model: Fitted) -> list[str]:
-    values = {"nominal": model.tool_offset, "offset": model.tool, "rotation": model.R_tip_tool}
-    return ["[tool]", *pairs(values)]
-
-
-def _frame(model: Fitted) -> list[str]:
-    T = model.T_device_base
-    values = {"rotation": T[:3, :3], "translation": T[:3, 3], "centre": model.centre}
-    return ["[frame]  # of the robot's base in the device's frame", *pairs(values)]
-
-
-def _sockets(model: Fitted) -> list[str]:
-    if not model.sockets:
-        return []
-    return ["[sockets]", *pairs({str(k): place for k, place in model.sockets.items()})]
-
-
 def _effects(model: Fitted) -> Iterator[list[str]]:
     first = 0
     known = list(model.parameters.values())
@@ -91,7 +84,9 @@ def _effects(model: Fitted) -> Iterator[list[str]]:
             *pairs({"effect": effect.name, "form": type(effect).__name__} | own),
         ]
         for p in effect.parameters:
-            lines.append(f"values.{p.name} = {_value(known[first].value)}  # {_said(known[first])}")
+            lines.append(
+                f"values.{p.name} = {value_text(known[first].value)}  # {_said(known[first])}"
+            )
             first += 1
         yield lines
 
@@ -105,10 +100,6 @@ def _nuisances(model: Fitted) -> list[str]:
     found = {n: k for n, k in model.nuisances.items() if n in model.nuisance_names}
     lines = [f"# {name}: {known}; {known.doc}" for name, known in found.items()]
     return [*lines, f"[unknowns]\nnuisances = {json.dumps(list(model.nuisance_names))}"]
-
-
-def _ranges(model: Fitted) -> list[str]:
-    return ["[ranges]  # smallest and largest of what was fitted", *pairs(dict(model.ranges))]
 
 
 def _samples(model: Fitted) -> list[str]:
@@ -131,35 +122,4 @@ def _covariance(model: Fitted) -> list[str]:
 def _text(text: str) -> str:
     printable = all(c.isprintable() or c in "\n\t" for c in text)
     plain = "'''" not in text and not text.endswith("'") and printable
-    return f"'''\n{text}'''" if plain else _quoted(text)
-
-
-def pairs(table: Mapping[str, object]) -> Iterator[str]:
-    """``key = value`` of a table, a line each."""
-    for key, value in table.items():
-        yield f"{key} = {_value(value)}"
-
-
-def _value(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _quoted(value)
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        return _number(value)
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(v) for v in value) + "]"
-    if isinstance(value, np.ndarray | np.generic):
-        return _value(value.tolist())
-    raise TypeError(f"{type(value).__name__} has no place in a model's file")
-
-
-def _number(value: float) -> str:
-    text = repr(float(value))
-    return text if text in ("nan", "inf", "-inf") or any(c in text for c in ".e") else f"{text}.0"
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text).replace("\x7f", "\\u007f")
+    return f"'''\n{text}'''" if plain else quoted(text)

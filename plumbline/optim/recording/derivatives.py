@@ -48,7 +48,9 @@ def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin:
     if time is None:
         expected = "columns acceleration1..n, or time to derive them from"
         raise fault(origin.file, "neither acceleration1 nor time", expected, "add the column time")
-    step = _usual_step(time, origin)
+    step = usual_step(time)
+    if not np.isfinite(step):
+        raise _stands_still(time[0], 0, origin)
     half = half_window(1.0 / step, len(q))
     v, a, square = np.empty_like(q), np.empty_like(q), np.zeros(q.shape[1])
     for rows in stretches(time, step):
@@ -74,11 +76,10 @@ def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin:
     return Motion(v, a, slow, fast, note)
 
 
-def _usual_step(time: Array, origin: Origin) -> float:
-    steps = np.diff(time)
-    if not (steps > 0).any():
-        raise _stands_still(time[0], 0, origin)
-    return float(np.median(steps[steps > 0]))
+def usual_step(time: Array) -> float:
+    """Time from row to row [s]; without end where a clock never goes on."""
+    step = np.diff(time)
+    return float(np.median(step[step > 0])) if (step > 0).any() else np.inf
 
 
 def _stands_still(moment: float, row: int, origin: Origin) -> PlumblineError:

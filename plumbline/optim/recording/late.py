@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from plumbline.optim.recording import constants
-from plumbline.optim.recording.derivatives import stretches
+from plumbline.optim.recording.derivatives import stretches, usual_step
 from plumbline.optim.recording.table import Array, Flags, Indices
 
 Rows = Indices
@@ -73,12 +73,6 @@ def at_other_time(time: Array, columns: Array, by: float) -> tuple[Array, Flags]
                 np.clip(later, t[0], t[-1])
             )
     return found, there
-
-
-def usual_step(time: Array) -> float:
-    """Time from row to row [s]; without end where a clock never goes on."""
-    step = np.diff(time)
-    return float(np.median(step[step > 0])) if (step > 0).any() else np.inf
 
 
 def basis_of(X: Array) -> Array:

@@ -192,14 +192,7 @@ class Recording:
         return "\n".join([f"Recording {self.name!r}", *lines, *(f"note: {n}" for n in self.notes)])
 
     def _repr_html_(self) -> str:
-        cells = "".join(
-            f"<tr><th style='text-align:left'>{html.escape(key)}</th>"
-            f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
-            for key, value in self._facts()
-        )
-        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self.notes)
-        listed = f"<ul>{notes}</ul>" if notes else ""
-        return f"<b>Recording {html.escape(self.name)}</b><table>{cells}</table>{listed}"
+        return f"<pre>{html.escape(self.describe())}</pre>"
 
     def _arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         values = {f.name: getattr(self, f.name) for f in fields(self)}

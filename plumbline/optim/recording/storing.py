@@ -39,11 +39,6 @@ def _to_robot(data: Any) -> Robot:
     return Robot.from_dh(rows, name=data["name"], tip_frame=data["tip_frame"], gravity=gravity)
 
 
-def _of_chain(chain: Chain) -> dict[str, Any]:
-    names = ("joints", "T_last_tip", "tip_frame", "gravity")
-    return {name: getattr(chain, name) for name in names}
-
-
 def _to_chain(data: Any) -> Chain:
     joints = restored(data["joints"], tuple[Joint, ...])
     T, gravity = (restored(data[name], Array) for name in ("T_last_tip", "gravity"))
@@ -61,20 +56,6 @@ def _to_chain(data: Any) -> Chain:
     return Chain(model, joints, T, data["tip_frame"], gravity)
 
 
-def _of_recording(recording: Recording) -> dict[str, Any]:
-    return parts_of(recording, "chain", *(() if recording.several else ("session", "part")))
-
-
-def _of_session(session: Session) -> dict[str, Any]:
-    """What was suspected in one recording alone was asked in a search, which is not stored."""
-    return {name: getattr(session, name) for name in ("name", "parts", "shared")}
-
-
-def _to_session(data: Any) -> Session:
-    parts = restored(data["parts"], tuple[Recording, ...])
-    return Session(data["name"], parts, tuple(data["shared"]))
-
-
 def _to_recording(data: Any) -> Recording:
     given = restored_parts(data, Recording)
     robot, tip, joints = given["robot"], given["tip_frame"], given["q"].shape[1]
@@ -84,6 +65,15 @@ def _to_recording(data: Any) -> Recording:
 
 
 register(Robot, _of_robot, _to_robot)
-register(Chain, _of_chain, _to_chain)
-register(Recording, _of_recording, _to_recording)
-register(Session, _of_session, _to_session)
+register(Chain, lambda chain: parts_of(chain, "model"), _to_chain)
+register(
+    Recording,
+    lambda r: parts_of(r, "chain", *(() if r.several else ("session", "part"))),
+    _to_recording,
+)
+# What was suspected in one recording alone was asked in a search, which is not stored.
+register(
+    Session,
+    lambda session: parts_of(session, "suspects"),
+    lambda data: Session(**restored_parts(data, Session)),
+)

@@ -193,10 +193,15 @@ class Anisotropic:
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
-        c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
-        first = Markers.of(c.reshape(-1, *c.shape[-2:])[0], r.reshape(-1, *r.shape[-2:])[0], noise)
-        rows = rows_of(c, r, first.ct_cov, first.robot_cov).reshape(-1, len(first), 18)
-        return minimise(rows)[0].reshape(*c.shape[:-2], 4, 4)
+        rows, _ = draws(ct, robot, noise)
+        return minimise(rows)[0].reshape(*np.shape(ct)[:-2], 4, 4)
+
+
+def draws(ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None) -> tuple[Array, Markers]:
+    """Rows (N, n, 18) of draws (..., n, 3) [m] of markers with one noise, and the first of them."""
+    c, r = (np.asarray(v, float).reshape(-1, *np.shape(v)[-2:]) for v in (ct, robot))
+    first = Markers.of(c[0], r[0], noise)
+    return rows_of(c, r, first.ct_cov, first.robot_cov), first
 
 
 def _solved(solver: Solver, markers: Markers) -> Array:

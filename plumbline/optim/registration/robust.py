@@ -38,8 +38,8 @@ from scipy.special import betaincinv, chdtri
 from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.registration import constants
 from plumbline.optim.registration.checks import condition_of
-from plumbline.optim.registration.least_squares import Fit, judged_fit, minimise
-from plumbline.optim.registration.markers import UPPER, MarkerNoise, Markers, rows_of
+from plumbline.optim.registration.least_squares import Fit, draws, judged_fit, minimise
+from plumbline.optim.registration.markers import UPPER, MarkerNoise, Markers
 from plumbline.optim.registration.statement import sensitivity
 from plumbline.optim.rigid import rigid_match
 
@@ -182,18 +182,15 @@ class Robust:
 
     def batch(self, ct: ArrayLike, robot: ArrayLike, noise: MarkerNoise | None = None) -> Array:
         """``T_RC`` (..., 4, 4) of markers (..., n, 3) [m], all draws with the same noise."""
-        c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
-        shape, n = c.shape[:-2], c.shape[-2]
-        c, r = c.reshape(-1, n, 3), r.reshape(-1, n, 3)
-        first = Markers.of(c[0], r[0], noise)
-        rows = rows_of(c, r, first.ct_cov, first.robot_cov)
+        rows, first = draws(ct, robot, noise)
+        n = len(first)
         T, squares = minimise(rows)
         for i in np.flatnonzero(squares > self._harmless(n, first.freedoms)):
             levels = levels_of(rows[i], self._most(n))
             out = levels[self._depth(levels, first.freedoms)].left_out[0]
             if out:
                 T[i] = minimise(np.delete(rows[i], list(out), axis=0)[None])[0][0]
-        return T.reshape(*shape, 4, 4)
+        return T.reshape(*np.shape(ct)[:-2], 4, 4)
 
     def _most(self, n: int) -> int:
         given = max((n - constants.FEWEST) // 2, 1) if self.most is None else self.most

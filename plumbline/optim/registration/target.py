@@ -133,7 +133,9 @@ class Unstated:
     @classmethod
     def of(cls, markers: Markers, jacobian: Array) -> Self:
         """From markers and the derivative (k, n, 6) of the pose by them."""
-        basis = np.linalg.qr(_moves(markers.ct))[0]
+        # How shifts and turns move the markers, by coordinates.
+        moves = lever(markers.ct - markers.ct.mean(axis=0)).reshape(-1, 6)
+        basis = np.linalg.qr(moves)[0]
         freedoms = 1.0 * len(markers) - np.sum(basis.reshape(-1, 3, 6) ** 2, axis=(0, 2))
         T = rigid_match(markers.ct, markers.robot)
         left = (markers.robot - T[:3, 3]) @ T[:3, :3] - markers.ct
@@ -178,11 +180,6 @@ class Unstated:
         fixed = np.zeros((3, 3)) if own is None else np.einsum("cab,c->ab", read, own**2)
         spread = np.einsum("dc,cab->dab", again, parts + read if own is None else parts) + fixed
         return np.einsum("da,da->d", errors, np.linalg.solve(spread, errors[..., None])[..., 0])
-
-
-def _moves(points: Array) -> Array:
-    """How shifts and turns move points (n, 3), by coordinates (3 n, 6)."""
-    return lever(points - points.mean(axis=0)).reshape(-1, 6)
 
 
 def _unknown(markers: Markers) -> str:

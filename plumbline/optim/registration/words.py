@@ -54,13 +54,9 @@ def _grade(answer: Registration, far: float) -> str:
         or _unchecked(answer)
         or answer.surprise < constants.SURPRISING
     )
-    return (
-        "good"
-        if far <= constants.FINE and not unsure
-        else "fair"
-        if far <= constants.COARSE
-        else "poor"
-    )
+    if far <= constants.FINE and not unsure:
+        return "good"
+    return "fair" if far <= constants.COARSE else "poor"
 
 
 def _freedoms(answer: Registration) -> float:

@@ -10,6 +10,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.quantities import (
     chance,
     counted,
+    enumerated,
     measured,
     percent,
     quantity,
@@ -75,15 +76,10 @@ def variants_words(variants: Iterable[str]) -> str:
         else:
             others.append(one)
     said = (
-        f"{place}order{'s' if len(found) > 1 else ''} {_listed(sorted(found, key=float))}"
+        f"{place}order{'s' if len(found) > 1 else ''} {enumerated(sorted(found, key=float))}"
         for place, found in orders.items()
     )
     return "; ".join([*said, *others])
-
-
-def _listed(words: Sequence[str]) -> str:
-    """``1, 2 and 3``."""
-    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
 def without_words(cause: findings.Cause) -> str:

@@ -25,14 +25,14 @@ import pinocchio as pin
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect
-from plumbline.kinematics.link_export import xml_text
+from plumbline.kinematics.link_export import words, xml_text
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
 from plumbline.optim.model.constants import DAMPED, LEAST_DAMPED, MJCF_STEP, SAMPLE, SPAN, STIFF
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.export.exported import Exported, Lack, has_mujoco, must_agree
-from plumbline.optim.model.export.mjcf import FRICTION, words, world
+from plumbline.optim.model.export.mjcf import FRICTION, world
 
 # What MuJoCo's actuators cannot be told.
 NO_WORD = ("velocity_limit", "acceleration_limit")

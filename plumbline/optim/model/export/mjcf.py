@@ -13,7 +13,7 @@ import scipy
 
 from plumbline.kinematics.chain import Joint
 from plumbline.kinematics.frames import homogeneous
-from plumbline.kinematics.link_export import xml_text
+from plumbline.kinematics.link_export import words, xml_text
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
@@ -117,11 +117,6 @@ def _inertial(body: ElementTree.Element, inertia: pin.Inertia) -> None:
 def _place(T: Array) -> dict[str, str]:
     quaternion = scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
     return {"pos": words(T[:3, 3]), "quat": words(quaternion)}
-
-
-def words(values: Array) -> str:
-    """Numbers of an attribute, to the last bit."""
-    return " ".join(repr(float(v)) for v in values)
 
 
 def _read_again(arm: Arm, text: str) -> float:
