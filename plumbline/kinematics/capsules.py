@@ -99,15 +99,10 @@ def squared_distance(one: Segment, two: Segment) -> cs.SX:
 
 
 def scalar_gap(one: Segment, two: Segment, least: cs.SX | float) -> cs.SX:
-    r"""The patent's one scalar a pair, which is to be >= 0: :math:`(d^2 - D^2) / (2 D)`.
+    """The patent's one scalar a pair, to be >= 0: :math:`(d^2 - D^2) / (2 D)`, D = ``least``.
 
     It has the value and the slope of d - D on the boundary, and no square root, whose derivative
     at contact is NaN.
-
-    Args:
-        one: A segment.
-        two: Another.
-        least: Least distance D > 0 of the two segments.
     """
     return (squared_distance(one, two) - least * least) / (2 * least)
 
@@ -141,12 +136,9 @@ class LinkCapsule:
 
 
 def bones(chain: Chain, radius: float, skip: Sequence[int] = ()) -> tuple[LinkCapsule, ...]:
-    """Capsules from every joint to the next, and from the last to the tip.
+    """Capsules of a radius [m] from every joint to the next, and from the last to the tip.
 
-    Args:
-        chain: The arm.
-        radius: Of all capsules [m].
-        skip: Joints (from 0; -1 for the base) whose link gets none.
+    ``skip`` are joints (from 0; -1 for the base) whose link gets none.
     """
     nexts = [joint.T_parent_joint[:3, 3] for joint in chain.joints] + [chain.T_last_tip[:3, 3]]
     names = ["base", *chain.joint_names]

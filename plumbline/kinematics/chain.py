@@ -210,11 +210,7 @@ class Chain:
         return postures
 
     def tips(self, q: ArrayLike, tool_offset: ArrayLike) -> Array:
-        """Tips (N, 3) in the base frame [m] at postures q (N, n).
-
-        Args:
-            q: Joint coordinates (N, n) [rad or m].
-            tool_offset: The tip (3,) in the tip frame [m].
+        """Tips (N, 3) in the base frame [m] at postures (N, n), of a tip (3,) in the tip frame [m].
 
         Raises:
             PlumblineError: A posture has another number of joints.

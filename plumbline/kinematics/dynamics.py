@@ -90,14 +90,9 @@ class Dynamics:
         self, q: cs.SX, v: cs.SX, a: cs.SX, inertial: cs.SX | None = None,
         gravity: cs.SX | None = None,
     ) -> cs.SX:  # fmt: skip
-        """Torques (n,) [N m or N] that move the joints so.
+        """Torques (n,) [N m or N] at joints q, velocities v and accelerations a (n,).
 
-        Args:
-            q: Joint coordinates (n,) [rad or m].
-            v: Their velocities (n,).
-            a: Their accelerations (n,).
-            inertial: Other parameters of the bodies (n, 10).
-            gravity: Another gravity (3,) [m/s^2].
+        ``inertial`` (n, 10) and ``gravity`` (3,) [m/s^2] take the place of the robot's own.
         """
         own = constant(self.inertial) if inertial is None else inertial
         up = -(constant(self.gravity) if gravity is None else gravity)
@@ -174,13 +169,7 @@ class Dynamics:
 
 
 def dynamics_of(model: pin.Model, joints: Sequence[Joint], gravity: ArrayLike) -> Dynamics:
-    """Of a Pinocchio model whose joints have one freedom each.
-
-    Args:
-        model: The model.
-        joints: Those joints.
-        gravity: Gravity (3,) in the base frame [m/s^2].
-    """
+    """Of a Pinocchio model whose joints have one freedom each; gravity (3,) in the base [m/s^2]."""
     bodies = [model.inertias[1 + k] for k in range(len(joints))]
     inertial = np.array([body.toDynamicParameters() for body in bodies], dtype=float)
     parents = tuple(int(model.parents[1 + k]) - 1 for k in range(len(joints)))
@@ -234,10 +223,7 @@ class Nominal:
 def weight_beyond(arm: Nominal, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:
     """Force (3,) [N] and moment (3,) [N m] of all weights from a joint outwards, in the base frame.
 
-    Args:
-        arm: The arm at its posture.
-        joint: The first joint, from 1, whose body counts.
-        about: The point (3,) that the moment is about [m].
+    The joint, from 1, has its own body with it; the moment is about a point (3,) [m].
     """
     g = constant(arm.chain.gravity)
     force = arm.payload * g

@@ -67,11 +67,7 @@ def safe_tip(name: str) -> str:
 def dh_toml(table: LinkTable, *, name: str, source: str, comment: str = "") -> str:
     """The table as a TOML file of DH rows, as those of the bundled robots are.
 
-    Args:
-        table: The links.
-        name: The robot's name.
-        source: Where its numbers are from, one line.
-        comment: Lines to stand on top.
+    ``source`` says in one line where its numbers are from, lines of ``comment`` stand on top.
     """
     head = [f"# {line}".rstrip() for line in comment.splitlines()]
     head += [

@@ -73,13 +73,7 @@ class LinkTable:
         return replace(self, rows=tuple(row.with_values(new) for row, new in rows))
 
     def tip(self, values: cs.SX, q: cs.SX, tool: cs.SX) -> cs.SX:
-        """A point (3,) [m] of the tip frame, in the base frame.
-
-        Args:
-            values: Parameters (rows, 5) in symbols.
-            q: Joint coordinates (n,) [rad or m].
-            tool: The point in the tip frame (3,) [m].
-        """
+        """A point (3,) [m] of the tip frame, in the base frame, by parameters (rows, 5) at (n,)."""
         point = Transform.from_matrix(self.anchors[-1]).point(tool)
         steps = self._steps(values, q)
         # From the tip inwards a row costs a product with a vector, not with a matrix.

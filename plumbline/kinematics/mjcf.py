@@ -32,13 +32,8 @@ FLATTEN = (
 def model_from_mjcf(text: str, where: str, most_joints: int) -> tuple[pin.Model, Array | None]:
     """A Pinocchio model, and the gravity (3,) [m/s^2] that the file states, if it does.
 
-    Args:
-        text: The MJCF.
-        where: What messages call it.
-        most_joints: Joints that it may have.
-
     Raises:
-        PlumblineError: It is no MJCF, includes other files, or cannot be read.
+        PlumblineError: It is no MJCF, includes other files, has too many joints, or cannot be read.
     """
     root = _parsed(text, where, most_joints)
     for element in root.iter():

@@ -97,11 +97,7 @@ def load_part(
 ) -> Any:
     """Read and check one of several recordings of any kind that ``diagnose`` takes.
 
-    Args:
-        folder: Its folder.
-        name: What it is called in errors; the folder as given by default.
-        robot: For a recording that names none itself.
-        known_effects: As of :func:`load`.
+    Errors call it by ``name``, or as the folder is given; ``robot`` is for one that names none.
 
     Raises:
         PlumblineError: It cannot be used; the line names the folder.

@@ -269,10 +269,7 @@ def _by_natural_residual(solution: Solution, fit: str) -> JudgedByResidual:
 def judged_by_gram(gram: Gram, fit: str = "the fit", limit: float = STILL) -> Judged:
     """Judge a point without bounds by its normal equations, the weights and priors included.
 
-    Args:
-        gram: About the point.
-        fit: What was fitted, in words that a sentence may start with.
-        limit: How many standard errors it may still move.
+    ``fit`` begins the sentence; ``limit`` is how many standard errors it may still move.
     """
     every = np.ones(len(gram.vector), dtype=bool)
     return _judged(fit, decrement(gram, gram.vector, every), 0.0, (), limit)

@@ -55,10 +55,7 @@ class Gram:
 def less_foretold(values: Array, before: Array, follows: Array) -> Array:
     """Rows (N, ...) less what each one's predecessor foretells, at the size that they had.
 
-    Args:
-        values: N rows.
-        before: The row before the first (1, ...).
-        follows: Correlation (N,) of each with its predecessor.
+    ``before`` (1, ...) is the row before the first, ``follows`` (N,) the correlations.
     """
     shape = (-1,) + (1,) * (values.ndim - 1)
     phi = follows.reshape(shape)

@@ -23,13 +23,8 @@ def follows_of(
 ) -> Array:
     """Correlation (N,) of each row's noise with that of the row before it; empty if none wanders.
 
-    It falls with the rows between them; the first row of a group, and one after a row of no
-    weight, follow none.
-
-    Args:
-        recording: N rows.
-        weights: Of the rows (N,), if not all have the same.
-        rho: Correlation of successive rows; the recording's own if not given.
+    Of successive rows it is ``rho``, the recording's own if not given, and falls with the rows
+    between them. The first row of a group, and one after a row of no weight (N,), follow none.
     """
     rho = recording.wander if rho is None else rho
     if not rho:

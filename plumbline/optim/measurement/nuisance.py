@@ -272,12 +272,9 @@ HALVES = "half widths"
 
 
 def on_its_plane(state: State, R_base_tip: cs.SX, nuisance: Nuisance) -> State:
-    """The state with its range as its reading, and where and how the beam meets the plane.
+    """The closed chain with its range as its reading, and where and how the beam meets the plane.
 
-    Args:
-        state: The closed chain, whose reading is where the beam starts.
-        R_base_tip: Orientation of the flange.
-        nuisance: Beam and planes.
+    What it reads is where the beam starts; R_base_tip (3, 3) is the flange's.
     """
     assert nuisance.anchor is not None
     planes = nuisance.anchor[1]

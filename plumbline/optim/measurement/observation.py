@@ -356,11 +356,8 @@ def closed_chain(
 ) -> tuple[State, Transform]:
     """The state with the true tip in the device's frame as its reading, and ``T_device_tip``.
 
-    Args:
-        state: The ideal chain at a row.
-        effects: Effects with the values of their parameters; those of registration and sensor,
-            which change what is read and not where the tip is, are left out.
-        T_device_world: Where the device stands; the identity for places in the base frame.
+    Effects of registration and sensor, which change what is read and not where the tip is, are left
+    out. T_device_world is the identity for places in the base frame.
     """
     state = apply_effects(state, effects, BEFORE_CLOSING)
     T_base_tip = state.chain.forward(state.q, state.placements)

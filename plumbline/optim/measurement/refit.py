@@ -71,11 +71,8 @@ def refitted(
 ) -> tuple[Array, Judged]:
     """Residuals on another recording, effects held, other nuisances refitted; and how that ended.
 
-    Args:
-        other: N rows.
-        effects: Its effects.
-        values: Their values, stacked in their order: two variants may share a name.
-        nuisances: Nuisances that are held as well, by name.
+    Values are stacked in the effects' order, as two variants may share a name; ``nuisances`` are
+    those that are held as well.
     """
     solution = refit(other, effects, values, nuisances)
     return solution.mapped.residuals(solution.x), judged(solution, "the fit to other rows")

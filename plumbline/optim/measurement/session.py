@@ -71,13 +71,8 @@ def session_residual(
 ) -> cs.SX:
     """Predicted minus measured (m,) of one row, of whichever recording and kind it is.
 
-    Args:
-        recording: The rows of all.
-        symbols: Columns of one row.
-        own: What is each recording's own.
-        levers: Of each, what a rotation counts as [m].
-        close: ``(tool, R_tip_tool, T_device_world) -> (state, T_device_tip)``: the chain with its
-            effects, up to the reading.
+    A rotation counts as its recording's lever [m]; ``close`` makes of ``(tool, R_tip_tool,
+    T_device_world)`` the state and ``T_device_tip``: the chain with its effects, up to the reading.
     """
     session, hot = apart(recording)[0], symbols[PART]
     frame = Transform(

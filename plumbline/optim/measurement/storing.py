@@ -44,9 +44,7 @@ register(Effect, StoredEffect.of, lambda data: restored(data, StoredEffect).effe
 def effect_named(name: str, form: str = "") -> type[Effect]:
     """The library's effect, else the last one that was defined under that name.
 
-    Args:
-        name: What it is called.
-        form: Name of its class, where there may be several under that name.
+    ``form`` is its class, where there may be several.
 
     Raises:
         PlumblineError: There is none.

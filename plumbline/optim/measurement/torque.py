@@ -63,13 +63,9 @@ def torque_residual(
     effects: Applied,
     apply: Callable[[State, Applied, Sequence[Stage]], State],
 ) -> cs.SX:
-    """Weighed residual (n,) of one row.
+    """Weighed residual (n,) of one row, from the chain at the readings with nothing applied yet.
 
-    Args:
-        recording: The rows.
-        state: The chain at the readings, nothing applied yet.
-        effects: Effects with their parameters.
-        apply: Applies the effects of some stages in their order.
+    ``apply`` applies the effects of some stages in their order.
     """
     torque = moved(state, effects, apply).torque
     return constant(effort_weights(recording)) * (torque - state.row["measured"])

@@ -52,13 +52,8 @@ def near(
 ) -> tuple[Array, Array, Indices]:
     """Joints (N, n), what they miss (N, 6) [m, rad], and which of them did not get there.
 
-    Args:
-        arm: The arm.
-        wanted: Where the joints are wanted (N, n) [rad or m].
-        goal: Where the tool is wanted (N, 4, 4) [m].
-        context: Of the rows.
-        placed: Whether the tool's orientation counts.
-        held: Columns (N, k) that stay as they are: all that a joint remembers of its path.
+    They are wanted at (N, n) [rad or m], the tool at goals (N, 4, 4) [m]; its orientation counts if
+    ``placed``. Columns (N, k) ``held`` stay as they are: all that a joint remembers of its path.
     """
     gain = over_rows(_gain(arm.nominal.statement, placed), wanted)[0].transpose(0, 2, 1)
     q, miss = wanted.copy(), np.full((len(wanted), 6), np.nan)

@@ -61,13 +61,8 @@ def completed(
 ) -> dict[str, Array]:
     """All columns that any effect may read (N, k), what was not given as it usually is.
 
-    Args:
-        chain: The chain, with masses.
-        q: Postures (N, n) [rad or m].
-        given: Context.
-        usual: Usual values of scalars.
-        effects: What derives columns of its own from the path of the rows.
-        used: Columns without which the others are of no use; of a path all are.
+    Some effects derive columns of their own from the path of the rows; else what is not ``used``
+    and takes long is left out.
 
     Raises:
         PlumblineError: A name that is no context, a wrong shape or no finite number.

@@ -188,17 +188,10 @@ def chain_to(
     observation: str = "",
     joints: int | None = None,
 ) -> Chain:
-    """The robot's chain to a frame; where efforts are measured, with all of its limbs.
-
-    Args:
-        robot: The robot.
-        tip_frame: Name of the frame.
-        where: What a fault is blamed on.
-        observation: Kind of observation.
-        joints: How many joints were recorded.
+    """The robot's chain to a frame; where efforts of joints are measured, with all of its limbs.
 
     Raises:
-        PlumblineError: There is none.
+        PlumblineError: There is none; the line begins with ``where``.
     """
     try:
         if observation == "joint_torque":

@@ -252,15 +252,10 @@ def _cells(
 
 
 def coupled(values: Array, numbers: Sequence[int], settings: Section) -> Array:
-    """Readings (N, n) or velocities with what other joints add to them.
-
-    Args:
-        values: Columns of the chain's joints (N, n).
-        numbers: Their numbers in the file (n), from 1.
-        settings: The recording's; ``[robot] couplings`` lists ``[joint, by, gain]``.
+    """Readings or velocities (N, n) of joints, by their numbers in the file, and what others add.
 
     Raises:
-        PlumblineError: An entry is no coupling of two joints of the chain.
+        PlumblineError: An entry ``[joint, by, gain]`` of ``[robot] couplings`` is no coupling.
     """
     section = settings.section("robot")
     found = values.copy()

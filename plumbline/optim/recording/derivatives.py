@@ -34,13 +34,9 @@ class Motion:
 
 
 def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin: Origin) -> Motion:
-    """Velocities, smoothed, and accelerations from the same windows.
+    """Velocities, smoothed, and accelerations from the same windows, of readings (N, n) [rad or m].
 
-    Args:
-        q: Joint readings (N, n).
-        velocity: Joint velocities (N, n); derived from the readings where there are none.
-        time: Clock (N,) [s].
-        origin: Where the rows are from.
+    Velocities (N, n) are derived from the readings where there are none; time is (N,) [s].
 
     Raises:
         PlumblineError: There is no clock, or a run is too short for a window.
@@ -161,12 +157,8 @@ def _at(wanted: Array, time: Array, values: Array) -> Array:
 def turning(velocity: Array, noise: Array) -> Array:
     r"""Which way each joint turns (N, n), from -1 to 1: the sign to be expected of its velocity.
 
-    Of a true velocity read with noise :math:`\sigma_v` it is
+    Of a true velocity read with noise :math:`\sigma_v` (n,) it is
     :math:`\mathrm{erf}(v / \sqrt 2 \sigma_v)`: near standstill the sign of the reading is noise.
-
-    Args:
-        velocity: Velocities (N, n).
-        noise: Their noise, joint by joint (n,).
     """
     return np.asarray(erf(velocity / (np.sqrt(2.0) * np.maximum(noise, 1e-12))))
 

@@ -25,13 +25,9 @@ Rows = Indices
 
 
 def late_by(time: Array, read: Array, designs: Callable[[Rows], Sequence[Array]]) -> float:
-    """How much later than its rows a channel is read [s]; zero where that is not sure.
+    """How much later than its rows a channel (N, n) is read [s]; zero where that is not sure.
 
-    Args:
-        time: Time of the rows (N,) [s].
-        read: What was read of each joint (N, n).
-        designs: Of some rows (k,), orthonormal columns (k, p) that each joint's reading is a
-            combination of.
+    ``designs`` of rows (k,) are orthonormal columns (k, p) that each joint's reading is made of.
     """
     step = usual_step(time)
     most = round(constants.LATEST / step)

@@ -184,12 +184,7 @@ def load_recording(
 
 
 def read_bytes(folder: Path, name: str, largest: int | None = None) -> bytes:
-    """A file of a recording: a regular one, of bounded size.
-
-    Args:
-        folder: Where it lies.
-        name: What it is called.
-        largest: How long it may be [byte]; by its name if not given.
+    """A file of a recording: a regular one, of a size [byte] bounded by its name or as given.
 
     Raises:
         PlumblineError: It is not there or cannot be read.

@@ -32,12 +32,8 @@ def refuse_mixed_up(
 ) -> None:
     """Refuse columns that run against their joint, or two of them that run with the other's.
 
-    Args:
-        expected: What each joint was told, or its model foretells (N, n).
-        read: What was read of each (N, n).
-        letters: What the columns of both are called, without the number.
-        origin: The recording's files.
-        latest: By how many rows at most what is read may follow late.
+    What each joint was told, or its model foretells, and what was read of it are (N, n);
+    ``letters`` are what their columns are called, and readings may follow ``latest`` rows late.
 
     Raises:
         PlumblineError: It names the columns and what they run with.
@@ -72,13 +68,7 @@ def _apart(expected: Array, read: Array, c: Array) -> Array:
 
 
 def latest_cosine(expected: Array, read: Array, latest: int) -> float:
-    """The largest cosine of what was read with what was told, so many rows late or fewer.
-
-    Args:
-        expected: What was told (N,).
-        read: What was read (N,).
-        latest: Rows by which that may follow late.
-    """
+    """The largest cosine of what was read (N,) with what was told, so many rows late or fewer."""
     rows = len(read)
     spectrum = np.fft.rfft(read, 2 * rows) * np.fft.rfft(expected, 2 * rows).conj()
     late = np.fft.irfft(spectrum, 2 * rows)[: min(latest + 1, rows)]

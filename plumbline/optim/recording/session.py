@@ -70,10 +70,8 @@ def build_session(
 def joined(session: Session, sigmas: Sequence[float] | None = None) -> Recording:
     """All rows as one recording, residuals in units of one noise.
 
-    Args:
-        session: The recordings.
-        sigmas: Noise of each recording's residuals, 1 sigma [m, or rad of encoders; of efforts
-            times what is stated]; as they state it, or alike, if not given.
+    ``sigmas`` are of each recording's residuals [m, or rad of encoders; of efforts times what is
+    stated]; as they state it, or alike, if not given.
     """
     parts, first = session.parts, session.parts[0]
     stated = [p.noise_std for p in parts]

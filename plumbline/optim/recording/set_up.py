@@ -118,11 +118,7 @@ def named(joints: Sequence[int]) -> str:
 def matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array, Array]:
     """The best frame's rotation (3, 3), and measured minus predicted (N, 3) in it [m].
 
-    Args:
-        R: Orientations of the tip frame (N, 3, 3).
-        p: Predicted tips (N, 3) [m].
-        measured: Measured ones (N, 3) [m].
-        fit_tool: Whether the tool is free.
+    R (N, 3, 3) and p (N, 3) [m] are the tips' as predicted; ``fit_tool`` frees the tool.
     """
     a, y = p - p.mean(axis=0), measured - measured.mean(axis=0)
     inner, tool = R - R.mean(axis=0), np.zeros(3)

@@ -83,11 +83,7 @@ def drives_mjcf(drives: Driven) -> Exported:
 def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
     """A joint's drive in MuJoCo's numbers; what was found of it that they cannot hold is left out.
 
-    Args:
-        law: What its commands are.
-        servo: What was found.
-        kp: Its known gain [N m/rad]; 0 where none is.
-        kd: Its known damping [N m s/rad].
+    Known gains are kp [N m/rad] and kd [N m s/rad]; 0 where they are not.
     """
     offset, late = servo.value("actuation_offset"), max(servo.value("actuation_delay"), 0.0)
     lag, strongest = servo.value("actuation_lag"), servo.value("torque_limit")

@@ -123,16 +123,9 @@ def apart(one: Arm, other: Arm) -> float:
 
 
 def must_agree(recording: str, said: str, error: float, of: str = "") -> None:
-    """Refuse a file that, read again, says something else.
+    """Refuse a file that, read again, says something else by an error [m, or a rotation's entry].
 
-    Args:
-        recording: What the model was found on.
-        said: What is compared, and that it misses, in words.
-        error: By how much [m, or a rotation's entry].
-        of: What that is a share of, in words.
-
-    Raises:
-        PlumblineError: It does.
+    The words say what is compared and that it misses, and what the error is a share ``of``.
     """
     if not error <= AGREES:
         raise PlumblineError(

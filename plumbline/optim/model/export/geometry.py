@@ -166,12 +166,9 @@ def drives_of(arm: Arm, names: Mapping[str, str]) -> dict[int, dict[str, float]]
 
 
 def held_by(arm: Arm, names: Mapping[str, str], *, gravity: bool) -> Arm:
-    """The arm with those of its effects on efforts that a format holds.
+    """The arm with those of its effects on efforts that a format holds, by its attributes' names.
 
-    Args:
-        arm: The arm.
-        names: The attributes that the format has.
-        gravity: Whether it says where gravity points.
+    ``gravity``: whether it says where gravity points.
     """
     kept = [k for k, e in enumerate(arm.effects)
             if attribute_of(e, names) or _on_bodies(arm, k, gravity=gravity)]  # fmt: skip

@@ -78,13 +78,8 @@ def world(
 ) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
     """A robot's bodies as MJCF: the root, and the elements of the world and of every body (n + 1).
 
-    Args:
-        robot: Whose name and gravity it has.
-        joints: The joints (n).
-        hangs: The joint that each hangs on, from 0; -1 at the base (n).
-        placements: Each joint's place in its parent (4, 4) [m], n of them.
-        inertias: What each body weighs (n).
-        drives: More attributes of a joint, by its number from 1.
+    Each joint hangs on one, from 0, or on the base (-1), at a place (4, 4) [m] in it, and carries
+    an inertia; ``drives`` are more attributes of a joint, by its number from 1.
     """
     root = ElementTree.Element("mujoco", model=robot.name)
     least = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
