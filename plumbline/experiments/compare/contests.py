@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.sources import fetch
+from plumbline.experiments.tables import table
 from plumbline.kinematics.dh import rows_table
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
@@ -166,65 +167,22 @@ def nothing(_: Path) -> Given:
 
 
 OURS = "plumbline"
-NEEDS = {
-    "SciPy": ("scipy>=1.15",), "OpenCV": ("opencv-python-headless<5",),
-    "mujoco.sysid": ("mujoco[sysid]>=4",), "figaroh": ("figaroh>=1",),
-    "pybotics": ("pybotics>=3", "scipy"), "acados": ("acados_template",),
-}  # fmt: skip
+TOLD = table("plumbline.experiments.compare", "contests.toml")
 
 
 def ways(**notes: str) -> tuple[Way, ...]:
     """Ours and each peer's: a peer's module ends with the first word of its name."""
-    peers = {name.partition(".")[0].lower(): name for name in (*NEEDS, "HPIPM")}
+    peers = {name.partition(".")[0].lower(): name for name in (*TOLD["needs"], "HPIPM")}
     return tuple(
         Way(OURS, "ours", note=note)
         if key == "ours"
-        else Way(peers[key], f"with_{key}", NEEDS.get(peers[key], ()), note)
+        else Way(peers[key], f"with_{key}", tuple(TOLD["needs"].get(peers[key], ())), note)
         for key, note in notes.items()
     )
 
 
-CONTESTS = (
-    Contest(
-        "registration", "200 phantoms of six markers, 0.3 mm of noise, one marker knocked by 5 mm",
-        "mean error at the target [mm]", phantoms,
-        ways(ours="finds the moved marker, predicts errors",
-             scipy="all markers alike", opencv="all markers alike"),
-    ),
-    Contest(
-        "hand-eye", "20 set-ups, 30 poses of a UR5 and a tracker: tool and frame",
-        "mean error of the tool [mm]", poses,
-        ways(ours="one joint least squares", opencv="closed form (Park and Martin)",
-             scipy="finite differences"),
-    ),
-    Contest(
-        "dh", "`ur5-grid`: DH rows, tool and frame from 200 rows, 200 others judge",
-        "RMS on rows not fitted [mm]", links,
-        ways(ours="bounds, identifiable sums, errors", pybotics="misfit's length alone",
-             scipy="finite differences, rows in NumPy"),
-    ),
-    Contest(
-        "torque", "`ur10-exciting`: dry and viscous friction, rotor, scale, zero of each joint",
-        "RMS of efforts on rows not fitted [N m]", efforts,
-        ways(ours="exact derivatives",
-             scipy="finite differences; torques of the bodies given",
-             figaroh="other unknowns: base parameters of all links, friction, rotors, zeros, by "
-             "linear least squares", mujoco="finite differences, MuJoCo's dynamics"),
-    ),
-    Contest(
-        "motion", "`so101-multisine`: offset, delay and lag of five drives, last 40 % judges",
-        "RMS on windows not fitted [mrad]", commands,
-        ways(ours="roll-outs with exact derivatives",
-             scipy="finite differences, a filter in NumPy",
-             mujoco="finite differences, MuJoCo's roll-out"),
-    ),
-    Contest(
-        "programme", "programmes of a capsule MPC of two arms, ten stages, soft rows",
-        "median of one [ms], which is the time itself; both solve them in one process, so that "
-        "first calls and memory are not told apart", nothing,
-        ways(ours="banded interior point in C",
-             hpipm="of the version of CasADi that brings it; native soft rows, driven by us",
-             acados=""),
-        is_time=True,
-    ),
-)  # fmt: skip
+GIVEN = {make.__name__: make for make in (phantoms, poses, links, efforts, commands, nothing)}
+CONTESTS = tuple(
+    Contest(**told | {"given": GIVEN[told["given"]], "ways": ways(**told["ways"])})
+    for told in TOLD["contest"]
+)

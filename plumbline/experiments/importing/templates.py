@@ -3,7 +3,6 @@
 Every key stands there, those that are optional behind ``#``; without its ``# `` each is valid TOML.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
@@ -11,11 +10,10 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 from plumbline.errors import PlumblineError, best_matches, shown
+from plumbline.experiments.tables import table
 
 ROOM = files("plumbline.experiments.importing")
-TEMPLATES: Mapping[str, Mapping[str, Any]] = tomllib.loads(
-    (ROOM / "kinds.toml").read_text(encoding="utf-8")
-)
+TEMPLATES: Mapping[str, Mapping[str, Any]] = table("plumbline.experiments.importing", "kinds.toml")
 
 
 def template(kind: str) -> Mapping[str, Any]:

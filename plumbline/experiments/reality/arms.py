@@ -9,25 +9,22 @@
 - LBR: KUKA LBR iiwa 14 R820, seven joints; masses from its public URDF, rounded.
 """
 
-import tomllib
 from functools import partial
-from importlib import resources
 
 import numpy as np
 
 from plumbline.experiments.reality.arm import STANDARD_GRAVITY, Arm
+from plumbline.experiments.tables import table
 
-TABLES = tomllib.loads(
-    (resources.files("plumbline.experiments.reality") / "arms.toml").read_text(encoding="utf-8")
-)
+TABLES = table("plumbline.experiments.reality", "arms.toml")
 
 
 def arm(name: str) -> Arm:
     """An arm of ``arms.toml``."""
-    table = TABLES[name]
-    rows, (lower, upper) = np.array(table["rows"]), np.array(table["reach"]).T
+    told = TABLES[name]
+    rows, (lower, upper) = np.array(told["rows"]), np.array(told["reach"]).T
     slides = np.zeros(len(rows), dtype=bool)
-    slides[table.get("slides", [])] = True
+    slides[told.get("slides", [])] = True
     return Arm(
         name=name,
         d=rows[:, 0],
@@ -35,13 +32,13 @@ def arm(name: str) -> Arm:
         alpha=np.deg2rad(rows[:, 2]),
         theta=np.deg2rad(rows[:, 3]),
         prismatic=slides,
-        mass=np.array(table["mass"]),
-        com=np.array(table["com"]),
+        mass=np.array(told["mass"]),
+        com=np.array(told["com"]),
         lower=lower,
         upper=upper,
-        gravity=np.array([0.0, 0.0, -table.get("up", 1.0) * STANDARD_GRAVITY]),
-        bundled=name if table.get("bundled", True) else None,
-        tip_frame=table.get("tip_frame", "flange"),
+        gravity=np.array([0.0, 0.0, -told.get("up", 1.0) * STANDARD_GRAVITY]),
+        bundled=name if told.get("bundled", True) else None,
+        tip_frame=told.get("tip_frame", "flange"),
     )
 
 

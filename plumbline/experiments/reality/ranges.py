@@ -5,14 +5,13 @@
 ``chance`` ``[share, reason]``.
 """
 
-import tomllib
 from collections.abc import Mapping
-from importlib import resources
 from typing import NamedTuple
 
 import numpy as np
 
 from plumbline.experiments.reality.arm import Array
+from plumbline.experiments.tables import table
 
 
 class Range(NamedTuple):
@@ -40,20 +39,18 @@ class Chance(NamedTuple):
     why: str
 
 
-READ = tomllib.loads(
-    resources.files(__package__).joinpath("ranges.toml").read_text(encoding="utf-8")
-)
+READ = table("plumbline.experiments.reality", "ranges.toml")
 TABLES: Mapping[str, Mapping[str, Range]] = {
-    kind: {name: Range(*row) for name, row in table.items() if isinstance(row, list)}
-    for kind, table in READ.items()
+    kind: {name: Range(*row) for name, row in rows.items() if isinstance(row, list)}
+    for kind, rows in READ.items()
 }
 SPREADS: Mapping[str, Mapping[str, Spread]] = {
-    kind: {name: Spread(*row) for name, row in table.get("spread", {}).items()}
-    for kind, table in READ.items()
+    kind: {name: Spread(*row) for name, row in rows.get("spread", {}).items()}
+    for kind, rows in READ.items()
 }
 CHANCES: Mapping[str, Mapping[str, Chance]] = {
-    kind: {name: Chance(*row) for name, row in table.get("chance", {}).items()}
-    for kind, table in READ.items()
+    kind: {name: Chance(*row) for name, row in rows.get("chance", {}).items()}
+    for kind, rows in READ.items()
 }
 
 

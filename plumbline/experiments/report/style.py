@@ -9,7 +9,9 @@ import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from html import escape
+from importlib import resources
 from typing import Any
 
 import matplotlib as mpl
@@ -37,41 +39,13 @@ SAID = "said-"  # begins the id of a part that says something, in UTF-8 as hexad
 TITLED = re.compile(rf'<g id="{SAID}([\da-f]+)">')
 SCREEN = 96  # [dpi]: pictures that a notebook carries stay small
 
-_SETTINGS: dict[Any, Any] = {
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": MUTED,
-    "axes.labelsize": 9,
-    "axes.linewidth": 0.8,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlecolor": INK,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 9.5,
-    "axes.titleweight": "bold",
-    "axes.unicode_minus": True,
-    "figure.facecolor": "none",
-    "axes.facecolor": "none",
-    # Walls that are seen on dark paper as on light paper.
-    **dict.fromkeys([f"axes3d.{a}axis.panecolor" for a in "xyz"], (0.5, 0.5, 0.5, 0.08)),
-    "savefig.facecolor": "none",
-    "font.family": ["DejaVu Sans"],
-    "font.size": 9,
-    "legend.fontsize": 8.5,
-    "legend.frameon": False,
-    "legend.labelcolor": MUTED,
-    "lines.solid_capstyle": "round",
-    "mathtext.default": "regular",
-    "path.simplify": True,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "plumbline",
-    "text.color": INK,
-    "xtick.color": MUTED,
-    "xtick.labelsize": 8.5,
-    "ytick.color": MUTED,
-    "ytick.labelsize": 8.5,
-    "xtick.major.size": 3,
-    "ytick.major.size": 3,
-}
+HOUSE = resources.files("plumbline.experiments.report") / "house.mplstyle"
+
+
+@cache
+def _settings() -> mpl.RcParams:
+    with resources.as_file(HOUSE) as path:
+        return mpl.rc_params_from_file(path, use_default_template=False)
 
 
 @contextmanager
@@ -79,7 +53,7 @@ def house_style() -> Iterator[None]:
     """The house's settings, for the time being."""
     with mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams.update(_SETTINGS)
+        mpl.rcParams.update(_settings())
         yield
 
 

@@ -1,23 +1,20 @@
 """The published methods made again: a paper's figures beside ours, one file a paper.
 
 Each file has ``run(seed, progress=None)``, which returns a :class:`Reproduction`; a new paper is
-one file and one line in :data:`PAPERS`.
+one file and one table in ``papers.toml``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, Self
 
+from plumbline.experiments.tables import table
 from plumbline.optim.core.progress import Progress
 
+ABOUT = table("plumbline.experiments.reproduce", "papers.toml")
 # Name on the command line: module of this package.
-PAPERS: Mapping[str, str] = {
-    "dh-fit": "dh_fit",
-    "hand-eye": "hand_eye",
-    "registration": "registration",
-    "mpc": "mpc",
-}
+PAPERS: Mapping[str, str] = {name: told["module"] for name, told in ABOUT.items()}
 
 
 @dataclass(frozen=True)
@@ -49,6 +46,15 @@ class Reproduction:
     notes: tuple[str, ...] = ()
     said: str = ""  # the verdict in plain words
     compared: tuple[Compared, ...] = ()  # what is shown in pictures
+
+    @classmethod
+    def of(
+        cls, paper: str, figures: dict[str, Any], tables: Iterable[Table], **values: object
+    ) -> Self:
+        """That of a paper, with these values in the place of its notes' braces."""
+        told = ABOUT[paper]
+        notes = tuple(note.format(**values) for note in told["notes"])
+        return cls(told["title"], told["source"], figures, tuple(tables), notes)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: the figures at the top level, beside title, source and notes."""

@@ -6,7 +6,7 @@ the fit is the paper's, group by group. What follows is then measured, not set.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,6 @@ from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
 from plumbline.optim.recording.building import build_recording
 
-TITLE = "Bounded DH fit for a surgical space"
-SOURCE = "Chen Hua et al., parameter identification of a surgical robot BH-7 (eqs. 8-9)"
 REPEATABILITY, ABSOLUTE = 1.0, 2.0  # [mm] within which the paper's fifty points lie
 POINTS, VISITS, FRESH = 50, 5, 300  # the paper's points and visits, poses that no fit has seen
 GROSS_SHARE, GROSS = 0.1, (3e-3, 15e-3)  # share of readings, range of their errors [m]
@@ -57,9 +55,8 @@ def run(
     tell("outliers", 7 / 8.0)
     outliers = [_outliers(seed, k) for k in range(several)]
     tell("done", 1.0)
-    return Reproduction(
-        TITLE,
-        SOURCE,
+    found = Reproduction.of(
+        "dh-fit",
         _figures(groups, beyond, fine, points, outliers),
         (
             _groups_table(groups),
@@ -80,27 +77,11 @@ def run(
                 _threes(outliers),
             ),
         ),
-        NOTES,
-        compared=(Compared("Misfits before and after the fit", tuple(_shown(groups))),),
+        noise=1e3 * sessions.NOISE,
+        visits=VISITS,
     )
-
-
-NOTES = (
-    "Simulated: the arm, its errors, the camera. The size of the errors is scaled so that the mean "
-    "before the fit is the paper's; nothing else is set by the paper's figures.",
-    "Errors are Gaussian: 2 mm and 0.5 deg before scaling, on d, a, alpha, theta of every row and "
-    "on a tilt about the third direction. The published 24 parameters cannot hold the tilt of "
-    "nearly parallel axes, and bounds ten times as wide win little back: what is lost is these "
-    "tilts. With Hayati's beta on them the fit reaches the noise; without tilts the 24 do too.",
-    f"Noise: {1e3 * sessions.NOISE:g} mm on every axis, 0.43 mm in space (an optical tracker of "
-    "0.35 mm RMS and an arm's own repeatability); joints come back to 0.02 mm and 0.05 mrad.",
-    "The camera's frame follows from four registration points near corners of the space; how the "
-    "paper computed it is lost, here it is the least-squares rigid transform.",
-    "The fifty points lie over the whole workspace; the arm was fitted to 30 readings over it. "
-    "Repeatability as in ISO 9283: mean and three standard deviations of the distances from the "
-    f"mean of {VISITS} visits; the figure is the mean over the points and over five arms. Absolute "
-    "is the largest misfit of any point.",
-)
+    shown = Compared("Misfits before and after the fit", tuple(_shown(groups)))
+    return replace(found, compared=(shown,))
 
 
 def _group(seed: int, k: int, noise: float, wander: tuple[float, float], box: Box) -> Group:

@@ -5,11 +5,12 @@ a board. Every method gets the same readings and is judged on marks that it has 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
+from plumbline.experiments.reproduce import ABOUT, Compared, Reproduction, Table, figure
 from plumbline.experiments.reproduce.hand_eye_trials import (
     GROSS,
     RATIOS,
@@ -24,48 +25,12 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.hand_eye.constants import BIAS_STD
 
-TITLE = "Range-finder hand-eye calibration on planes"
-SOURCE = (
-    "Zeng B. et al. (2017), hand-eye calibration of a 1-D laser range finder on a six-axis arm; "
-    "eqs. 5, 13-18, tables and curves"
-)
 SET_UPS, DETAILED = 200, 25  # all, as in the paper, and those on which what takes longer is done
 MM = 1e3  # in a metre
-METHODS = (  # in words, and as a figure's key
-    ("closed form, all readings", "closed_form"),
-    ("closed form, selected (one plane)", "single_plane"),
-    ("three planes jointly (eqs. 16-18)", "three_planes"),
-    ("the same as printed, a plane for each group", "three_planes_as_printed"),
-    ("SciPy on eq. 5", "scipy"),
-    ("SciPy on eq. 5, all readings, Cauchy's loss", "scipy_cauchy"),
-    ("ours, boards taken as flat", "flat_boards"),
-    ("ours", "best"),
-    ("true beam (marks and readings alone)", "floor"),
-    (f"ours, {GROSS:.0%} gross readings", "gross"),
-)
-ACCURACY = (  # in words, and as a figure's key
-    ("FRE against the tracker, five poses a mark [mm]", "fre"),
-    ("TRE, left out one by one [mm]", "tre"),
-    ("FRE, one pose a mark [mm]", "fre_one_pose"),
-    ("TRE, one pose a mark [mm]", "tre_one_pose"),
-    ("FRE, 20 points of the planes of 10 readings [mm]", "fre_plane_points"),
-    ("TRE, the same, left out one by one [mm]", "tre_plane_points"),
-    ("angles of the block, 15 points a face [deg]", "angle_error"),
-    ("scan of the head from the CT surface [mm]", "surface"),
-    ("13 targets inside [mm]", "inner_targets"),
-    ("a camera's place by OpenCV, same motions [mm]", "camera_opencv"),
-)
-PAPER: dict[str, dict[str, float]] = {  # mm
-    "single_plane": {"paper": 1.37, "paper_std": 0.24},
-    "three_planes": {"paper": 0.37, "paper_std": 0.05},
-    "three_planes_as_printed": {"paper": 0.37, "paper_std": 0.05},
-    "fre": {"paper": 0.24},
-    "tre": {"paper": 0.26, "paper_std": 0.10},
-    "fre_plane_points": {"paper": 0.24},
-    "tre_plane_points": {"paper": 0.26, "paper_std": 0.10},
-    "surface": {"paper": 0.3, "paper_std": 0.2},
-    "inner_targets": {"paper": 1.23, "paper_std": 0.43, "paper_max": 1.96},
-}
+TOLD = ABOUT["hand-eye"]
+METHODS = {key: words.format(gross=GROSS) for key, words in TOLD["methods"].items()}
+ACCURACY: dict[str, str] = TOLD["accuracy"]
+PAPER: dict[str, dict[str, float]] = TOLD["paper"]  # mm
 
 
 def run(
@@ -74,10 +39,11 @@ def run(
     """Simulate the set-ups and try every method on each."""
     trials, details = trials_of(seed, progress, set_ups, detailed)
     found = figures(trials, details)
-    rows = tuple((words, found[key]) for words, key in METHODS)
+    rows = tuple((words, found[key]) for key, words in METHODS.items())
     shown = Compared("Repeatability on marks that no method has seen", rows)
-    told = tables(found), notes(trials, details)
-    return Reproduction(TITLE, SOURCE, found, *told, compared=(shown,))
+    counts = {"trials": len(trials), "details": len(details)}
+    told = Reproduction.of("hand-eye", found, tables(found), **counts)
+    return replace(told, compared=(shown,))
 
 
 def trials_of(
@@ -176,21 +142,21 @@ def tables(f: dict[str, Any]) -> tuple[Table, ...]:
         Table(
             "Repeatability on marks that no method has seen [mm]",
             ("method", "ours", "paper"),
-            tuple((words, *_pair(f[key])) for words, key in METHODS),
+            tuple((words, *_pair(f[key])) for key, words in METHODS.items()),
         ),
         Table(
             "The same beams on marks aimed to 0.05 mm from 30 deg, and as in the paper [mm]",
             ("method", "0.05 mm, 30 deg", "0.4 mm, 45 deg", "paper"),
             tuple(
                 (words, _pair(f[key])[0], _pair(aimed[key])[0], _pair(f[key])[1])
-                for words, key in METHODS
+                for key, words in METHODS.items()
                 if key in aimed
             ),
         ),
         Table(
             "What it is good for, by our calibration",
             ("figure", "ours", "paper"),
-            tuple((words, *_pair(f[key])) for words, key in ACCURACY if key in f),
+            tuple((words, *_pair(f[key])) for key, words in ACCURACY.items() if key in f),
         ),
         Table(
             "Three planes over the weights' ratio (lengths in mm)",
@@ -210,26 +176,6 @@ def _pair(entry: dict[str, Any]) -> tuple[str, str]:
     paper = f"{entry['paper']:.2f}" if "paper" in entry else "–"
     spread = f" ± {entry['paper_std']:.2f}" if "paper_std" in entry else ""
     return ours, paper + spread
-
-
-def notes(trials: Sequence[Trial], details: Sequence[Detail]) -> tuple[str, ...]:
-    """What must be known to read it."""
-    return (
-        f"{len(trials)} simulated set-ups; block, tracker and head on {len(details)} of them.",
-        "Simulated, not given by the paper: boards flat to 0.17 mm rms, translation groups that "
-        "lean 6 to 10 deg and vary their stand-off by 0.11 m, 4 % poor readings (1 to 2 mm off). "
-        "They were chosen with the paper's figures for one plane and for three in view, so that "
-        "these two are no prediction of ours; compare the methods within the column. Spots aimed "
-        "to 0.05 mm are kinder than the paper's 0.4 mm: a table has both. Noise and bias of "
-        "slanted beams are plain assumptions.",
-        "The paper's alpha and beta are lost. Ours are 1 and 10 with lengths in mm; the table "
-        "shows what their ratio does. Groups that turn enter by their points alone. The three "
-        "planes and SciPy get the readings that the loop kept; ours gets all of them.",
-        "An iterate of the selection loop is chosen on one set of marks and judged on another; the "
-        "paper had one set.",
-        "Spread is the standard deviation over set-ups (over planes, marks or targets where there "
-        "are several a set-up).",
-    )
 
 
 def _mm(values: Array, **paper: float | None) -> dict[str, Any]:

@@ -9,6 +9,7 @@ tasks, and ``python -m plumbline.experiments.mpc.foresight`` more of the compari
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,6 @@ EACH = 6  # tasks of a family
 FORESEEN = 4  # tasks of a family in the comparison
 COMPARED = tuple(foresight.FORESIGHT)
 PASSES = 12  # of each form of the distance
-
-TITLE = "Capsule MPC for several instruments"
-SOURCE = "Patent abstract, 'multi-arm obstacle avoidance by model prediction' (formulas rebuilt)"
 
 
 def run(seed: int = 0, progress: Progress | None = None) -> Reproduction:
@@ -52,7 +50,12 @@ def run(seed: int = 0, progress: Progress | None = None) -> Reproduction:
     tables = (_families(runs), compared, _passes(planes, scalar))
     figures = _figures(runs, both, planes, scalar)
     shown = Compared("How near instruments came, by family", tuple(_nearest(runs)))
-    return Reproduction(TITLE, SOURCE, figures, tables, _notes(), _said(figures), (shown,))
+    m, wins = STATED, 100 * foresight.WINS
+    found = Reproduction.of(
+        "mpc", figures, tables, measured=m.measured, shake=m.shake, gain=100 * m.gain,
+        lag=1e3 * m.lag, delay=1e3 * m.delay, deadband=m.deadband, fastest=V_MAX, wins=wins,
+    )  # fmt: skip
+    return replace(found, said=_said(figures), compared=(shown,))
 
 
 def _nearest(runs: list[Run]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -116,14 +119,3 @@ def _passes(planes: Passes, scalar: Passes) -> Table:
     heads = ("distance", "clearance at steps", "between steps", "steps short", "arrived")
     rows = (row("planes", planes), row("the patent's scalar", scalar))
     return Table(f"{PASSES} parallel passes, d_s = {SAFE:g} mm, model exact", heads, rows)
-
-
-def _notes() -> tuple[str, ...]:
-    m = STATED
-    return (
-        f"The plant: {m.measured:g} mm (1 sigma) of measurement noise per axis, {m.shake:g} mm a "
-        f"step, gain off by up to {100 * m.gain:g} %, lag {1e3 * m.lag:g} ms, delay "
-        f"{1e3 * m.delay:g} ms, dead band {m.deadband:g} mm/s; v_max {V_MAX:g} mm/s, 20 ms a step.",
-        "The patent's formulas are lost and rebuilt; it gives no figure to compare with.",
-        f"Foresight earns its keep where the horizon does {100 * foresight.WINS:.0f} points more.",
-    )

@@ -7,14 +7,14 @@ budget adds up what is independent:
 .. math:: e^2 = e_{calculation}^2 + e_{control}^2 + e_{needle}^2 + e_{breathing}^2
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from plumbline.experiments.reproduce import Compared, Reproduction, Table, figure
+from plumbline.experiments.reproduce import ABOUT, Compared, Reproduction, Table, figure
 from plumbline.experiments.reproduce.registration_pointing import Pointed, pointed
 from plumbline.experiments.reproduce.registration_trial import (
     CONTROL,
@@ -33,8 +33,6 @@ from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.pointing import Status
 from plumbline.optim.registration import Anisotropic, Kabsch, Method, ThreePoint
 
-TITLE = "Three-marker lesion localisation and omnidirectional needle pointing"
-SOURCE = "Chen Guangbiao et al., three-marker lesion localisation with a UR3 and a rigid needle"
 DRAWS = 10_000  # of the readings: a mean is then known to a hundredth of their spread
 ITERATED_SHARE = 20  # of whose draws methods that iterate get one
 LESION = "M"
@@ -188,8 +186,8 @@ def reported(
         Compared("How far lesions are off", tuple(figures["localisation_error"].items())),
         Compared("What the error adds up from", tuple(figures["budget"].items())),
     )
-    notes = _notes(found, times, arms, draws)
-    return Reproduction(TITLE, SOURCE, figures, tables, notes, compared=shown)
+    told = Reproduction.of("registration", figures, tables, **_noted(found, times, draws))
+    return replace(told, notes=(*told.notes, *_unsafe(arms)), compared=shown)
 
 
 def _arm_figures(p: Pointed) -> dict[str, Any]:
@@ -247,42 +245,27 @@ def _pointing_table(arms: list[Pointed]) -> Table:
     return Table("Sweeps of the needle about lesion M, by Pinocchio and coal", head, tuple(rows))
 
 
-def _notes(
-    found: Mapping[str, Localised], times: Mapping[str, Ratio], arms: list[Pointed], draws: int
-) -> tuple[str, ...]:
+def _noted(
+    found: Mapping[str, Localised], times: Mapping[str, Ratio], draws: int
+) -> dict[str, object]:
+    """What the notes say of this run."""
     mean = {name: 1e3 * one.mean for name, one in found.items()}
-    triples = {name: value for name, value in mean.items() if found[name] and len(name) == 5}
-    worst = max(triples, key=triples.__getitem__)
-    five, four = mean["least squares A-B-C-D-E"], mean["least squares A-B-C-E"]
-    ahead = "does not hold" if mean["A-B-C"] > five else "holds"
-    singles = [1.0 - 1.0 / ratio.single for ratio in times.values()]
+    three, five = mean["A-B-C"], mean["least squares A-B-C-D-E"]
+    singles = [100.0 * (1.0 - 1.0 / ratio.single) for ratio in times.values()]
     batches = [ratio.batch for ratio in times.values()]
-    notes = [
-        "The paper's tables of robot coordinates are lost: tables 3, 5, 6 and 7 are simulated, "
-        f"{draws:,} draws ({max(draws // ITERATED_SHARE, 1):,} for the weighted sets), CT readings "
-        "uniform over 5 x 1 x 1 mm (the lesion's own too), robot 0.1 mm (1 sigma per axis).",
-        "T_RC comes from the published lesion, tip and top, with z of CT and robot exactly "
-        "antiparallel; four unknowns, nine numbers.",
-        f"{worst} is the worst triple (nearly on a line); A-B-C means {mean['A-B-C']:.2f} mm.",
-        f"That three points equal five by least squares {ahead} here: {mean['A-B-C']:.2f} mm "
-        f"against {five:.2f} mm; with four it is {four:.2f} mm. Five are best of the least-squares "
-        "sets.",
-        "One by one, both written plainly in NumPy, the three-point frame takes "
-        f"{100 * min(singles):.0f} to {100 * max(singles):.0f} % less time than least squares on 3 "
-        f"to 5 markers (paper: about 40 %); for all draws at once it is {min(batches):.0f} to "
-        f"{max(batches):.0f} times as fast. Both depend on the implementation more than on the "
-        "number of markers.",
-        "In the error budget the paper gives calculation and control; the needle is a steel rod of "
-        "3 mm that sags under its weight at theta (Timoshenko 1955, sec. 21), breathing a sine of "
-        "10 mm peak to peak, as a liver moves in quiet breathing (Davies et al. 1994, Br. J. "
-        "Radiology 67). Both are assumptions; a phantom does not breathe.",
-        "The phantom's far faces are not published; a box of 120 x 170 x 147 mm is assumed.",
-    ]
-    notes += [
-        f"{p.arm.upper()}: the published angle is {p.published.status[0].value} with nominal "
-        f"lengths and the base's frame ({p.published.reasons[0]}); the sweep is the widest arc "
-        "that it can hold."
-        for p in arms
-        if p.published.status[0] != Status.SAFE
-    ]
-    return tuple(notes)
+    return {
+        "draws": draws, "fewer": max(draws // ITERATED_SHARE, 1),
+        "worst": max((name for name in mean if len(name) == 5), key=mean.__getitem__),
+        "ahead": "does not hold" if three > five else "holds",
+        "three": three, "five": five, "four": mean["least squares A-B-C-E"],
+        "least": min(singles), "most": max(singles),
+        "slowest": min(batches), "fastest": max(batches),
+    }  # fmt: skip
+
+
+def _unsafe(arms: list[Pointed]) -> Iterator[str]:
+    for p in arms:
+        status, reason = p.published.status[0], p.published.reasons[0]
+        if status != Status.SAFE:
+            said = {"arm": p.arm.upper(), "status": status.value, "reason": reason}
+            yield ABOUT["registration"]["unsafe"].format(**said)

@@ -15,11 +15,9 @@ from __future__ import annotations
 
 import logging
 import os
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -27,6 +25,7 @@ from urllib.parse import quote
 import pooch
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.tables import table
 
 ENVIRONMENT_VARIABLE = "PLUMBLINE_DATA"
 
@@ -165,8 +164,8 @@ class Source:
 
 def catalogue() -> dict[str, Source]:
     """Every source of ``catalogue.toml`` by its name."""
-    text = (resources.files(__package__) / "catalogue.toml").read_text(encoding="utf-8")
-    return {name: _source(name, entry) for name, entry in tomllib.loads(text).items()}
+    told = table("plumbline.experiments.sources", "catalogue.toml")
+    return {name: _source(name, entry) for name, entry in told.items()}
 
 
 def _source(name: str, entry: dict[str, Any]) -> Source:

@@ -4,11 +4,12 @@ A set is a folder; what is there already is kept, so a run that was interrupted 
 is Markdown: the figures with their intervals, and the command and the seed that they come from.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from plumbline.experiments.tables import table
 from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.measures import MEASURES
@@ -17,26 +18,15 @@ from plumbline.experiments.withheld.scoring import Score, error_words, median, p
 from plumbline.optim.core.progress import Progress
 
 RICH = Design(seed=0, observation="mixed", gross=0.02)
+
+
+def _designed(words: str, leave_out: Sequence[str] = (), **of: Any) -> tuple[str, Design]:
+    return words, replace(RICH, leave_out=tuple(leave_out), **of)
+
+
 SETS: Mapping[str, tuple[str, Design]] = {
-    "single": ("one cause, 1 to 4 sigma, 60 to 140 rows", replace(RICH, kind="single")),
-    "pair": ("two causes, 1 to 4 sigma each, 60 to 140 rows", replace(RICH, kind="pair")),
-    "faint": (
-        "one cause, 0.35 to 0.7 sigma, 30 to 60 rows",
-        replace(RICH, kind="single", level="faint"),
-    ),
-    "none": ("nothing wrong, 20 to 200 rows", replace(RICH, kind="none", level="mixed")),
-    "outside": ("what the library lacks, 1 to 4 sigma", replace(RICH, kind="outside")),
-    "left-out": (
-        "each effect taken out of the library in turn",
-        replace(RICH, leave_out=("each",)),
-    ),
-    "one-unlisted": (
-        "two causes, one of them taken out of the library",
-        replace(RICH, kind="pair", leave_out=("one",)),
-    ),
-    "unseen": ("mechanisms by others, 1 to 4 sigma", replace(RICH, kind="unseen")),
-    "mixture": ("four in five the library's, one not", replace(RICH, kind="mixture")),
-    "moving": ("moving arms in MuJoCo", replace(RICH, gross=0.0, simulator="mujoco")),
+    name: _designed(**told)
+    for name, told in table("plumbline.experiments.withheld", "sets.toml").items()
 }
 WORDS = {measure.key: measure.words for measure in MEASURES}
 

@@ -7,7 +7,6 @@ scene shows is in an attribute, read as JSON.
 from __future__ import annotations
 
 import html
-import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -17,6 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
+
+from plumbline.experiments.tables import table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,9 +31,7 @@ COLOURS = {  # of verdicts; legible on light and on dark
     "outside-library": "#b34700",
 }
 DAY = "--ink:#22262b;--muted:#6f757d;--faint:#b9bec5;--paper:#fff"  # as in style.css.j2
-PICTURES: dict[str, Any] = tomllib.loads(
-    (files(ROOM) / "pictures.toml").read_text(encoding="utf-8")
-)
+PICTURES = table(ROOM, "pictures.toml")
 
 
 @dataclass(frozen=True)
