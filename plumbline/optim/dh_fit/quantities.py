@@ -8,7 +8,9 @@ readings cannot tell a change of :math:`x_h` from changes of its partners. A fit
 
 and whatever values the held ones have, *its* estimate and standard error are the same. Where no
 column leans on :math:`x_k` the sum has one term, and the parameter is known by itself. Parameters
-that rest on a bound, and those too weak to be free, are held ones too.
+that rest on a bound, and those too weak to be free, are held ones too. A lever is a derivative:
+what stands behind one is the change of a parameter from the drawing, so that a name with three
+digits of it says the number that is reported, however large the angle.
 
 With y the misfits of the nominal links, X the fitted columns, both less what frame and tool make up
 for, and :math:`b = (X^T X)^{-1} X^T y`, the mean squared misfit grows by the share
@@ -85,8 +87,8 @@ class DHParameter:
 class Quantity:
     """A sum of parameters that the poses tell."""
 
-    name: str  # ``joint 2 d + joint 3 d``, ``tool x - 0.02 m * joint 6 theta``
-    # parameters and their coefficients, that with coefficient 1 first
+    name: str  # ``joint 2 d + joint 3 d``, ``tool x - 0.02 m * change of joint 6 theta``
+    # parameters and the coefficients of their changes from the drawing, that it is about first
     parts: tuple[tuple[str, float], ...]
     unit: str  # ``m`` or ``rad``
     nominal: float  # what the drawing says of the sum
@@ -137,7 +139,9 @@ def quantities(found: Sums, values: Array, covariance: Array, quantile: float) -
         row = np.where(counts, row, 0.0)
         places = [k, *(int(j) for j in np.flatnonzero(counts) if j != k)]
         parts = tuple((found.unknowns[j].name, float(row[j])) for j in places)
-        value, at = float(row @ values), float(row @ nominal)
+        plain = [_plain(u, c, found.unknowns[k]) for u, c in zip(found.unknowns, row, strict=True)]
+        at = float(row * plain @ nominal)
+        value = at + float(row @ (values - nominal))
         name = " ".join(_term(found.unknowns[j], row[j], found.unknowns[k]) for j in places)
         ends = (value - quantile * float(std), value + quantile * float(std))
         unit = found.unknowns[k].unit
@@ -145,17 +149,20 @@ def quantities(found: Sums, values: Array, covariance: Array, quantile: float) -
     return reported
 
 
+def _plain(part: Unknown, coefficient: float, about: Unknown) -> bool:
+    """Whether a parameter counts as it is: behind a lever only its change does."""
+    return part.unit == about.unit and abs(abs(coefficient) - 1.0) < WHOLE
+
+
 def _term(part: Unknown, coefficient: float, about: Unknown) -> str:
-    """``joint 2 d``, ``+ joint 3 d``, ``- 0.02 m * joint 6 theta``."""
+    """``joint 2 d``, ``+ joint 3 d``, ``- 0.02 m * change of joint 6 theta``."""
     if part is about:
         return part.name
-    sign, size = "-" if coefficient < 0.0 else "+", abs(coefficient)
-    if part.unit == about.unit:
-        return (
-            f"{sign} {part.name}" if abs(size - 1.0) < WHOLE else f"{sign} {size:.3g} {part.name}"
-        )
-    unit = "m" if about.unit == "m" else "rad/m"
-    return f"{sign} {size:.3g} {unit} * {part.name}"
+    sign = "-" if coefficient < 0.0 else "+"
+    if _plain(part, coefficient, about):
+        return f"{sign} {part.name}"
+    unit = "" if part.unit == about.unit else " m" if about.unit == "m" else " rad/m"
+    return f"{sign} {abs(coefficient):.3g}{unit} * change of {part.name}"
 
 
 def shares(

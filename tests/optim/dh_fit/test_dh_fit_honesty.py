@@ -1,5 +1,6 @@
 """What a fit of links may claim: sums that it knows, the stated noise, the robot that it is."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -58,13 +59,28 @@ def test_what_is_known_only_in_a_sum_is_reported_as_that_sum():
     assert all(any(name in p.words for name in names) for p in summed)
 
 
-def test_a_sum_is_the_sum_of_its_parts():
-    fit = fit_dh(drawn(1)[0])
+def named(name, values, nominal):
+    """The number that a sum's name says, of values by name."""
+    total = 0.0
+    for term in re.split(" (?=[+-] )", name):
+        sign, lever, change, part = re.fullmatch(
+            r"(?:([+-]) )?(?:([\d.e-]+)(?: m| rad/m)? \* )?(change of )?(.+)", term
+        ).groups()
+        size = float(lever or 1.0) * (-1.0 if sign == "-" else 1.0)
+        total += size * (values[part] - (nominal[part] if change else 0.0))
+    return total
+
+
+@pytest.mark.parametrize("arm", [ur5(), bh7()])
+def test_a_name_says_the_number_that_is_reported(arm):
+    fit = fit_dh(drawn(1, arm=arm)[0])
     nominal = {u.name: u.nominal for u in fit.identifiability.unknowns}
     at = nominal | dict(zip(fit.statement.names, fit.x, strict=True))
+    assert any("change of" in q.name for q in fit.quantities)
     for q in fit.quantities:
-        assert np.isclose(q.nominal, sum(c * nominal[name] for name, c in q.parts), atol=1e-12)
-        assert np.isclose(q.value, sum(c * at[name] for name, c in q.parts), atol=1e-12)
+        change = sum(c * (at[name] - nominal[name]) for name, c in q.parts)
+        assert np.isclose(q.value - q.nominal, change, atol=1e-12)
+        assert np.isclose(q.value, named(q.name, at, nominal), rtol=0, atol=0.5 * q.std)
 
 
 def test_a_sum_does_not_depend_on_what_stands_in_for_what():
