@@ -1,7 +1,7 @@
 """What goes wrong between the joints: links, base and tool."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,14 +11,12 @@ from plumbline.experiments.reality.scene import Mechanism, Scene
 Vector = tuple[float, ...]
 
 
-@dataclass(frozen=True)
 class LinkMechanism(Mechanism):
     """A mechanism of one link."""
 
     link: int
 
 
-@dataclass(frozen=True)
 class LinkGeometry(LinkMechanism):
     """One link is not as drawn: d + size w_d [m], a + size w_a [m], alpha + size w_alpha [rad]."""
 
@@ -36,7 +34,6 @@ class LinkGeometry(LinkMechanism):
         return {k: self.size * w for k, w in zip(("d", "a", "alpha"), self.weights, strict=True)}
 
 
-@dataclass(frozen=True)
 class LinkThermal(Mechanism):
     """All lengths grow with the arm's true temperature: L (1 + size (T - reference)), size in 1/K.
 
@@ -53,7 +50,6 @@ class LinkThermal(Mechanism):
         return replace(scene, shape=shape)
 
 
-@dataclass(frozen=True)
 class LinkFlex(LinkMechanism):
     """A link bends sideways as a cantilever of length L; size is 1/(E I) in 1/(N m^2).
 
@@ -103,7 +99,6 @@ def cantilever(link: Array, force: Array, moment: Array, weight: Array) -> Array
     return np.concatenate([shift, turn], axis=1)
 
 
-@dataclass(frozen=True)
 class JointTilt(Mechanism):
     """A bearing leans under the moment M across its axis: angle = size (1 +- unequal) M.
 
@@ -132,7 +127,6 @@ class JointTilt(Mechanism):
         return {"compliance": [self.size * (1.0 + self.unequal), self.size * (1.0 - self.unequal)]}
 
 
-@dataclass(frozen=True)
 class BaseMotion(Mechanism, ABC):
     """The base moves by size w times a course over the session; w in m and, for turns, rad."""
 
@@ -153,7 +147,6 @@ class BaseMotion(Mechanism, ABC):
         return {"twist": [self.size * w for w in self.weights], **told}
 
 
-@dataclass(frozen=True)
 class BaseDrift(BaseMotion):
     """The base creeps: twist = size w (1 - exp(-rate s)) / (1 - exp(-rate)).
 
@@ -167,7 +160,6 @@ class BaseDrift(BaseMotion):
         return np.asarray(np.expm1(-self.rate * progress) / np.expm1(-self.rate))
 
 
-@dataclass(frozen=True)
 class BaseBump(BaseMotion):
     """Somebody knocks the base at one moment, a part of the session: twist = size w from then."""
 
@@ -178,7 +170,6 @@ class BaseBump(BaseMotion):
         return np.asarray((progress >= self.moment).astype(float))
 
 
-@dataclass(frozen=True)
 class BaseCompliance(Mechanism):
     """The table tilts with the load's moment M about the foot: angle = size k M.
 

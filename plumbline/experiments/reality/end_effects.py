@@ -4,7 +4,7 @@ A clamp that slips, a needle that hangs or is pushed aside; a scale, a distortio
 breathes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from plumbline.experiments.reality.scene import Mechanism, Scene, Session
 Vector = tuple[float, ...]
 
 
-@dataclass(frozen=True)
 class ToolSlip(Mechanism):
     """The tool sits elsewhere from one moment on, or anew in each group: tool + size w_g [m].
 
@@ -42,7 +41,6 @@ class ToolSlip(Mechanism):
         return {"shifts": shifts, "moments": list(self.moments)}
 
 
-@dataclass(frozen=True)
 class NeedleSag(Mechanism):
     """The needle hangs: the tip moves by size along the part of gravity across the needle.
 
@@ -60,7 +58,6 @@ class NeedleSag(Mechanism):
         return replace(scene, sag=scene.sag + self.size * across)
 
 
-@dataclass(frozen=True)
 class NeedleBending(Mechanism):
     """A force F on the tip bends the needle: the tip moves by size (F - a a.F), size in m/N.
 
@@ -81,7 +78,6 @@ class NeedleBending(Mechanism):
         )
 
 
-@dataclass(frozen=True)
 class SensorScale(Mechanism):
     """The device's metre is off: p (1 + size), about its origin."""
 
@@ -91,7 +87,6 @@ class SensorScale(Mechanism):
         return points * (1.0 + self.size)
 
 
-@dataclass(frozen=True)
 class SensorDistortion(Mechanism):
     """The device's optics bend space.
 
@@ -113,7 +108,6 @@ class SensorDistortion(Mechanism):
         return bent
 
 
-@dataclass(frozen=True)
 class Respiration(Mechanism):
     """What the device is tied to breathes on a ventilator.
 

@@ -6,7 +6,7 @@ Sizes are in rad (m for a slide) unless said otherwise.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from plumbline.experiments.reality.arm import Array, load_torque, point_torque
 from plumbline.experiments.reality.scene import Mechanism, Scene
 
 
-@dataclass(frozen=True)
 class JointMechanism(Mechanism, ABC):
     """A mechanism of one joint, which adds an error (N,) [rad or m] to its true position."""
 
@@ -42,7 +41,6 @@ class JointMechanism(Mechanism, ABC):
         """Error (N,) of the joint's position [rad or m]."""
 
 
-@dataclass(frozen=True)
 class JointOffset(JointMechanism):
     """The zero mark is off: e = size."""
 
@@ -52,7 +50,6 @@ class JointOffset(JointMechanism):
         return np.full(scene.session.rows, self.size)
 
 
-@dataclass(frozen=True)
 class JointScale(JointMechanism):
     """The encoder counts wrongly: e = size q (size is a ratio)."""
 
@@ -62,7 +59,6 @@ class JointScale(JointMechanism):
         return self.size * self.reading(scene)
 
 
-@dataclass(frozen=True)
 class JointCompliance(JointMechanism):
     """The drive twists under the load torque, less and less as it stiffens.
 
@@ -91,7 +87,6 @@ def _peak(torque: Array) -> float:
     return max(float(np.abs(torque).max()), 1e-12)
 
 
-@dataclass(frozen=True)
 class Backlash(JointMechanism):
     """The joint lags behind by half the play on the side it came from: e = -size/2 direction."""
 
@@ -101,7 +96,6 @@ class Backlash(JointMechanism):
         return -0.5 * self.size * scene.session.direction[:, self.joint - 1]
 
 
-@dataclass(frozen=True)
 class LoadedPlay(JointMechanism):
     """Play of a link that its own weight pushes aside: e = size/2 tanh(torque / seat).
 
@@ -116,7 +110,6 @@ class LoadedPlay(JointMechanism):
         return 0.5 * self.size * np.tanh(torque / (self.seat * _peak(torque)))
 
 
-@dataclass(frozen=True)
 class CoupledPlay(JointMechanism):
     """Cables of another joint, slack on the side it came from: e = -size/2 direction_source."""
 
@@ -127,7 +120,6 @@ class CoupledPlay(JointMechanism):
         return -0.5 * self.size * scene.session.direction[:, self.source - 1]
 
 
-@dataclass(frozen=True)
 class Hysteresis(JointMechanism):
     """Play carried along the path of the rows; the final approach is too short to cross it.
 
@@ -148,7 +140,6 @@ class Hysteresis(JointMechanism):
         return out - q
 
 
-@dataclass(frozen=True)
 class TransmissionRipple(JointMechanism):
     """Once and twice per turn: e = size (w1 sin(q + p1) + w2 sin(2 q + p2))."""
 
@@ -170,7 +161,6 @@ class TransmissionRipple(JointMechanism):
         return named
 
 
-@dataclass(frozen=True)
 class GearRipple(JointMechanism):
     """Ripple of a gear: e = size sin(order q + phase); the order need not be an integer."""
 
@@ -182,7 +172,6 @@ class GearRipple(JointMechanism):
         return self.size * np.sin(self.order * self.reading(scene) + self.phase)
 
 
-@dataclass(frozen=True)
 class JointCoupling(JointMechanism):
     """Another joint drags this one along: e = size q_source (size is a ratio)."""
 
@@ -193,7 +182,6 @@ class JointCoupling(JointMechanism):
         return self.size * scene.session.q[:, self.source - 1]
 
 
-@dataclass(frozen=True)
 class Payload(Mechanism):
     """An unknown mass of `size` kg at the tip twists every drive.
 
@@ -210,7 +198,6 @@ class Payload(Mechanism):
         return replace(scene, q=scene.q + torque / np.asarray(self.stiffness))
 
 
-@dataclass(frozen=True)
 class Latency(Mechanism):
     """The device reports where the arm was `size` seconds ago: q_true = q - size velocity."""
 

@@ -12,18 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.reality import joint_effects as joints
 from plumbline.experiments.reality.arm import Arm, Array, forward, load_torque, point_torque
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import Plan, looking_at
 from plumbline.experiments.reality.confounding import Basis, confounded
 from plumbline.experiments.reality.gap import frame_and_tool, unabsorbed
-from plumbline.experiments.reality.joint_effects import (
-    Backlash,
-    JointCompliance,
-    JointMechanism,
-    Latency,
-    Payload,
-)
 from plumbline.experiments.reality.motion import STIFFEST, Course, Drive, Motion, Trouble, move
 from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.recorder import Case, Recording, numbered, settings, truth, write
@@ -41,8 +35,7 @@ SLOW = (0.03, 0.1, 0.3)  # rad/s: speeds below which a rival's friction may rise
 BEYOND: dict[str, tuple[str, ...]] = {"tip_position": ("tip_force",), "joint_position": ()}
 
 
-@dataclass(frozen=True)
-class Friction(JointMechanism):
+class Friction(joints.JointMechanism):
     """A dry bearing winds its drive up: e = -size (1 + dip exp(-(v/slow)^2)) sign v [rad]."""
 
     dip: float = 1.0
@@ -56,8 +49,7 @@ class Friction(JointMechanism):
         return np.asarray(-size * np.tanh(v / 5e-3))
 
 
-@dataclass(frozen=True)
-class ViscousFriction(JointMechanism):
+class ViscousFriction(joints.JointMechanism):
     """Grease winds a drive up in proportion to the speed: e = -size v [rad]."""
 
     effect = "friction"
@@ -66,8 +58,7 @@ class ViscousFriction(JointMechanism):
         return -self.size * scene.session.velocity[:, self.joint - 1]
 
 
-@dataclass(frozen=True)
-class EffortCompliance(JointMechanism):
+class EffortCompliance(joints.JointMechanism):
     """A drive that twists under the torque that its motor reports: e = -size effort [rad]."""
 
     effort: tuple[float, ...] = ()
@@ -77,7 +68,6 @@ class EffortCompliance(JointMechanism):
         return -self.size * np.array(self.effort)
 
 
-@dataclass(frozen=True)
 class TipForce(Mechanism):
     """Tissue pushes the tip along the base's x: -size (x - x0) [N], through yielding drives."""
 
@@ -99,7 +89,9 @@ def _compliance(arm: Arm, rng: np.random.Generator) -> Wrong:
     load = _loads(arm, rng)
     joint = int(rng.choice(np.flatnonzero(load >= 0.2 * load.max())))
     size = RANGES.one("compliance", rng)
-    return Trouble({joint: Drive(1.0 / size)}), JointCompliance(size, joint + 1, stiffening=0.0)
+    return Trouble({joint: Drive(1.0 / size)}), joints.JointCompliance(
+        size, joint + 1, stiffening=0.0
+    )
 
 
 def _backlash(arm: Arm, rng: np.random.Generator) -> Wrong:
@@ -107,18 +99,20 @@ def _backlash(arm: Arm, rng: np.random.Generator) -> Wrong:
     joint = _unloaded(arm, rng)
     width = RANGES.one("play", rng)
     drag = (25.0, 25.0, 1.0)
-    return Trouble({joint: Drive(play=width)}, friction={joint: drag}), Backlash(width, joint + 1)
+    return Trouble({joint: Drive(play=width)}, friction={joint: drag}), joints.Backlash(
+        width, joint + 1
+    )
 
 
 def _latency(_: Arm, rng: np.random.Generator) -> Wrong:
     size = RANGES.one("latency", rng)
-    return Trouble(latency=size), Latency(size)
+    return Trouble(latency=size), joints.Latency(size)
 
 
 def _payload(arm: Arm, rng: np.random.Generator) -> Wrong:
     size = float(RANGES.one("payload", rng) * arm.mass.sum())
     drives = {i: Drive() for i in range(arm.joints)}
-    return Trouble(drives, payload=size), Payload(size, (STIFFEST,) * arm.joints)
+    return Trouble(drives, payload=size), joints.Payload(size, (STIFFEST,) * arm.joints)
 
 
 def _friction(arm: Arm, rng: np.random.Generator) -> Wrong:

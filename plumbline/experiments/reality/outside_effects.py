@@ -4,7 +4,7 @@ Each says on what it truly depends (`depends_on`), so that a diagnosis which onl
 else" can still be held to where that something lives.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +17,6 @@ RANGES = Ranges("library")
 Vector = tuple[float, ...]
 
 
-@dataclass(frozen=True)
 class CrossRipple(JointMechanism):
     """Tooth ripple tied to a second joint: e = size sin(order q_j + mesh q_k + phase) [rad]."""
 
@@ -33,7 +32,6 @@ class CrossRipple(JointMechanism):
         return self.size * np.sin(self.order * q + self.mesh * other + self.phase)
 
 
-@dataclass(frozen=True)
 class MagneticSpot(Mechanism):
     """A field around one spot bends the device's reading: size u exp(-|p - c|^2 / (2 w^2)) [m]."""
 
@@ -49,7 +47,6 @@ class MagneticSpot(Mechanism):
         return np.asarray(points + self.size * bump[:, None] * np.array(self.direction))
 
 
-@dataclass(frozen=True)
 class StickSlip(JointMechanism):
     """The joint sticks and lets go: the error winds up with travel, then jumps.
 
@@ -74,7 +71,6 @@ class StickSlip(JointMechanism):
         return self.size * out
 
 
-@dataclass(frozen=True)
 class LooseTool(Mechanism):
     """On three readings the tool sat elsewhere in its clamp: tool + size u [m] on those rows."""
 

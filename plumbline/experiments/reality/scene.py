@@ -16,7 +16,7 @@ A mechanism changes the scene before the reading (`body`) or the points that the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, dataclass_transform
 
 import numpy as np
 
@@ -115,8 +115,16 @@ class Scene:
         return point @ R.T + t, R @ turn
 
 
-@dataclass(frozen=True)
-class Mechanism:
+@dataclass_transform(frozen_default=True)
+class Frozen:
+    """What derives from it is a frozen dataclass without saying so."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        dataclass(frozen=True)(cls)
+
+
+class Mechanism(Frozen):
     """One true deviation; `size` scales it, in the unit that the mechanism documents.
 
     A mechanism says what it does to the scene (`body`) or to what the device reports (`sense`).

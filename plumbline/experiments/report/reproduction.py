@@ -4,19 +4,14 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture
-from plumbline.experiments.report.style import (
-    AFTER,
-    FLOOR,
-    GUILTY,
-    calm,
-    house_style,
-    new_figure,
-    says,
-)
 from plumbline.experiments.reproduce import Compared, Reproduction
 
-STATED = {"paper": GUILTY, "asked": FLOOR}  # what a figure is held against, and its colour
+STATED = {
+    "paper": style.GUILTY,
+    "asked": style.FLOOR,
+}  # what a figure is held against, and its colour
 DECADE = 10.0  # largest over smallest figure, from which on a scale is logarithmic
 
 
@@ -47,17 +42,19 @@ def compared(shown: Compared) -> Figure:
     """A row a figure, all on one scale."""
     names, values = zip(*shown.rows, strict=True)
     sizes = [v[key] for v in values for key in ("value", *STATED) if v.get(key)]
-    with house_style():
-        figure = new_figure(6.4, 0.9 + 0.26 * len(names))
-        axes = calm(figure.subplots())
+    with style.house_style():
+        figure = style.new_figure(6.4, 0.9 + 0.26 * len(names))
+        axes = style.calm(figure.subplots())
         for k, (name, one) in enumerate(shown.rows):
             low = min(one.get("std", 0.0), one["value"])  # no length is below zero
-            axes.plot([one["value"] - low, one["value"] + one.get("std", 0.0)], [k, k], color=AFTER)
-            (dot,) = axes.plot(one["value"], k, "o", color=AFTER, ms=5)
-            says(dot, f"{name}: {one['value']:.3g} {one['unit']}")
+            axes.plot(
+                [one["value"] - low, one["value"] + one.get("std", 0.0)], [k, k], color=style.AFTER
+            )
+            (dot,) = axes.plot(one["value"], k, "o", color=style.AFTER, ms=5)
+            style.says(dot, f"{name}: {one['value']:.3g} {one['unit']}")
             for key in STATED.keys() & one.keys():
                 (mark,) = axes.plot(one[key], k, "D", color=STATED[key], mfc="none", ms=6)
-                says(mark, f"{name}: {one[key]:.3g} {one['unit']}, {key}")
+                style.says(mark, f"{name}: {one[key]:.3g} {one['unit']}, {key}")
         if max(sizes) > DECADE * min(sizes) > 0.0:
             axes.set_xscale("log")
         axes.set_yticks(range(len(names)), names)

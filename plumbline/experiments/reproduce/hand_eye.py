@@ -10,16 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.experiments.reproduce import ABOUT, Compared, Reproduction, Table, figure
-from plumbline.experiments.reproduce.hand_eye_trials import (
-    GROSS,
-    RATIOS,
-    Detail,
-    Lengths,
-    Trial,
-    detail,
-    set_up,
-    trial,
+from plumbline.experiments.reproduce import (
+    ABOUT,
+    Compared,
+    Reproduction,
+    Table,
+    figure,
+    hand_eye_trials,
 )
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress, silent
@@ -28,7 +25,7 @@ from plumbline.optim.hand_eye.constants import BIAS_STD
 SET_UPS, DETAILED = 200, 25  # all, as in the paper, and those on which what takes longer is done
 MM = 1e3  # in a metre
 TOLD = ABOUT["hand-eye"]
-METHODS = {key: words.format(gross=GROSS) for key, words in TOLD["methods"].items()}
+METHODS = {key: words.format(gross=hand_eye_trials.GROSS) for key, words in TOLD["methods"].items()}
 ACCURACY: dict[str, str] = TOLD["accuracy"]
 PAPER: dict[str, dict[str, float]] = TOLD["paper"]  # mm
 
@@ -48,20 +45,22 @@ def run(
 
 def trials_of(
     seed: int, progress: Progress | None, set_ups: int, detailed: int
-) -> tuple[list[Trial], list[Detail]]:
+) -> tuple[list[hand_eye_trials.Trial], list[hand_eye_trials.Detail]]:
     """All trials, and the details of some."""
     chosen = set(np.linspace(0, set_ups - 1, detailed).astype(int).tolist())
     trials, details = [], []
     for number in range(set_ups):
-        case = set_up(seed, number)
-        trials.append(trial(case))
+        case = hand_eye_trials.set_up(seed, number)
+        trials.append(hand_eye_trials.trial(case))
         if number in chosen:
-            details.append(detail(case, trials[-1], seed, number))
+            details.append(hand_eye_trials.detail(case, trials[-1], seed, number))
         (progress or silent)(f"set-up {number + 1} of {set_ups}", (number + 1) / set_ups)
     return trials, details
 
 
-def figures(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, Any]:
+def figures(
+    trials: Sequence[hand_eye_trials.Trial], details: Sequence[hand_eye_trials.Detail]
+) -> dict[str, Any]:
     """The figures by name, mm and deg."""
     lengths = _joined([t.lengths for t in trials]) | _joined([d.lengths for d in details])
     angles = np.rad2deg(np.concatenate([d.angles for d in details]))
@@ -83,21 +82,23 @@ def figures(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, Any
         "selection": selection_figures(trials),
         "beta_over_alpha": [
             {"ratio": ratio, **_mm(np.array([d.ratios[k] for d in details]))}
-            for k, ratio in enumerate(RATIOS)
+            for k, ratio in enumerate(hand_eye_trials.RATIOS)
         ],
         "covariance": _honesty(trials),
     }
 
 
-def _joined(several: Sequence[Lengths]) -> Lengths:
+def _joined(several: Sequence[hand_eye_trials.Lengths]) -> hand_eye_trials.Lengths:
     return {key: np.concatenate([one[key] for one in several]) for key in several[0]}
 
 
-def _gross(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, object]:
+def _gross(
+    trials: Sequence[hand_eye_trials.Trial], details: Sequence[hand_eye_trials.Detail]
+) -> dict[str, object]:
     chosen = np.linspace(0, len(trials) - 1, len(details)).astype(int)
     clean = float(np.mean([trials[k].lengths["best"] for k in chosen]))
     return {
-        "share": GROSS,
+        "share": hand_eye_trials.GROSS,
         "clean": clean * MM,
         "loss": float(np.mean([d.lengths["gross"] for d in details])) / clean - 1.0,
         "named": float(np.mean([d.named for d in details])),
@@ -105,7 +106,7 @@ def _gross(trials: Sequence[Trial], details: Sequence[Detail]) -> dict[str, obje
     }
 
 
-def _honesty(trials: Sequence[Trial]) -> dict[str, object]:
+def _honesty(trials: Sequence[hand_eye_trials.Trial]) -> dict[str, object]:
     """Root mean square of true errors over stated standard errors: 1 where they are honest."""
     error, std = np.array([(t.error, t.std) for t in trials]).T
     # The prior of a bias that these beams hardly have is r along the beam's, and nothing else's.
@@ -114,7 +115,7 @@ def _honesty(trials: Sequence[Trial]) -> dict[str, object]:
     return figure(whole, "1", without_bias=without)
 
 
-def selection_figures(trials: Sequence[Trial]) -> dict[str, object]:
+def selection_figures(trials: Sequence[hand_eye_trials.Trial]) -> dict[str, object]:
     """The selection loop's mean curve, and at which iteration its minimum lay."""
     kept = np.array([s.kept for t in trials for s in t.selections])
     return {
@@ -124,7 +125,7 @@ def selection_figures(trials: Sequence[Trial]) -> dict[str, object]:
     }
 
 
-def mean_curve(trials: Sequence[Trial], longest: int = 40) -> Array:
+def mean_curve(trials: Sequence[hand_eye_trials.Trial], longest: int = 40) -> Array:
     """Mean repeatability [m] over iterations, as far as half of the loops reach."""
     curves = [s.curve[:longest] for t in trials for s in t.selections]
     reached = [sum(len(c) > k for c in curves) for k in range(longest)]

@@ -15,19 +15,8 @@ from typing import Any
 import numpy as np
 
 from plumbline.experiments.reproduce import ABOUT, Compared, Reproduction, Table, figure
+from plumbline.experiments.reproduce import registration_trial as trials
 from plumbline.experiments.reproduce.registration_pointing import Pointed, pointed
-from plumbline.experiments.reproduce.registration_trial import (
-    CONTROL,
-    LESIONS,
-    NEEDLE,
-    THETA,
-    Ratio,
-    Trial,
-    axis_tilt,
-    published_errors,
-    published_frame,
-    ratios,
-)
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.pointing import Status
@@ -86,14 +75,14 @@ def run(seed: int, progress: Progress | None = None, *, draws: int = DRAWS) -> R
     """Make the paper's figures again."""
     tell = progress or silent
     tell("published points", 0.0)
-    T_RC = published_frame()
+    T_RC = trials.published_frame()
     rng = np.random.default_rng(seed)
-    trial = Trial.drawn(T_RC, draws, rng, normal=False)
-    normal = Trial.drawn(T_RC, draws, rng, normal=True)
+    trial = trials.Trial.drawn(T_RC, draws, rng, normal=False)
+    normal = trials.Trial.drawn(T_RC, draws, rng, normal=True)
     tell("localisation", 0.1)
     found = {name: localised(trial, normal, *one) for name, one in SETS.items()}
     tell("timing", 0.5)
-    times = ratios(trial)
+    times = trials.ratios(trial)
     arms = []
     for k, arm in enumerate(("ur3", "ur5")):
         tell(f"needle on a {arm.upper()}", 0.6 + 0.2 * k)
@@ -102,13 +91,13 @@ def run(seed: int, progress: Progress | None = None, *, draws: int = DRAWS) -> R
     return reported(T_RC, found, times, arms, draws)
 
 
-def localised(trial: Trial, normal: Trial, names: str, method: Method) -> Localised:
+def localised(trial: trials.Trial, normal: trials.Trial, names: str, method: Method) -> Localised:
     """Errors of one set of markers, by one method."""
     if isinstance(method, Anisotropic):  # iterates: fewer draws do
         count = max(len(trial.own) // ITERATED_SHARE, 1)
         trial, normal = trial.first(count), normal.first(count)
     T = trial.found(method, names)
-    errors = {f: np.linalg.norm(trial.errors(T, f), axis=1) for f in LESIONS}
+    errors = {f: np.linalg.norm(trial.errors(T, f), axis=1) for f in trials.LESIONS}
     return Localised(
         errors,
         float(trial.calculation_errors(T).mean()),
@@ -119,11 +108,11 @@ def localised(trial: Trial, normal: Trial, names: str, method: Method) -> Locali
 
 def budget(calculation: float) -> dict[str, float]:
     """The authors' list of errors as numbers [mm], each a root mean square or a mean."""
-    sag = 2 * STEEL_DENSITY * 9.81 * NEEDLE.length**4 / (STEEL_MODULUS * ROD_DIAMETER**2)
+    sag = 2 * STEEL_DENSITY * 9.81 * trials.NEEDLE.length**4 / (STEEL_MODULUS * ROD_DIAMETER**2)
     parts = {
         "calculation": 1e3 * calculation,
-        "control": 1e3 * CONTROL * float(np.sqrt(3.0)),
-        "needle": 1e3 * sag * float(np.sin(THETA)),
+        "control": 1e3 * trials.CONTROL * float(np.sqrt(3.0)),
+        "needle": 1e3 * sag * float(np.sin(trials.THETA)),
         "breathing": 1e3 * BREATH / float(np.sqrt(8.0)),
     }
     phantom = float(np.sqrt(sum(parts[k] ** 2 for k in ("calculation", "control", "needle"))))
@@ -134,19 +123,19 @@ def budget(calculation: float) -> dict[str, float]:
 def reported(
     T_RC: Array,
     found: Mapping[str, Localised],
-    times: Mapping[str, Ratio],
+    times: Mapping[str, trials.Ratio],
     arms: list[Pointed],
     draws: int,
 ) -> Reproduction:
     """Everything as figures, tables and notes."""
-    away = published_errors(T_RC)
+    away = trials.published_errors(T_RC)
     costs = budget(found["A-B-C"].calculation)
     ur3 = arms[0]
     figures: dict[str, Any] = {
         "tip_error": figure(1e3 * away[1], "mm"),
         "top_error": figure(1e3 * away[2], "mm"),
         "lesion_error": figure(1e3 * away[0], "mm"),
-        "axis_tilt": figure(np.degrees(axis_tilt()), "deg"),
+        "axis_tilt": figure(np.degrees(trials.axis_tilt()), "deg"),
         "rcm_error": figure(
             1e3 * ur3.rcm_error, "mm", by_arm={p.arm: 1e3 * p.rcm_error for p in arms}
         ),
@@ -207,7 +196,7 @@ def _arm_figures(p: Pointed) -> dict[str, Any]:
 def _localisation_table(found: Mapping[str, Localised]) -> Table:
     def cells(name: str, one: Localised) -> tuple[str, ...]:
         f = one.figure()
-        means = [f"{f['by_lesion'][lesion]:.2f}" for lesion in LESIONS]
+        means = [f"{f['by_lesion'][lesion]:.2f}" for lesion in trials.LESIONS]
         share, inside = f"{100 * f['within_3_mm']:.0f} %", f"{100 * one.covered:.1f} %"
         rest = (f"{f['p95']:.2f}", share, f"{f['calculation_error']:.2f}", inside)
         return name.replace("least squares", "LS"), *means, *rest
@@ -219,7 +208,7 @@ def _localisation_table(found: Mapping[str, Localised]) -> Table:
     )  # fmt: skip
 
 
-def _time_table(times: Mapping[str, Ratio]) -> Table:
+def _time_table(times: Mapping[str, trials.Ratio]) -> Table:
     rows = tuple(
         (name.replace("least squares", "LS"), f"{r.single:.2f}", f"{r.batch:.0f}", f"{FASTER:.2f}")
         for name, r in times.items()
@@ -246,7 +235,7 @@ def _pointing_table(arms: list[Pointed]) -> Table:
 
 
 def _noted(
-    found: Mapping[str, Localised], times: Mapping[str, Ratio], draws: int
+    found: Mapping[str, Localised], times: Mapping[str, trials.Ratio], draws: int
 ) -> dict[str, object]:
     """What the notes say of this run."""
     mean = {name: 1e3 * one.mean for name, one in found.items()}

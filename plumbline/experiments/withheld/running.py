@@ -22,19 +22,8 @@ from time import perf_counter
 from typing import Any
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.withheld import sealing
 from plumbline.experiments.withheld.sandbox import RECORDING, VERDICT
-from plumbline.experiments.withheld.sealing import (
-    LEDGER,
-    PLAN,
-    RUN,
-    Entry,
-    check_seal,
-    hash_of_file,
-    hash_of_recording,
-    make_folder,
-    read_ledger,
-    recordings_in,
-)
 from plumbline.kinematics.files import write_whole
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.recording.recording import hash_of
@@ -66,7 +55,7 @@ def run_set(
     entries = entries_of(cases)
     refuse_truth(cases, {entry.truth for entry in entries if entry.truth})
     _check_out(cases, out, entries)
-    make_folder(out)
+    sealing.make_folder(out)
     _sign(cases, out)
     waiting = [entry for entry in entries if not _is_done(entry, out, seed)]
     kept = len(entries) - len(waiting)
@@ -84,12 +73,16 @@ def run_set(
     return Done(len(waiting), kept)
 
 
-def _check_out(cases: Path, out: Path, entries: Sequence[Entry]) -> None:
+def _check_out(cases: Path, out: Path, entries: Sequence[sealing.Entry]) -> None:
     """Refuse a folder for the verdicts that holds what no run wrote, a truth above all."""
     try:
         within = out.resolve().is_relative_to(cases.resolve())
-        begun = (out / RUN).exists()
-        strange = [name for name in (PLAN, *(() if begun else (LEDGER,))) if (out / name).exists()]
+        begun = (out / sealing.RUN).exists()
+        strange = [
+            name
+            for name in (sealing.PLAN, *(() if begun else (sealing.LEDGER,)))
+            if (out / name).exists()
+        ]
         if not begun:
             strange += [f"{e.case}.json" for e in entries if (out / f"{e.case}.json").exists()]
     except (OSError, RuntimeError, ValueError) as error:
@@ -103,16 +96,16 @@ def _check_out(cases: Path, out: Path, entries: Sequence[Entry]) -> None:
         )
 
 
-def entries_of(cases: Path) -> list[Entry]:
+def entries_of(cases: Path) -> list[sealing.Entry]:
     """What is to be run: the ledger's entries, checked, or all recordings of an unsealed set."""
-    ledger, folders = read_ledger(cases), recordings_in(cases)
+    ledger, folders = sealing.read_ledger(cases), sealing.recordings_in(cases)
     if ledger is None:
-        return [Entry(f.name, "", hash_of_recording(f)) for f in folders]
+        return [sealing.Entry(f.name, "", sealing.hash_of_recording(f)) for f in folders]
     stray = {f.name for f in folders} - set(ledger.by_case)
     if stray:
         raise PlumblineError(f"{cases / min(stray)}: not in the ledger; take it out or seal it")
     for entry in ledger.entries:
-        check_seal(entry, recording=cases / entry.case)
+        sealing.check_seal(entry, recording=cases / entry.case)
     return list(ledger.entries)
 
 
@@ -135,7 +128,7 @@ def _is_truth(path: Path, sealed: set[str]) -> bool:
     try:
         if path.stat().st_size > LARGEST_TRUTH:
             return False
-        if sealed and hash_of_file(path) in sealed:
+        if sealed and sealing.hash_of_file(path) in sealed:
             return True
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -144,10 +137,10 @@ def _is_truth(path: Path, sealed: set[str]) -> bool:
 
 
 def _sign(cases: Path, out: Path) -> None:
-    ledger = cases / LEDGER
-    sealed = hash_of_file(ledger) if ledger.is_file() else ""
+    ledger = cases / sealing.LEDGER
+    sealed = sealing.hash_of_file(ledger) if ledger.is_file() else ""
     note = {"cases": str(cases.resolve()), "ledger": sealed, "code": code_hash()}
-    kept = out / RUN
+    kept = out / sealing.RUN
     if kept.is_file():
         before = read_note(out)
         if before.get("cases") != note["cases"]:
@@ -158,7 +151,7 @@ def _sign(cases: Path, out: Path) -> None:
             raise PlumblineError(f"{out}: holds verdicts of other code; use a new folder")
     kept.write_text(json.dumps(note, indent=1) + "\n", encoding="utf-8")
     if sealed:
-        shutil.copyfile(ledger, out / LEDGER)
+        shutil.copyfile(ledger, out / sealing.LEDGER)
 
 
 def read_note(verdicts: Path) -> dict[str, str]:
@@ -167,7 +160,7 @@ def read_note(verdicts: Path) -> dict[str, str]:
     Raises:
         PlumblineError: It cannot be understood.
     """
-    path = verdicts / RUN
+    path = verdicts / sealing.RUN
     if not path.is_file():
         return {}
     try:
@@ -187,7 +180,7 @@ def code_hash() -> str:
     )
 
 
-def _is_done(entry: Entry, out: Path, seed: int) -> bool:
+def _is_done(entry: sealing.Entry, out: Path, seed: int) -> bool:
     try:
         found = json.loads((out / f"{entry.case}.json").read_text(encoding="utf-8"))["withheld"]
         asked = (entry.recording, list(entry.without), seed)
@@ -230,7 +223,11 @@ def _stop(process: subprocess.Popen[str]) -> None:
 
 
 def _one(
-    recording: Path, entry: Entry, out: Path, seed: int, idle: SimpleQueue[subprocess.Popen[str]]
+    recording: Path,
+    entry: sealing.Entry,
+    out: Path,
+    seed: int,
+    idle: SimpleQueue[subprocess.Popen[str]],
 ) -> None:
     """Hand one recording to a blind process and keep what it says."""
     process = idle.get()
@@ -253,7 +250,7 @@ def _one(
 
 
 def _answer(
-    process: subprocess.Popen[str], folder: Path, entry: Entry, seed: int
+    process: subprocess.Popen[str], folder: Path, entry: sealing.Entry, seed: int
 ) -> dict[str, Any]:
     assert process.stdin is not None
     assert process.stdout is not None

@@ -23,15 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.experiments.reality.arm import Arm, Array, placed, rotations
-from plumbline.experiments.reality.parts.room import (
-    PACE,
-    Flaw,
-    Room,
-    draw_flaw,
-    draw_room,
-    plan,
-    ranges,
-)
+from plumbline.experiments.reality.parts import room as rooms
 from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.ranging.writing import flange_columns
 from plumbline.experiments.reality.recorder import Recording, numbered, robot_lines, write
@@ -71,19 +63,21 @@ def draw_ranges(
     """Write a recording of ranges with one thing wrong, left at ``gap`` times the noise."""
     given = given or RangePlan()
     rng = np.random.default_rng([seed, 41])
-    room = draw_room(arm, rng)
-    q, board = plan(room, given.rows, rng)
-    flaw = None if name is None else draw_flaw(name, room, len(q), rng)
-    ideal = ranges(room, q, board)
+    room = rooms.draw_room(arm, rng)
+    q, board = rooms.plan(room, given.rows, rng)
+    flaw = None if name is None else rooms.draw_flaw(name, room, len(q), rng)
+    ideal = rooms.ranges(room, q, board)
     hidden = _beam_and_boards(room, q, board)
     size = 0.0
     if flaw is not None:
-        size = _sized(lambda s: ranges(room, q, board, flaw, s) - ideal, hidden, gap * RANGE_NOISE)
-    read = ranges(room, q, board, flaw, size) + RANGE_NOISE * rng.normal(size=len(q))
+        size = _sized(
+            lambda s: rooms.ranges(room, q, board, flaw, s) - ideal, hidden, gap * RANGE_NOISE
+        )
+    read = rooms.ranges(room, q, board, flaw, size) + RANGE_NOISE * rng.normal(size=len(q))
     columns: dict[str, Any] = flange_columns(arm, q) if given.poses else numbered("q", q)
     motion = np.arange(len(q)) * given.motions // len(q) + 1
     columns |= {"range": read, "plane": board + 1, "motion": motion}
-    columns["time"] = PACE * np.arange(len(q))
+    columns["time"] = rooms.PACE * np.arange(len(q))
     lines = [f'name = "{folder.name}"', 'observation = "plane_range"', f"noise_std = {RANGE_NOISE}"]
     lines += [] if given.poses else robot_lines(arm)
     write(folder, Recording("\n".join(lines) + "\n", columns))
@@ -133,7 +127,7 @@ def _sized(error: Callable[[float], Array], hidden: Array, wanted: float) -> flo
     return size
 
 
-def _beam_and_boards(room: Room, q: Array, board: NDArray[np.int64]) -> Array:
+def _beam_and_boards(room: rooms.Room, q: Array, board: NDArray[np.int64]) -> Array:
     """What ranges change by with beam and boards (N, 5 + 3 K)."""
     found = []
     for k in range(3):
@@ -147,8 +141,8 @@ def _beam_and_boards(room: Room, q: Array, board: NDArray[np.int64]) -> Array:
             else:
                 middles[b] += STEP * axes[b, :, 2]
             changed.append(replace(room, middles=middles, axes=axes))
-        found += [ranges(one, q, board) for one in changed]
-    ideal = ranges(room, q, board)
+        found += [rooms.ranges(one, q, board) for one in changed]
+    ideal = rooms.ranges(room, q, board)
     return np.stack([(one - ideal) / STEP for one in found], axis=1)
 
 
@@ -188,7 +182,7 @@ def draw_head(rng: np.random.Generator, markers: int, touches: int) -> Head:
     return Head(place, order.astype(np.int64), time, R, RANGES.many("head", rng, 3))
 
 
-def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> Flaw:
+def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> rooms.Flaw:
     """A thing wrong of that name."""
     way = rng.normal(size=3)
     marked = name in ("marker_shift", "creeping_marker")
@@ -200,10 +194,10 @@ def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> Flaw:
         "axis": rng.integers(0, 4, 1).astype(float),
         "spot": head.markers[rng.integers(len(head.markers))],
     }
-    return Flaw(name, element, form)
+    return rooms.Flaw(name, element, form)
 
 
-def written(head: Head, wrong: Flaw | None, size: float) -> tuple[Array, Array]:
+def written(head: Head, wrong: rooms.Flaw | None, size: float) -> tuple[Array, Array]:
     """Places in CT (K, 3) as written down, and touches (N, 3) without noise [m]."""
     ct = head.markers.copy()
     if wrong is not None:
@@ -217,7 +211,7 @@ def written(head: Head, wrong: Flaw | None, size: float) -> tuple[Array, Array]:
     return ct, y
 
 
-def _in_ct(ct: Array, wrong: Flaw, size: float) -> Array:
+def _in_ct(ct: Array, wrong: rooms.Flaw, size: float) -> Array:
     if wrong.name == "slice_quantisation" and size:
         ct[:, 2] = size * np.floor(ct[:, 2] / size)
     if wrong.name == "ct_scale":
@@ -234,7 +228,7 @@ def _in_ct(ct: Array, wrong: Flaw, size: float) -> Array:
     return ct
 
 
-def _while_touching(head: Head, wrong: Flaw) -> Array:
+def _while_touching(head: Head, wrong: rooms.Flaw) -> Array:
     time = head.time
     share = np.zeros(len(time))
     if wrong.name == "respiration":

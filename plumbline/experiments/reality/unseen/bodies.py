@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from plumbline.experiments.reality import chances
 from plumbline.experiments.reality.arm import Array, loads
 from plumbline.experiments.reality.body_effects import LinkMechanism, link_vector
-from plumbline.experiments.reality.chances import (
-    long_link,
-    phase,
-    spread,
-    turning,
-    twist,
-    unit,
-    vector,
-)  # fmt: skip
 from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Mechanism, Scene
 from plumbline.experiments.reality.session import lagged
@@ -25,7 +17,6 @@ RANGES = Ranges("unseen")
 CAGE = 0.4  # turns of the cage for one of the ring
 
 
-@dataclass(frozen=True)
 class BearingRunout(Mechanism):
     r"""A joint's axis nutates as it turns: the bearing runs out across the axis.
 
@@ -47,7 +38,7 @@ class BearingRunout(Mechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> BearingRunout:
         """Three to nine balls that are not alike."""
         order = CAGE * float(rng.choice([3, 4, 6, 7, 8, 9]))
-        return cls(0.0, turning(scene, rng), order, phase(rng))
+        return cls(0.0, chances.turning(scene, rng), order, chances.phase(rng))
 
     def body(self, scene: Scene) -> Scene:
         angle = self.order * scene.session.q[:, self.joint - 1] + self.phase
@@ -58,7 +49,6 @@ class BearingRunout(Mechanism):
         return scene.flexed(self.joint - 2, np.hstack([np.zeros_like(tilt), tilt]))
 
 
-@dataclass(frozen=True)
 class Draught(Mechanism):
     r"""A door opens: the stand shrinks at once and comes back slowly.
 
@@ -79,7 +69,7 @@ class Draught(Mechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> Draught:
         """Within the session, over before it ends."""
-        weights, length = twist(rng), np.ptp(scene.session.time)
+        weights, length = chances.twist(rng), np.ptp(scene.session.time)
         opens, fades = (float(RANGES.one(name, rng) * length) for name in ("opens", "fades"))
         return cls(0.0, weights, float(scene.session.time[0]) + opens, fades)
 
@@ -90,7 +80,6 @@ class Draught(Mechanism):
         return replace(scene, base=scene.base + moved)
 
 
-@dataclass(frozen=True)
 class FloorSag(Mechanism):
     r"""The floor gives where the arm leans, and less elsewhere.
 
@@ -112,8 +101,8 @@ class FloorSag(Mechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> FloorSag:
         """A middle that the weight comes to, and a bell narrower than its way."""
         feet = weight_above(scene)
-        middle = vector(feet[int(rng.integers(len(feet)))])
-        return cls(0.0, middle, spread(feet) * RANGES.one("bell", rng))
+        middle = chances.vector(feet[int(rng.integers(len(feet)))])
+        return cls(0.0, middle, chances.spread(feet) * RANGES.one("bell", rng))
 
     def body(self, scene: Scene) -> Scene:
         away = np.sum((weight_above(scene) - np.array(self.middle)) ** 2, axis=1)
@@ -130,7 +119,6 @@ def weight_above(scene: Scene) -> Array:
     return np.asarray(np.einsum("i,nik->nk", share, centres)[:, :2])
 
 
-@dataclass(frozen=True)
 class LooseBolt(Mechanism):
     r"""One bolt of the foot has lost its preload: the base opens beyond the moment that is left.
 
@@ -151,7 +139,7 @@ class LooseBolt(Mechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> LooseBolt:
         """Open in a quarter to a half of the rows."""
-        turn = phase(rng)
+        turn = chances.phase(rng)
         moment = cls(0.0, turn)._moment(scene)
         closed = float(np.quantile(moment, RANGES.one("closed", rng)))
         return cls(0.0, turn, closed, float(moment.max()))
@@ -169,7 +157,6 @@ class LooseBolt(Mechanism):
         return scene.turned_base(np.outer(self.size * beyond, self._axis))
 
 
-@dataclass(frozen=True)
 class ThermalBow(LinkMechanism):
     r"""A link heated on one side bows, until the heat has soaked through.
 
@@ -191,13 +178,13 @@ class ThermalBow(LinkMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> ThermalBow:
         """A long link; heat that takes a tenth to three tenths of the session to soak through."""
-        link = long_link(scene, rng)
+        link = chances.long_link(scene, rng)
         along = link_vector(scene, link - 1)[0]
-        side = np.cross(along, unit(rng))
+        side = np.cross(along, chances.unit(rng))
         side /= np.linalg.norm(side)
         rise = float(np.ptp(scene.session.warmth))
         soaks = float(RANGES.one("soaks", rng) * np.ptp(scene.session.time))
-        return cls(0.0, link, rise, soaks, vector(side))
+        return cls(0.0, link, rise, soaks, chances.vector(side))
 
     def body(self, scene: Scene) -> Scene:
         session, i = scene.session, self.link - 1
@@ -208,7 +195,6 @@ class ThermalBow(LinkMechanism):
         return scene.flexed(i, self.size * (across / self.rise)[:, None] * bend)
 
 
-@dataclass(frozen=True)
 class ToolRocking(Mechanism):
     r"""A tool on a worn seat rocks from one face to the other as gravity turns over.
 
@@ -231,7 +217,7 @@ class ToolRocking(Mechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> ToolRocking:
         """Any face, any way."""
         bias, softness = RANGES.one("bias", rng), RANGES.one("softness", rng)
-        return cls(0.0, unit(rng), unit(rng), bias, softness)
+        return cls(0.0, chances.unit(rng), chances.unit(rng), bias, softness)
 
     def body(self, scene: Scene) -> Scene:
         down = scene.arm.gravity / np.linalg.norm(scene.arm.gravity)

@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from plumbline.experiments.reality import chances
 from plumbline.experiments.reality.arm import Array
-from plumbline.experiments.reality.chances import (
-    any_joint,
-    loaded,
-    phase,
-    sign,
-    torques,
-    turning,
-    vector,
-)  # fmt: skip
 from plumbline.experiments.reality.joint_effects import GearRipple, JointMechanism
 from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Mechanism, Scene
@@ -26,7 +16,6 @@ EDGE = 0.05  # rad over which a worn tooth takes over from a whole one
 PICKS = 0.15  # share of the largest load that seats the pulley
 
 
-@dataclass(frozen=True)
 class CableCreep(JointMechanism):
     r"""A cable that creeps under load: what it gives now is what it bore before.
 
@@ -46,7 +35,7 @@ class CableCreep(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> CableCreep:
         """Forgets over two to eight readings."""
-        joint, largest = loaded(scene, rng)
+        joint, largest = chances.loaded(scene, rng)
         step = float(np.median(np.diff(scene.session.time)))
         return cls(0.0, joint, largest, RANGES.one("forgets", rng) * step)
 
@@ -59,7 +48,6 @@ class CableCreep(JointMechanism):
         return self.size * stretch / self.largest
 
 
-@dataclass(frozen=True)
 class EncoderInterpolation(JointMechanism):
     r"""An encoder that interpolates between its 2^k lines with unequal and shifted quadratures.
 
@@ -83,7 +71,7 @@ class EncoderInterpolation(JointMechanism):
         """Eight to 128 lines, both quadrature errors of like size."""
         offset = RANGES.one("offset", rng)
         gain = offset * RANGES.one("gain", rng)
-        return cls(0.0, turning(scene, rng), RANGES.whole("bits", rng), offset, gain)
+        return cls(0.0, chances.turning(scene, rng), RANGES.whole("bits", rng), offset, gain)
 
     def alike(self) -> tuple[tuple[Mechanism, ...], ...]:
         """Gears with one tooth a line, two, or both together are what a library may take it for."""
@@ -100,7 +88,6 @@ class EncoderInterpolation(JointMechanism):
         return np.asarray(self.size * np.angle(np.exp(1j * (seen - angle))))
 
 
-@dataclass(frozen=True)
 class EndCushion(JointMechanism):
     r"""Near the end of its range a joint runs into its cushion and stops a little short.
 
@@ -122,7 +109,7 @@ class EndCushion(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> EndCushion:
         """Felt in the last tenth to quarter of the readings."""
-        joint, side = any_joint(scene, rng), sign(rng)
+        joint, side = chances.any_joint(scene, rng), chances.sign(rng)
         out = side * scene.session.q[:, joint - 1]
         begins = float(np.quantile(out, RANGES.one("cushioned", rng)))
         return cls(0.0, joint, side * begins, max(float(out.max()) - begins, 1e-3), side)
@@ -132,7 +119,6 @@ class EndCushion(JointMechanism):
         return np.asarray(-self.side * self.size * pressed**HARDENING)
 
 
-@dataclass(frozen=True)
 class FlexsplineLoad(JointMechanism):
     r"""A strain-wave drive whose twice-a-turn error grows with what it carries.
 
@@ -153,14 +139,13 @@ class FlexsplineLoad(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> FlexsplineLoad:
         """Any loaded joint, any phase."""
-        return cls(0.0, *loaded(scene, rng), phase(rng))
+        return cls(0.0, *chances.loaded(scene, rng), chances.phase(rng))
 
     def _error(self, scene: Scene) -> Array:
         share = self.torque(scene) / self.largest
         return self.size * share * np.sin(2.0 * self.reading(scene) + self.phase)
 
 
-@dataclass(frozen=True)
 class GearPit(JointMechanism):
     r"""A pit in one tooth of the output gear: the joint falls in and climbs out.
 
@@ -179,7 +164,7 @@ class GearPit(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> GearPit:
         """Where some reading is, a seventh to a quarter of a radian wide."""
-        joint = turning(scene, rng)
+        joint = chances.turning(scene, rng)
         centre = float(rng.choice(scene.session.q[:, joint - 1]))
         return cls(0.0, joint, centre, 2.0 * RANGES.one("pit", rng))
 
@@ -188,7 +173,6 @@ class GearPit(JointMechanism):
         return np.asarray(-self.size * np.exp(-0.5 * (away / self.width) ** 2))
 
 
-@dataclass(frozen=True)
 class HubSlip(JointMechanism):
     r"""A clamped hub slips on its shaft once, when the load has been largest, and stays there.
 
@@ -207,17 +191,16 @@ class HubSlip(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> HubSlip:
         """At the largest load of the middle three fifths of the session."""
-        joint, _ = loaded(scene, rng)
+        joint, _ = chances.loaded(scene, rng)
         rows = scene.session.rows
         middle = slice(rows // 5, rows - rows // 5)
-        worst = int(np.abs(torques(scene)[middle, joint - 1]).argmax()) + middle.start
+        worst = int(np.abs(chances.torques(scene)[middle, joint - 1]).argmax()) + middle.start
         return cls(0.0, joint, float(scene.session.time[worst]))
 
     def _error(self, scene: Scene) -> Array:
         return np.where(scene.session.time > self.moment, self.size, 0.0)
 
 
-@dataclass(frozen=True)
 class LoadWindup(JointMechanism):
     r"""Gear friction in proportion to the load: the side of approach shows where the joint carries.
 
@@ -236,14 +219,13 @@ class LoadWindup(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> LoadWindup:
         """Any loaded joint."""
-        return cls(0.0, *loaded(scene, rng))
+        return cls(0.0, *chances.loaded(scene, rng))
 
     def _error(self, scene: Scene) -> Array:
         share = np.abs(self.torque(scene)) / self.largest
         return -self.size * share * scene.session.direction[:, self.joint - 1]
 
 
-@dataclass(frozen=True)
 class MaxwellSlip(JointMechanism):
     r"""Friction that winds up over travel and forgets slowly: four springs that slip one by one.
 
@@ -264,7 +246,7 @@ class MaxwellSlip(JointMechanism):
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> MaxwellSlip:
         """Springs that slip after 0.2 to 3 rad."""
         widths = np.sort(RANGES.many("slips", rng, 4))
-        return cls(0.0, turning(scene, rng), vector(widths))
+        return cls(0.0, chances.turning(scene, rng), chances.vector(widths))
 
     def _error(self, scene: Scene) -> Array:
         width = np.array(self.widths)
@@ -276,7 +258,6 @@ class MaxwellSlip(JointMechanism):
         return -self.size * out
 
 
-@dataclass(frozen=True)
 class MotorHeat(JointMechanism):
     r"""A joint's zero wanders with the heat of its own motor: with how much it has moved of late.
 
@@ -296,7 +277,7 @@ class MotorHeat(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> MotorHeat:
         """Cools within a twentieth to a fifth of the session."""
-        joint = turning(scene, rng)
+        joint = chances.turning(scene, rng)
         cooling = float(RANGES.one("cools", rng) * np.ptp(scene.session.time))
         trial = cls(0.0, joint, cooling)
         return cls(0.0, joint, cooling, float(trial._heat(scene).max()))
@@ -314,7 +295,6 @@ class MotorHeat(JointMechanism):
         return self.size * self._heat(scene) / self.largest
 
 
-@dataclass(frozen=True)
 class WornBelt(JointMechanism):
     r"""A run of worn teeth in a toothed belt: the pulley settles against one flank or the other.
 
@@ -336,7 +316,7 @@ class WornBelt(JointMechanism):
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> WornBelt:
         """A third to a half of the readings are on worn teeth."""
-        joint, largest = loaded(scene, rng)
+        joint, largest = chances.loaded(scene, rng)
         low = RANGES.one("worn_from", rng)
         high = low + RANGES.one("worn_for", rng)
         start, end = np.quantile(scene.session.q[:, joint - 1], [low, high])

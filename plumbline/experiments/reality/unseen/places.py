@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from plumbline.experiments.reality.scene import Mechanism, Scene, Session
 RANGES = Ranges("unseen")
 
 
-@dataclass(frozen=True)
 class FieldBody(Mechanism):
     r"""A body of metal near the field generator answers with a dipole's field of its own.
 
@@ -49,7 +48,6 @@ class FieldBody(Mechanism):
         return np.asarray(points + self.size * self.radius**3 * field)
 
 
-@dataclass(frozen=True)
 class HoseDrag(Mechanism):
     r"""A hose to the tool is slack near its anchor and pulls the tip back beyond its length.
 
@@ -81,7 +79,6 @@ class HoseDrag(Mechanism):
         return replace(scene, sag=scene.sag + self.size * pull * back / away)
 
 
-@dataclass(frozen=True)
 class StitchedVolume(Mechanism):
     r"""A measuring volume stitched from two stations: beyond the seam everything is shifted.
 
@@ -111,7 +108,6 @@ class StitchedVolume(Mechanism):
         return np.asarray(points + self.size * behind[:, None] * np.array(self.way))
 
 
-@dataclass(frozen=True)
 class TrackerRefraction(Mechanism):
     r"""Warm air over the floor bends the tracker's line of sight, the more the lower and farther.
 

@@ -3,14 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
-from plumbline.experiments.report.style import (
-    AFTER,
-    GUILTY,
-    MUTED,
-    drawing,
-    says,
-)
 from plumbline.optim.budget import Budget
 from plumbline.optim.budget.shares import COLUMNS, row_of
 from plumbline.optim.core.quantities import quantity
@@ -52,13 +46,16 @@ def waterfall(budget: Budget) -> Figure:
     steps = [*rises, *(falls[k] for k in cured)]
     names = [p.name for p in budget.parts] + [f"{budget.parts[k].name}, cured" for k in cured]
     tops = np.cumsum(steps)
-    with drawing(6.4, 0.9 + 0.3 * (len(steps) + 1)) as (figure, axes):
+    with style.drawing(6.4, 0.9 + 0.3 * (len(steps) + 1)) as (figure, axes):
         for k, (step, top) in enumerate(zip(steps, tops, strict=True)):
             (bar,) = axes.barh(
-                k, 1e6 * step, left=1e6 * (top - step), color=GUILTY if step > 0 else AFTER
+                k,
+                1e6 * step,
+                left=1e6 * (top - step),
+                color=style.GUILTY if step > 0 else style.AFTER,
             )
-            says(bar, f"{names[k]}: {1e6 * step:+.3g} mm²")
-        axes.barh(len(steps), 1e6 * after, color=MUTED)
+            style.says(bar, f"{names[k]}: {1e6 * step:+.3g} mm²")
+        axes.barh(len(steps), 1e6 * after, color=style.MUTED)
         labels = [*names, f"left: {1e3 * budget.rms_after:.3g} mm"]
         axes.set_yticks(
             range(len(labels)),

@@ -12,22 +12,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
+from plumbline.experiments.report import style
 from plumbline.experiments.report.pointing.figures import box_edges
-from plumbline.experiments.report.style import (
-    AFTER,
-    BEFORE,
-    FAINT,
-    GUILTY,
-    INK,
-    MUTED,
-    PAPER,
-    SIZES,
-    calm,
-    drawing,
-    house_style,
-    new_figure,
-    says,
-)
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import Box
 from plumbline.optim.registration import Registration, TargetError
@@ -40,21 +26,21 @@ def two_frames(
     markers: Mapping[str, Array], lesions: Mapping[str, Array], body: Box, T_RC: Array
 ) -> Figure:
     """The same markers in CT and in robot coordinates, each from above and from the side."""
-    with drawing(7.2, 6.4, 2, 2) as (figure, axes):
+    with style.drawing(7.2, 6.4, 2, 2) as (figure, axes):
         frames = (("CT", np.eye(4)), ("robot", T_RC))
         for column, (name, T) in enumerate(frames):
             for row, (a, b) in enumerate(VIEWS):
                 ax = axes[row, column]
                 for edge in box_edges(body):
                     ends = MM * _moved(T, edge)
-                    ax.plot(ends[:, a], ends[:, b], color=FAINT, linewidth=1.0, zorder=1)
-                _named(ax, {k: _moved(T, p) for k, p in markers.items()}, (a, b), AFTER, "o")
-                _named(ax, {k: _moved(T, p) for k, p in lesions.items()}, (a, b), GUILTY, "D")
+                    ax.plot(ends[:, a], ends[:, b], color=style.FAINT, linewidth=1.0, zorder=1)
+                _named(ax, {k: _moved(T, p) for k, p in markers.items()}, (a, b), style.AFTER, "o")
+                _named(ax, {k: _moved(T, p) for k, p in lesions.items()}, (a, b), style.GUILTY, "D")
                 _arrows(ax, T, (a, b), 0.04)
                 _labelled(ax, a, b, name)
-        axes[0, 0].plot([], [], "o", color=AFTER, label="marker")
-        axes[0, 0].plot([], [], "D", color=GUILTY, markersize=5, label="lesion")
-        axes[0, 0].plot([], [], "-", color=INK, label="CT's axes")
+        axes[0, 0].plot([], [], "o", color=style.AFTER, label="marker")
+        axes[0, 0].plot([], [], "D", color=style.GUILTY, markersize=5, label="lesion")
+        axes[0, 0].plot([], [], "-", color=style.INK, label="CT's axes")
         figure.legend(loc="outside upper center", ncols=3)
         return figure
 
@@ -63,8 +49,8 @@ def error_regions(
     cases: Mapping[str, tuple[TargetError, Array]], views: Sequence[tuple[int, int]] = VIEWS
 ) -> Figure:
     """Draws' errors (N, 3) [m] of targets and the 95 % ellipsoids, by case and view."""
-    with house_style():
-        figure = new_figure(2.5 * len(cases), 2.6 * len(views))
+    with style.house_style():
+        figure = style.new_figure(2.5 * len(cases), 2.6 * len(views))
         axes = np.atleast_2d(figure.subplots(len(views), len(cases)))
         for column, (name, (region, errors)) in enumerate(cases.items()):
             inside = float(region.holds(errors).mean())
@@ -74,12 +60,12 @@ def error_regions(
                 ax = axes[row, column]
                 points = MM * errors[:1500]
                 ax.scatter(
-                    points[:, a], points[:, b], s=3, color=BEFORE, linewidths=0, alpha=0.6,
+                    points[:, a], points[:, b], s=3, color=style.BEFORE, linewidths=0, alpha=0.6,
                     rasterized=True,
                 )  # fmt: skip
                 if not region.unknown:
                     ax.add_patch(_shadow(region, a, b))
-                ax.plot(0, 0, "+", color=INK, markersize=8)
+                ax.plot(0, 0, "+", color=style.INK, markersize=8)
                 ax.set(
                     xlim=(-half, half),
                     ylim=(-half, half),
@@ -87,11 +73,11 @@ def error_regions(
                     xlabel=f"robot {'xyz'[a]} error [mm]",
                     ylabel=f"robot {'xyz'[b]} error [mm]",
                 )
-                calm(ax, grid="both")
+                style.calm(ax, grid="both")
             axes[0, column].set_title(f"{name}\n{100 * inside:.1f} % inside, in space")
         first = axes[0, 0]
-        first.plot([], [], ".", color=BEFORE, label="draws")
-        first.plot([], [], "-", color=GUILTY, label="shadow of the predicted 95 % ellipsoid")
+        first.plot([], [], ".", color=style.BEFORE, label="draws")
+        first.plot([], [], "-", color=style.GUILTY, label="shadow of the predicted 95 % ellipsoid")
         figure.legend(*first.get_legend_handles_labels(), loc="outside lower center", ncols=2)
         return figure
 
@@ -101,30 +87,34 @@ def misfits_and_targets(answer: Registration) -> Figure:
     recording, used = answer.recording, set(answer.used)
     errors = [answer.tre(place, None) for place in recording.targets.ct]
     names = [*answer.labels, *recording.targets.labels]
-    with drawing(6.4, 0.3 * (len(answer.labels) + len(errors)) + 1.4) as (figure, axes):
+    with style.drawing(6.4, 0.3 * (len(answer.labels) + len(errors)) + 1.4) as (figure, axes):
         for k, misfit in enumerate(MM * answer.misfits):
-            ink = AFTER if k in used else PAPER
-            (bar,) = axes.barh(k, misfit, color=ink, edgecolor=AFTER, height=0.6)
-            says(bar, f"{names[k]}: {misfit:.3g} mm")
+            ink = style.AFTER if k in used else style.PAPER
+            (bar,) = axes.barh(k, misfit, color=ink, edgecolor=style.AFTER, height=0.6)
+            style.says(bar, f"{names[k]}: {misfit:.3g} mm")
         for k, error in enumerate(errors, start=len(answer.labels)):
             if error.unknown:
-                axes.text(0.0, k, " not known", va="center", color=MUTED)
+                axes.text(0.0, k, " not known", va="center", color=style.MUTED)
                 continue
-            (bar,) = axes.barh(k, MM * error.rms, color=GUILTY, edgecolor=GUILTY, height=0.6)
-            says(bar, f"{names[k]}: {MM * error.rms:.3g} mm RMS, {MM * error.reach:.3g} mm at most")
-            axes.plot([0.0, MM * error.reach], [k, k], "|-", color=INK, markersize=9)
+            (bar,) = axes.barh(
+                k, MM * error.rms, color=style.GUILTY, edgecolor=style.GUILTY, height=0.6
+            )
+            style.says(
+                bar, f"{names[k]}: {MM * error.rms:.3g} mm RMS, {MM * error.reach:.3g} mm at most"
+            )
+            axes.plot([0.0, MM * error.reach], [k, k], "|-", color=style.INK, markersize=9)
         for label, ink, edge, there in (
-            ("misfit of a marker used", AFTER, AFTER, True),
-            ("misfit of one not used", PAPER, AFTER, len(used) < len(answer.labels)),
-            ("predicted RMS error of a target", GUILTY, GUILTY, len(errors) > 0),
+            ("misfit of a marker used", style.AFTER, style.AFTER, True),
+            ("misfit of one not used", style.PAPER, style.AFTER, len(used) < len(answer.labels)),
+            ("predicted RMS error of a target", style.GUILTY, style.GUILTY, len(errors) > 0),
         ):
             axes.barh(0, 0, color=ink, edgecolor=edge, label=label if there else None)
         if errors:
-            axes.plot([], [], "|-", color=INK, label="95 of 100 such targets are nearer")
+            axes.plot([], [], "|-", color=style.INK, label="95 of 100 such targets are nearer")
         axes.set_yticks(range(len(names)), labels=names)
         axes.invert_yaxis()
         axes.set_xlabel("mm")
-        calm(axes, grid="x")
+        style.calm(axes, grid="x")
         figure.legend(loc="outside lower center", ncols=2)
         return figure
 
@@ -138,7 +128,7 @@ def _shadow(region: TargetError, a: int, b: int) -> Ellipse:
     middle = MM * region.mean[[a, b]]
     return Ellipse(
         (float(middle[0]), float(middle[1])), float(width), float(height), angle=angle,
-        fill=False, edgecolor=GUILTY, linewidth=1.8,
+        fill=False, edgecolor=style.GUILTY, linewidth=1.8,
     )  # fmt: skip
 
 
@@ -153,33 +143,46 @@ def error_maps(
     values = np.concatenate([m.ravel() for m in maps.values()])
     least, most = float(values.min()), float(values.max())
     scale = LogNorm(least, most)
-    with house_style():
-        figure = new_figure(2.6 * len(maps) + 0.5, 3.3)
+    with style.house_style():
+        figure = style.new_figure(2.6 * len(maps) + 0.5, 3.3)
         axes = np.atleast_1d(figure.subplots(1, len(maps), sharey=True))
         extent = (MM * low[1], MM * high[1], MM * low[2], MM * high[2])
         for ax, (name, found) in zip(axes, maps.items(), strict=True):
-            ax.imshow(found, origin="lower", extent=extent, cmap=SIZES, norm=scale, aspect="equal")
+            ax.imshow(
+                found, origin="lower", extent=extent, cmap=style.SIZES, norm=scale, aspect="equal"
+            )
             lines = ax.contour(
-                MM * y, MM * z, found, levels=_levels(found), colors=INK, linewidths=0.7
+                MM * y, MM * z, found, levels=_levels(found), colors=style.INK, linewidths=0.7
             )
             ax.clabel(lines, fmt="%.3g mm", fontsize=7.5)
             for k, (label, p) in enumerate(markers.items()):
                 rests, inside = k in answers[name].used, p[1] <= low[1]
                 ax.plot(
-                    MM * p[1], MM * p[2], "o", color=INK if rests else PAPER, zorder=5,
-                    markeredgecolor=PAPER if rests else INK, markersize=6.5, clip_on=False,
+                    MM * p[1], MM * p[2], "o", color=style.INK if rests else style.PAPER, zorder=5,
+                    mec=style.PAPER if rests else style.INK, markersize=6.5, clip_on=False,
                 )  # fmt: skip
                 place = (MM * p[1], MM * p[2])
-                _tag(ax, label, place, (8, -3) if inside else (0, 7), PAPER if inside else INK)
-            ax.plot(MM * lesion[1], MM * lesion[2], "D", color=GUILTY, markersize=5)
+                _tag(
+                    ax,
+                    label,
+                    place,
+                    (8, -3) if inside else (0, 7),
+                    style.PAPER if inside else style.INK,
+                )
+            ax.plot(MM * lesion[1], MM * lesion[2], "D", color=style.GUILTY, markersize=5)
             ax.set_title(name, pad=18)
             ax.set_xlabel("CT y [mm]")
         axes[0].set_ylabel("CT z [mm]")
-        for colour, edge, label in ((INK, PAPER, "marker used"), (PAPER, INK, "marker not used")):
+        for colour, edge, label in (
+            (style.INK, style.PAPER, "marker used"),
+            (style.PAPER, style.INK, "marker not used"),
+        ):
             axes[0].plot([], [], "o", color=colour, markeredgecolor=edge, label=label)
-        axes[0].plot([], [], "D", color=GUILTY, markersize=5, label="lesion")
+        axes[0].plot([], [], "D", color=style.GUILTY, markersize=5, label="lesion")
         figure.legend(loc="outside lower center", ncols=3)
-        bar = figure.colorbar(ScalarMappable(scale, SIZES), ax=list(axes), shrink=0.85, pad=0.02)
+        bar = figure.colorbar(
+            ScalarMappable(scale, style.SIZES), ax=list(axes), shrink=0.85, pad=0.02
+        )
         bar.set_label("predicted RMS error [mm]")
         ticks = [t for t in (0.5, 1, 2, 3, 5, 10, 20, 50) if least <= t <= most]
         bar.set_ticks(ticks, labels=[f"{t:g}" for t in ticks])
@@ -216,7 +219,11 @@ def _named(
 
 
 def _tag(
-    axes: Axes, text: str, place: tuple[float, float], shift: tuple[int, int], colour: str = INK
+    axes: Axes,
+    text: str,
+    place: tuple[float, float],
+    shift: tuple[int, int],
+    colour: str = style.INK,
 ) -> None:
     axes.annotate(
         text, place, xytext=shift, textcoords="offset points", color=colour, fontsize=8.5,
@@ -235,7 +242,7 @@ def _arrows(axes: Axes, T: Array, view: tuple[int, int], length: float) -> None:
         start = (MM * T[a, 3], MM * T[b, 3])
         axes.annotate(
             "", (start[0] + across[0], start[1] + across[1]), start,
-            arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.2}, zorder=4,
+            arrowprops={"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.2}, zorder=4,
         )  # fmt: skip
         axes.annotate(
             "xyz"[k], (start[0] + 1.25 * across[0], start[1] + 1.25 * across[1]), ha="center",
@@ -248,4 +255,4 @@ def _labelled(axes: Axes, a: int, b: int, frame: str) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=f"{frame} {'xyz'[a]} [mm]", ylabel=f"{frame} {'xyz'[b]} [mm]")
     axes.margins(0.12)
-    calm(axes, grid="both")
+    style.calm(axes, grid="both")
