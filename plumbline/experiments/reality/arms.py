@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 
 from plumbline.experiments.reality.arm import STANDARD_GRAVITY, Arm
-from plumbline.experiments.tables import table
+from plumbline.experiments.reality.ranges import table
 
-TABLES = table("plumbline.experiments.reality", "arms.toml")
+TABLES = table("arms.toml")
 
 
 def arm(name: str) -> Arm:

@@ -5,13 +5,14 @@
 ``chance`` ``[share, reason]``.
 """
 
+import tomllib
 from collections.abc import Mapping
-from typing import NamedTuple
+from importlib import resources
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from plumbline.experiments.reality.arm import Array
-from plumbline.experiments.tables import table
 
 
 class Range(NamedTuple):
@@ -39,7 +40,12 @@ class Chance(NamedTuple):
     why: str
 
 
-READ = table("plumbline.experiments.reality", "ranges.toml")
+def table(name: str) -> dict[str, Any]:
+    """A file beside this one."""
+    return tomllib.loads(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
+
+
+READ = table("ranges.toml")
 TABLES: Mapping[str, Mapping[str, Range]] = {
     kind: {name: Range(*row) for name, row in rows.items() if isinstance(row, list)}
     for kind, rows in READ.items()

@@ -97,8 +97,8 @@ def test_there_are_twenty_and_the_library_has_none_of_them() -> None:
 def test_they_share_no_code_with_the_library(path: Path) -> None:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     names = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    ours = {name for name in names if str(name).startswith("plumbline")}
-    assert all(str(name).startswith("plumbline.experiments.reality.") for name in ours)
+    ours = {f"{name}." for name in names if str(name).startswith("plumbline")}
+    assert all(name.startswith("plumbline.experiments.reality.") for name in ours)
 
 
 @pytest.mark.parametrize("name", UNSEEN)
