@@ -40,6 +40,7 @@ from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.evasion import Evasion
 from plumbline.optim.capsule_mpc.events import (
+    AtGoal,
     Command,
     Event,
     Mode,
@@ -108,7 +109,7 @@ class Controller:
         self._holds = statement.held.numel() > 0
         self._margins = Compiled(margins_function(statement.shape), False)
         self._dropped = statement.settings.apart[1]  # in D of what has no slot
-        self._impossible = impossible(statement)
+        self._impossible, self._at_goal = impossible(statement), AtGoal(statement)
         plant, told = self.safety.plant, self.safety.delay * statement.settings.dt
         late = replace(plant, delay=np.asarray(plant.delay) + told)
         self._underway = Underway(late, statement)
@@ -191,6 +192,8 @@ class Controller:
             path = np.tile(x0, (len(stages), 1))
         here = self.statement.present(stages)
         as_seen = self._as_seen(here, seated.kept)
+        if self._goal is not None:
+            events += self._at_goal.said(self._goal.reshape(-1, self.statement.goals)[-1], as_seen)
         gaps = np.append(self._gaps(x0, as_seen)[0], seated.gap)
         if gaps.min() < 0.0:
             events += inside(gaps, np.append(self._margins(x0, as_seen)[0], self._dropped))

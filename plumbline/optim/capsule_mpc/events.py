@@ -248,6 +248,46 @@ def not_evaded(k: int, overlap: float) -> Event:
     return Event(Trouble.CANNOT_BE_MET, words, overlap / MM)
 
 
+class AtGoal:
+    """Says where bodies cannot be at their goals, all at theirs and the rest as it stands."""
+
+    def __init__(self, statement: Statement) -> None:
+        """Judges goals that are states, as those of instruments by their tips are, no others."""
+        x, tracked = statement.symbols[0], statement.tracked
+        self._states = tracked.numel() == x.numel() and (tracked - x).is_zero()
+        self._stepped = statement.stepped
+        words = []
+        for one, other in (pair.labels for pair in statement.pairs):
+            what = other if other.isdecimal() else "an obstacle"  # slots are not as they were given
+            words.append(f"{one} and {what} nearer than allowed")
+        for k, (body, part) in enumerate(zip(statement.bodies, statement.parts, strict=True)):
+            limits = body.limits(x[part], cs.SX(cs.DM(body.constants))).numel()
+            words += [f"{k + 1} beyond its depths or cone"] * limits
+        self._words = words
+        self._room = Compiled(_room(statement.shape), False)
+
+    def said(self, goal: Array, here: Array) -> list[Event]:
+        """What falls shortest at a goal (g,) [mm] under parameters of the present (t,)."""
+        if not self._states:
+            return []
+        at_rest = here.copy()
+        at_rest[self._stepped] = 0.0
+        room = self._room(goal, at_rest)[0]
+        k = int(room.argmin())
+        if room[k] >= -SLACK:
+            return []
+        words = f"goal: instrument {self._words[k]}, by {-room[k]:.3f} mm; stays short of it"
+        return [Event(Trouble.BAD_GOAL, words, float(room[k]) / MM)]
+
+
+@lru_cache(maxsize=16)
+def _room(shape: Shape) -> cs.Function:
+    own = shape.statement
+    x, _, stage = own.symbols
+    out = cs.vertcat(own.clearances(x, stage), own.limits)
+    return cs.Function("room", [x, stage], [cs.cse(cs.densify(out))])
+
+
 def impossible(statement: Statement) -> list[Event]:
     """Pairs of shafts whose trocars are nearer than their D in the first stage."""
     both = [(pair, pair.most) for pair in statement.pairs if pair.most is not None]

@@ -40,6 +40,9 @@ guide looks at whole ways. At every step, for every tool,
    it stands, or back to the trocar, over, and in again, one tool at a time; where what is nearest
    is so outside, behind the trocar, deep in first, since drawing back puts more of the shaft there.
 
+Where a tool cannot be at its goal, all others at theirs and the rest as it stands, no other way is
+looked for: it stays where the controller comes to rest.
+
 Drawing back is always possible where a tool came in straight, and near the trocars shafts are out
 of each other's way, unless they cross outside.
 """
@@ -48,6 +51,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import casadi as cs
 import numpy as np
 
 from plumbline.errors import PlumblineError
@@ -229,6 +233,9 @@ class Guide:
         self._narrow = MM * statement.settings.safe
         self.safe = self._narrow + MM * patience.extra
         self._near = MM * patience.near
+        x, _, stage = statement.symbols
+        self._limits = cs.Function("limits", [x, stage], [statement.limits])
+        self._blank = statement.blank
         self._sweeps = Sweeps(statement.settings.dt, tip_speed(statement))
         self._ways: list[list[Array]] = [[] for _ in bodies]
         self._best = np.full(len(bodies), np.inf)
@@ -246,8 +253,10 @@ class Guide:
             Tool(body.constants, tip, goal, MM * body.length, MM * body.radius)
             for body, tip, goal in zip(self.bodies, MM * tips, MM * goals, strict=True)
         ]
-        found = np.stack([self._next(i, tool, ends, radii) for i, tool in enumerate(tools)])
-        self._watch(tools, found, ends, radii)
+        free = self._free(tools, ends, radii)
+        ways = enumerate(tools)
+        found = np.stack([self._next(i, t, ends, radii) if free[i] else t.goal for i, t in ways])
+        self._watch(tools, found, free, ends, radii)
         return found / MM
 
     def _next(self, i: int, tool: Tool, ends: Array, radii: Array) -> Array:
@@ -269,13 +278,15 @@ class Guide:
     def _restart(self, i: int) -> None:
         self._best[i], self._since[i] = np.inf, 0
 
-    def _watch(self, tools: list[Tool], found: Array, ends: Array, radii: Array) -> None:
+    def _watch(
+        self, tools: list[Tool], found: Array, free: Flags, ends: Array, radii: Array
+    ) -> None:
         """Notice tools that come no closer, and send the first of them another way."""
         for i, tool in enumerate(tools):
             off = float(np.linalg.norm(tool.tip - found[i]))
             if off < self._best[i] - MM * self.patience.progress:
                 self._best[i], self._since[i] = off, 0
-            elif np.linalg.norm(tool.tip - tool.goal) > self._near:
+            elif free[i] and np.linalg.norm(tool.tip - tool.goal) > self._near:
                 self._since[i] += 1
         stuck = [i for i in range(len(tools)) if self._since[i] > self.patience.stall]
         if stuck:
@@ -285,6 +296,17 @@ class Guide:
             self._ways[i] = self._another(i, tools, ends, radii)
             for k in range(len(tools)):
                 self._restart(k)
+
+    def _free(self, tools: list[Tool], ends: Array, radii: Array) -> Flags:
+        """Which tools (I,) can be at their goals, all at theirs and obstacles as they stand."""
+        shafts = np.concatenate([tool.shafts(tool.goal[None]) for tool in tools])
+        count, others = len(tools), np.concatenate([shafts, ends])
+        own = np.array([tool.radius for tool in tools])
+        found = nearest(np.repeat(shafts, len(others), axis=0), np.tile(others, (count, 1, 1)))
+        gaps = found.distance.reshape(count, -1) - own[:, None] - np.concatenate([own, radii])
+        gaps[np.diag_indices(count)] = np.inf
+        room = self._limits(shafts[:, 0].ravel(), self._blank).full().reshape(count, -1)
+        return np.asarray((gaps >= self._narrow).all(axis=1) & (room >= 0.0).all(axis=1))
 
     def _another(self, i: int, tools: list[Tool], ends: Array, radii: Array) -> list[Array]:
         others = [tool for k, tool in enumerate(tools) if k != i]

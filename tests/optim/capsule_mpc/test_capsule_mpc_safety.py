@@ -1,5 +1,6 @@
 """Below the plan: a command keeps its limits and is explained, and nothing is raised."""
 
+import re
 import time
 from dataclasses import dataclass
 
@@ -203,6 +204,28 @@ def test_a_bad_goal_keeps_the_last_one_and_is_reported():
     assert Trouble.BAD_GOAL in again.troubles()
     assert np.array_equal(again.rate, other.step(START, GOAL).rate)
     assert controller().step(START, GOAL * NAN).mode is Mode.STOP
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ([58.0, -20.0, 0.0, 0.0, 0.0, 0.0], r"instrument 1 and 2 nearer than allowed, by \d"),
+        ([10.0, 40.0, 20.0, 0.0, 0.0, 0.0], "instrument 1 and an obstacle nearer than allowed, by"),
+        (
+            [0.0, 0.0, 0.0, 0.0, 0.0, -140.0],
+            "instrument 2 beyond its depths or cone, by 30[.]096 mm",
+        ),
+        ([0.0, 0.0, 120.0, 0.0, 0.0, 0.0], "instrument 1 beyond its depths or cone, by"),
+    ],
+)
+def test_a_goal_where_nothing_can_be_is_told_at_every_step(change, said):
+    own, goal = controller(), GOAL + change
+    for path in (goal, np.tile(goal, (6, 1))):
+        (event,) = (e for e in own.step(START, path, [BALL]).events if "goal" in e.words)
+        assert event.trouble is Trouble.BAD_GOAL
+        assert re.search(said, event.words)
+        assert len(event.words.splitlines()) == 1
+    assert Trouble.BAD_GOAL not in own.step(START, GOAL, [BALL]).troubles()
 
 
 def test_an_obstacle_that_cannot_be_read_stays_where_it_was():

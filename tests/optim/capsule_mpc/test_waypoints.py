@@ -170,10 +170,21 @@ def test_the_guide_leads_around_and_then_to_the_goal():
 def test_a_tool_that_comes_no_closer_is_sent_another_way():
     own = guide((-30.0, 0.0, 0.0), (30.0, 0.0, 0.0))
     tips = np.array([[0.0, 0.0, -100.0], [8.0, 0.0, -100.0]])
-    goals = tips[:, [0, 1, 2]] + [[25.0, 0.0, 0.0], [-25.0, 0.0, 0.0]]
+    goals = tips + np.array([[25.0, 15.0, 0.0], [-25.0, -15.0, 0.0]])
     changed = [k for k in range(120) if not np.allclose(own.reference(tips, goals, []), goals)]
     assert changed
     assert changed[0] > 20
+
+
+def test_where_a_tool_cannot_be_it_is_not_sent_about():
+    """Goals whose shafts cross, one too deep, one in an obstacle, and one at its own trocar."""
+    tips = np.array([[0.0, 0.0, -100.0], [8.0, 0.0, -100.0]])
+    ball = Obstacle.sphere((20.0, 30.0, -100.0), 10.0)
+    for goal in ([25.0, 0.0, -100.0], [0.0, 0.0, -300.0], [20.0, 30.0, -100.0], [-30.0, 0.0, 0.0]):
+        own = guide((-30.0, 0.0, 0.0), (30.0, 0.0, 0.0))
+        goals = np.array([goal, [-17.0, 0.0, -100.0]])
+        said = np.array([own.reference(tips, goals, [ball])[0] for _ in range(120)])
+        assert np.allclose(said, goal, rtol=0, atol=1e-9)
 
 
 def test_a_guide_is_not_upset_by_numbers_that_are_none():
