@@ -91,7 +91,7 @@ class JointTilt(JointEffect):
         """Every joint that turns and carries a weight, but a first one that stands upright."""
         chain, all_laden = scope.chain, scope.has("payload")
         laden = [j for j in scope.turning if all_laden or _carries(chain, j)]
-        return [cls(j, load=chain.typical_load(j)) for j in laden if not _upright(chain, j)]
+        return [cls(j, load=chain.typical_load(j)) for j in laden if not upright(chain, j)]
 
     def unit_of(self, parameter: Parameter, chain: Chain) -> str:
         """A tilt per moment, whatever the joint does along its axis."""
@@ -137,7 +137,7 @@ def _carries(chain: Chain, joint: int) -> bool:
     return any(body.mass > 0.0 for body in chain.joints[joint - 1 :])
 
 
-def _upright(chain: Chain, joint: int) -> bool:
+def upright(chain: Chain, joint: int) -> bool:
     """Whether it is the first joint, and its axis is gravity's."""
     first = chain.joints[0]
     axis = first.T_parent_joint[:3, :3] @ first.axis

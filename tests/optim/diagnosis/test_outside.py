@@ -1,17 +1,21 @@
 """Laws of what the library lacks: it is flagged, with what it depends on; what it has is not."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from plumbline.experiments.reality.body_effects import JointTilt
 from plumbline.experiments.reality.joint_effects import (
+    CoupledPlay,
     JointCompliance,
+    JointMechanism,
     JointScale,
     TransmissionRipple,
 )
 from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip
+from plumbline.experiments.reality.scene import Mechanism
 from plumbline.experiments.reality.unseen.bodies import BearingRunout, ToolRocking
 from plumbline.experiments.reality.unseen.joints import HubSlip
 from plumbline.kinematics.effects import JointCoupling
@@ -124,6 +128,61 @@ def test_an_axis_that_runs_out_as_it_turns_is_its_joint_s(joint, tmp_path):
     assert found.lacked_at["joint", joint] > 0.95
     assert found.words == f"joint {joint}'s axis runs out as it turns"
     assert found.named == frozenset()
+
+
+@dataclass(frozen=True)
+class AxialFloat(Mechanism):
+    """A link moves along its joint's axis as that turns: a bearing without a stop."""
+
+    joint: int = 2
+    effect = "axial_float"
+
+    def body(self, scene):
+        along = np.zeros((scene.session.rows, 6))
+        along[:, 2] = self.size * np.sin(scene.session.q[:, self.joint - 1] + 1.0)
+        return scene.flexed(self.joint - 2, along)
+
+
+@dataclass(frozen=True)
+class WarmZero(JointMechanism):
+    """A zero that settles within a fifth of the session."""
+
+    effect = "warm_zero"
+
+    def _error(self, scene):
+        return -self.size * np.expm1(-5.0 * scene.session.progress)
+
+
+@pytest.mark.parametrize("joint", [2, 4])
+def test_an_axis_that_floats_as_it_turns_is_its_joint_s(joint, tmp_path):
+    recording, _ = recorded(
+        with_fault(faultless(rows=90, seed=4), AxialFloat(0.0, joint), gap=2.0), tmp_path
+    )
+    assert told(recording).lacked_at["joint", joint] > 0.95
+
+
+def test_a_zero_that_settles_is_its_joint_s_though_the_base_could_turn_so(tmp_path):
+    """One number does what six do, and is no further form of anything listed."""
+    case = with_fault(faultless(rows=90, seed=4), WarmZero(0.0, 1), gap=2.0)
+    found = told(recorded(case, tmp_path)[0])
+    assert found.lacked_at["joint", 1] > 0.95
+    assert not found.named
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        (JointTilt(0.0, 4, 0.1), "joint 4's axis gives way to its load"),
+        (CoupledPlay(0.0, 5, 3), "joint 5's error depends on the way it came"),
+    ],
+)
+def test_what_moves_a_joint_s_axis_or_comes_by_another_s_side_is_its_own(fault, words, tmp_path):
+    """Where no listed effect does it."""
+    recording, _ = recorded(with_fault(faultless(rows=90, seed=4), fault, gap=2.0), tmp_path)
+    found = told(recording, library_without(fault.effect))
+    assert found.words == words
+    assert found.lacked_at["joint", fault.joint] > 0.95
+    assert told(recording).named == {(fault.effect, fault.joint)}
 
 
 @pytest.mark.parametrize("clock", [True, False])

@@ -19,12 +19,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plumbline.kinematics.effects.joint_tilt import across
+from plumbline.kinematics.effects.joint_tilt import across, upright
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
     as_angles,
     cosines,
+    courses,
     jumps,
     level,
     loads,
@@ -38,7 +39,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     steps,
     turns,
     waves,
-    weight_directions,
+    weights,
 )
 from plumbline.optim.diagnosis.discrepancy.part_dependences import part_functions
 from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_functions
@@ -142,7 +143,7 @@ def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     sits on the last one moves as that does: a tool in its seat.
     """
     last = len(ports.link) - 1
-    for i, (port, weight) in enumerate(zip(ports.link, weight_directions(recording), strict=True)):
+    for i, (port, (weight, _)) in enumerate(zip(ports.link, weights(recording), strict=True)):
         words = f"the shape of link {i + 1}, or its weight"
         words = f"how the tool sits, or {words}" if i == last else words
         stage, element = ("tool", None) if i == last else ("link", i + 1)
@@ -173,7 +174,8 @@ def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterat
     """Each joint and each link on its own, as it changes with time or temperature."""
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on {on}"
-        yield from _one_of(_kind(words, on, j, (functions, functions[:1]), port[None]))
+        kinds = (functions, functions[:1]), _levelled(courses(values))
+        yield from _one_of(*(_kind(words, on, j, forms, port[None]) for forms in kinds))
     for i, port in enumerate(ports.link):
         words = f"the place of link {i + 1} depends on {on}"
         yield _at(words, on, "link", i + 1, cosines(values, WARMTH), port)
@@ -223,13 +225,20 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, turns(q[:, j], 1, constant=True)[1:]]
         yield from _one_of(*(_kind(words, "own angle", j, k, port[None]) for k in (forms, plain)))
         words, on = f"joint {j + 1}'s axis runs out as it turns", "own angle, across the axis"
-        for turned in ports.link[j : j + 1, 3:]:
-            tilts = np.einsum("kp,knm->pnm", across(recording.chain.joints[j].axis), turned)
-            yield from _one_of(_kind(words, on, j, few, tilts))
+        for link in ports.link[j : j + 1]:
+            ways = _across(recording.chain.joints[j].axis, link)
+            yield from _one_of(*(_kind(words, on, j, few, way) for way in ways))
     for j, port in enumerate(ports.joint):
         others = [k for k in range(len(ports.joint)) if k != j]
         yield from _one_of(f for k in others for f in _of_another(q[:, k], j, k, port))
         yield from _one_of(f for k in others for f in _of_two(q[:, [j, k]], j, k, port))
+
+
+def _across(axis: Array, link: Array) -> tuple[Array, Array, Array]:
+    """Error motions of an axis at its link's port (6, N, m): tilts, across, along it (p, N, m)."""
+    shifts, turned = np.split(link, 2)
+    tilts, radial = (np.einsum("kp,knm->pnm", across(axis), some) for some in (turned, shifts))
+    return tilts, radial, np.tensordot(axis[None], shifts, 1)
 
 
 def _of_another(angle: Array, j: int, k: int, port: Array) -> list[Dependence]:
@@ -256,12 +265,22 @@ def _levelled(forms: Iterable[Array]) -> list[Array]:
 
 
 def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
-    load = loads(recording)
+    """Every joint about its axis, and that itself, as what is carried bears on it."""
+    load, borne = loads(recording), weights(recording)
     for j, port in enumerate(ports.joint):
-        if np.ptp(load[:, j]) > UNMOVED:
-            words = f"joint {j + 1}'s error depends on its load"
-            forms = cosines(load[:, j], 4), load[:, [j]].T / np.abs(load).max()
-            yield from _one_of(_kind(words, "load", j, forms, port[None]))
+        words, bends = f"joint {j + 1}'s error depends on its load", np.ptp(load[:, j]) > UNMOVED
+        forms = [cosines(load[:, j], 4), load[:, [j]].T / np.abs(load).max()] if bends else []
+        own, axis = _kind(words, "load", j, forms, port[None]), recording.chain.joints[j].axis
+        moment = across(axis).T @ borne[j, 1]
+        # A first axis that stands upright tilts as the base does.
+        if len(ports.link) and np.ptp(moment) > UNMOVED and not upright(recording.chain, j + 1):
+            words, moment = f"joint {j + 1}'s axis gives way to its load", moment / np.ptp(moment)
+            tilts = _across(axis, ports.link[j])[0]
+            alike = np.einsum("pn,pnm->nm", moment, tilts)[None]
+            own += _kind(words, "load", j, [moment], tilts)
+            own += _kind(words, "load", j, [np.ones((1, len(load)))], alike)
+        yield from _one_of(own)
+        if bends:
             words = f"joint {j + 1}'s error depends on its angle and its load"
             around = turns(as_angles(recording)[:, j], 2, constant=True)
             both = around * normal(load[:, [j]]).T
@@ -301,8 +320,10 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Sides of approach, speeds and the path so far, joint by joint and of all joints."""
     whole, place = recording.path
     step = np.sign(np.diff(whole.q, axis=0, prepend=whole.q[:1])).T[:, place]
+    side = np.zeros_like(recording.q) if recording.direction is None else recording.direction
+    sides = np.concatenate([step, side.T[side.any(axis=0)]])
     for j, port in enumerate(ports.joint):
-        functions = np.concatenate([step, plays(whole.q[:, j])[:, place]])
+        functions = np.concatenate([sides, plays(whole.q[:, j])[:, place]])
         words = f"joint {j + 1}'s error depends on the way it came"
         kinds = [functions], functions[:, None]
         yield from _one_of(*(_kind(words, "direction", j, kind, port[None]) for kind in kinds))
@@ -318,8 +339,7 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         yield from _one_of(
             _kind(f"joint {j + 1}'s zero jumped once", "moment", j, once, port[None])
         )
-    side = recording.direction
-    if side is not None and side.any():
+    if side.any():
         yield _each("the side of approach", "direction", side, ports.joint)
         for j, port in enumerate(ports.joint):
             words = f"joint {j + 1}'s error depends on its angle and the side of approach"

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations_with_replacement, product
 
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.dynamics import Nominal, weight_beyond
 from plumbline.kinematics.effects.base_bump import LEAST_SHARE, MOST
+from plumbline.kinematics.effects.base_drift import SETTLING
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array
@@ -142,12 +143,22 @@ def loads(recording: Recording, gravity: Array | None = None) -> Array:
     return over_rows(torque, rows)[0][:, 0]
 
 
-def weight_directions(recording: Recording) -> Sequence[Array]:
-    """Direction of gravity (3, N) in the frame of every joint."""
-    chain = recording.chain
-    size = max(float(np.linalg.norm(chain.gravity)), 1e-12)
-    q = cs.SX.sym("q", chain.n)
-    down = [T.R.T @ cs.DM(chain.gravity / size) for T in chain.joint_frames(q)[: chain.n]]
-    function = cs.Function("down", [q], [cs.horzcat(*down)])
-    found = over_rows(function, recording.q)[0]
-    return [np.asarray(found[:, i].T) for i in range(chain.n)]
+def weights(recording: Recording) -> Array:
+    """Gravity's direction, and moment [N m], in the frame of every joint (n, 2, 3, N)."""
+    chain = scope_of(recording).chain
+    payload = np.zeros(len(recording)) if recording.payload is None else recording.payload
+    arm = Nominal(chain, cs.SX.sym("q", chain.n), cs.SX.sym("payload"))
+    down = cs.DM(chain.gravity / max(float(np.linalg.norm(chain.gravity)), 1e-12))
+    each = [
+        T.R.T @ cs.horzcat(down, weight_beyond(arm, j + 1, T.t)[1])
+        for j, T in enumerate(arm.frames[: chain.n])
+    ]
+    borne = cs.Function("borne", [cs.vertcat(arm.q, arm.payload)], [cs.densify(cs.horzcat(*each))])
+    found = over_rows(borne, np.column_stack([recording.q, payload]))[0]
+    return np.asarray(found.reshape(len(found), chain.n, 2, 3).transpose(1, 2, 3, 0))
+
+
+def courses(values: Array) -> Array:
+    """Straight and settling courses (K, 1, N) over the range of the values, about their means."""
+    u = (values - values.min()) / max(float(np.ptp(values)), 1e-12)
+    return level(np.stack([u, *(-np.expm1(-u / share) for share in SETTLING)])[:, None])
