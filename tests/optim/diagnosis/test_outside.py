@@ -1,6 +1,6 @@
 """Laws of what the library lacks: it is flagged, with what it depends on; what it has is not."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -130,7 +130,6 @@ def test_an_axis_that_runs_out_as_it_turns_is_its_joint_s(joint, tmp_path):
     assert found.named == frozenset()
 
 
-@dataclass(frozen=True)
 class AxialFloat(Mechanism):
     """A link moves along its joint's axis as that turns: a bearing without a stop."""
 
@@ -143,7 +142,6 @@ class AxialFloat(Mechanism):
         return scene.flexed(self.joint - 2, along)
 
 
-@dataclass(frozen=True)
 class WarmZero(JointMechanism):
     """A zero that settles within a fifth of the session."""
 
