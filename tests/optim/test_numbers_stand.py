@@ -12,7 +12,8 @@ STAND = {
         "SAME_PLACE": 1e-06,
     },
     "capsule_mpc": {
-        "MM": 1000.0, "OBSTACLE": 10, "FAR": 1000000.0, "STILL": (0.0, 0.0, 0.0), "A_MAX": 1.0,
+        "MM": 1000.0, "LONGEST": 5.0, "WIDEST": 0.1, "OBSTACLE": 10, "FAR": 1000000.0,
+        "STILL": (0.0, 0.0, 0.0), "A_MAX": 1.0,
         "J_MAX": 50.0, "V_OUTER": 0.25, "CONE": 80.0, "SHALLOW": 1.0, "REVOLUTE": 0.01,
         "PRISMATIC": 0.001, "POWER": 8, "KEPT": 0.95, "TURN": 5.0, "REGULAR": 1e-06,
         "ABSENT": -1000000000.0, "DROPPED": -100000000.0, "TOUCHING": 1e-09, "LIMITS": 10.0,

@@ -57,6 +57,7 @@ from plumbline.optim.capsule_mpc.constants import (
     STILL,
     V_OUTER,
 )
+from plumbline.optim.capsule_mpc.settings import check_shaft, near
 from plumbline.optim.core.problem import Array
 
 Point = tuple[float, float, float]
@@ -151,6 +152,9 @@ class _Shaft(Body, Protocol):
     v_max: float
     a_max: float
     j_max: float
+
+    def __post_init__(self) -> None:
+        check_shaft(self)
 
     @property
     def unit(self) -> Array:
@@ -368,9 +372,9 @@ class Obstacle:
 
     @property
     def usable(self) -> bool:
-        """Whether every number of it is finite, and its radius not negative."""
-        numbers = [*self.a, *self.b, *self.velocity, self.radius]
-        return bool(np.isfinite(numbers).all()) and self.radius >= 0.0
+        """Whether its numbers, in mm, are finite, its place is near, its radius not negative."""
+        known = bool(np.isfinite(self.velocity).all()) and self.radius >= 0.0
+        return known and near(np.array([*self.a, *self.b, self.radius]) / MM)
 
 
 def foreseen(obstacles: Sequence[Obstacle], slots: int, p: int, dt: float, first: int = 1) -> Array:

@@ -6,6 +6,9 @@ is named "rounding" lies so far from what instruments do that an order of magnit
 """
 
 MM = 1e3  # [mm/m]: SI units at the door, mm inside
+# No instrument of an operating room is longer or farther off, no shaft, clearance or error larger;
+# in millimetres each of them is.
+LONGEST, WIDEST = 5.0, 0.1  # [m]
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step or a second
 FAR = 1e6  # [mm] where obstacles are that are not there
 STILL = (0.0, 0.0, 0.0)  # [m/s]

@@ -62,7 +62,7 @@ from plumbline.optim.capsule_mpc.events import (
 from plumbline.optim.capsule_mpc.linearised import norms
 from plumbline.optim.capsule_mpc.net import Net, Verdict
 from plumbline.optim.capsule_mpc.planning import OneStep, Plan, Planner, Ready, shifted
-from plumbline.optim.capsule_mpc.settings import Safety
+from plumbline.optim.capsule_mpc.settings import NEAR, Safety, near
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.capsule_mpc.stopping import Stop, held_exactly, how_far_off, limited_function
 from plumbline.optim.capsule_mpc.sweeps import Looks, Sweeps, tip_speed
@@ -220,13 +220,16 @@ class Controller:
 
     def _measured(self, measured: ArrayLike, events: list[Event]) -> Array | None:
         values = np.array(measured, dtype=float).ravel()
-        if values.shape == (self.statement.n,) and np.isfinite(values).all():
+        own = self.statement
+        lengths = own.unit == 1 / constants.MM
+        if values.shape == (own.n,) and np.isfinite(values).all() and near(values[lengths]):
             self._blind, values = 0, values / self.statement.unit
             self._present = values
             self._underway.seen(values)
             return values
         self._blind += 1
-        words = f"state not usable {self._blind} times in a row, at most {self.safety.patience}"
+        most = self.safety.patience
+        words = f"state not usable ({NEAR}) {self._blind} times in a row, at most {most}"
         if self._present is None or self._blind > self.safety.patience:
             events.append(Event(Trouble.BAD_MEASUREMENT, f"{words}; stopped", float(self._blind)))
             return None
@@ -238,12 +241,14 @@ class Controller:
         values = np.array(goal, dtype=float)
         g, p = self.statement.goals, self.statement.settings.p
         path = values.ndim == 2 and values.shape[1] == g and len(values) >= p
-        if (path or values.shape == (g,)) and np.isfinite(values).all():
+        if (path or values.shape == (g,)) and near(values):
             self._goal = constants.MM * values
         elif self._goal is None:
-            raise PlumblineError(f"no goal yet that is usable: ({g},) finite numbers expected")
+            raise PlumblineError(f"no goal yet that is usable: ({g},) numbers expected, {NEAR}")
         else:
-            events.append(Event(Trouble.BAD_GOAL, "goal not usable; the last one is kept"))
+            events.append(
+                Event(Trouble.BAD_GOAL, f"goal not usable ({NEAR}); the last one is kept")
+            )
         return self._underway.then(self._goal, self.statement.settings.p)
 
     def _seen(self, obstacles: Sequence[Obstacle], x0: Array, events: list[Event]) -> Seated:
@@ -256,7 +261,7 @@ class Controller:
                 events.append(Event(Trouble.BAD_OBSTACLE, f"obstacle {k + 1}: last place kept"))
                 found.append(replace(self._places[k], velocity=(0.0, 0.0, 0.0)))
             else:
-                raise PlumblineError(f"obstacle {k + 1} not usable, and never seen before")
+                raise PlumblineError(f"obstacle {k + 1} not usable ({NEAR}), and never seen before")
         swept, moved = self._sweeps.swept(found), self._underway.moved(found)
         # What swings is where it is seen: where it will be is on its way there and back.
         swings, self._places = [s is not o for o, s in zip(found, swept, strict=True)], found

@@ -57,19 +57,58 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.constants import CREEP, DAMPING, MM, SEEN, SMOOTHING
+from plumbline.optim.capsule_mpc.constants import (
+    CREEP,
+    DAMPING,
+    LONGEST,
+    MM,
+    SEEN,
+    SMOOTHING,
+    WIDEST,
+)
 from plumbline.optim.core.problem import Array
 
 if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 
 
-def _at_least(given: object, limits: Mapping[str, float], mend: str) -> None:
-    """Refuse fields that are stated and below their limits."""
-    for name, least in limits.items():
+def _within(given: object, limits: Mapping[str, tuple[float, float]], mend: str) -> None:
+    """Refuse fields that are stated and not between their limits."""
+    for name, (least, most) in limits.items():
         value = getattr(given, name)
-        if value is not None and not value >= least:
-            raise PlumblineError(f"{name}: found {value}, expected at least {least}; {mend}")
+        if value is not None and not least <= value <= most:
+            upper = "" if np.isinf(most) else f", at most {most}"
+            raise PlumblineError(f"{name}: found {value}, expected at least {least}{upper}; {mend}")
+
+
+NEAR = f"finite, within {LONGEST:g} m"
+
+
+def near(places: ArrayLike) -> bool:
+    """Whether they can be places in m: in mm they are beyond any room."""
+    return bool((np.abs(places) <= LONGEST).all())
+
+
+def check_shaft(shaft: Any) -> None:
+    """Refuse an instrument whose numbers are no lengths in m, no depths or no cone."""
+    _within(shaft, {"length": (1e-3, LONGEST), "radius": (1e-4, WIDEST)}, "state it in m")
+    depths = getattr(shaft, "depths", (1e-3, LONGEST))
+    if not (len(depths) == 2 and 0.0 < depths[0] < depths[1] <= LONGEST):
+        expected = f"0 < least < most <= {LONGEST} m"
+        raise PlumblineError(f"depths: found {depths}, expected {expected}; state both in m")
+    if not 0.0 < getattr(shaft, "cone", 1.0) < 90.0:
+        raise PlumblineError(
+            f"cone: found {shaft.cone} deg, expected above 0 and below 90; mend it"
+        )
+    for name in ("trocar", "inward"):
+        place = np.asarray(getattr(shaft, name, None) or (0.0, 0.0, 1.0), dtype=float)
+        if not (place.shape == (3,) and near(place)):
+            expected = f"3 numbers of at most {LONGEST} m"
+            raise PlumblineError(
+                f"{name}: found {place.tolist()}, expected {expected}; state it in m, not in mm"
+            )
+    if not np.any(getattr(shaft, "inward", 1.0)):
+        raise PlumblineError("inward: found no direction, expected one into the body; mend it")
 
 
 @dataclass(frozen=True)
@@ -123,7 +162,8 @@ class Noise:
     bias: float = 0.0
 
     def __post_init__(self) -> None:
-        _at_least(self, dict.fromkeys(("measured", "step", "feedback", "bias"), 0), "give its size")
+        sizes = dict.fromkeys(("measured", "step", "bias"), (0.0, WIDEST))
+        _within(self, {"feedback": (0, np.inf)} | sizes, "give its size in m")
         if not 0.0 < self.epsilon <= 0.5:
             raise PlumblineError(
                 f"epsilon: found {self.epsilon}, expected in (0, 0.5]; use the default"
@@ -186,8 +226,11 @@ class Settings:
     def __post_init__(self) -> None:
         if self.form not in ("planes", "scalar"):
             raise PlumblineError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
-        least = {"p": 1.0, "dt": 1e-6, "safe": 0.0, "penalty": 1e-3}
-        _at_least(self, least | dict.fromkeys(("effort", "smooth", "hold"), 0.0), "raise it")
+        limits = {"p": (1, np.inf), "dt": (1e-6, 1.0), "safe": (0.0, WIDEST)}
+        costs = {"penalty": (1e-3, np.inf)} | dict.fromkeys(
+            ("effort", "smooth", "hold"), (0.0, np.inf)
+        )
+        _within(self, limits | costs, "mend it")
 
 
 # Which field an effect fills.
@@ -268,4 +311,5 @@ class Safety:
     plant: Plant = field(default_factory=Plant)
 
     def __post_init__(self) -> None:
-        _at_least(self, dict.fromkeys(("budget", "patience", "delay"), 0), "use the default")
+        limits = dict.fromkeys(("budget", "patience", "delay"), (0.0, np.inf))
+        _within(self, limits, "use the default")

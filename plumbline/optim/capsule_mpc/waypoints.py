@@ -246,7 +246,7 @@ class Guide:
         """Where the tips (I, 3) should go now, on their way to the goals (I, 3) [m]."""
         if not (np.isfinite(tips).all() and np.isfinite(goals).all()):
             return goals
-        seen = self._sweeps.swept([o.scaled(MM) for o in obstacles if o.usable])
+        seen = self._sweeps.swept([o for o in (o.scaled(MM) for o in obstacles) if o.usable])
         ends = np.array([[o.a, o.b] for o in seen], dtype=float).reshape(-1, 2, 3)
         radii = np.array([o.radius for o in seen], dtype=float)
         tools = [

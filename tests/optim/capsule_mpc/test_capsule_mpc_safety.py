@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.touch import Touch, all_pairs
 from plumbline.optim.capsule_mpc import (
     EndsInstrument,
@@ -226,6 +227,39 @@ def test_a_goal_where_nothing_can_be_is_told_at_every_step(change, said):
         assert re.search(said, event.words)
         assert len(event.words.splitlines()) == 1
     assert Trouble.BAD_GOAL not in own.step(START, GOAL, [BALL]).troubles()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"radius": -0.001}, "radius: found -0.001"), ({"radius": 2.5}, "state it in m"),
+        ({"length": 250.0}, "length: found 250"), ({"depths": (15.0, 230.0)}, "state both in m"),
+        ({"depths": (0.23, 0.015)}, "0 < least < most"), ({"cone": 120.0}, "above 0 and below 90"),
+        ({"trocar": (-40.0, 0.0, 0.0)}, "in m, not in mm"), ({"trocar": (0.0, NAN, 0.0)}, "trocar"),
+        ({"trocar": (0.0, 0.0)}, "3 numbers"), ({"inward": (0.0, 0.0, 0.0)}, "no direction"),
+    ],
+)  # fmt: skip
+def test_an_instrument_that_is_none_or_in_mm_is_refused_in_a_line(change, said):
+    with pytest.raises(PlumblineError, match=said) as caught:
+        TipInstrument(**{"trocar": (0.0, 0.0, 0.0)} | change)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_clearance_and_a_noise_in_mm_are_refused():
+    with pytest.raises(PlumblineError, match=r"safe: found 2\.0, .*at most 0\.1"):
+        Settings(safe=2.0)
+    with pytest.raises(PlumblineError, match=r"measured: found 0\.3, .*at most 0\.1"):
+        Noise(measured=0.3)
+
+
+def test_what_a_loop_gives_in_mm_is_never_taken_as_metres():
+    own, far = controller(), BALL.scaled(1e3)
+    assert own.step(1e3 * START, GOAL).mode is Mode.STOP
+    assert own.step(START, GOAL, [far]).mode is Mode.STOP
+    assert not own.step(START, GOAL, [BALL]).troubles()
+    told = own.step(START, 1e3 * GOAL, [far])
+    assert {Trouble.BAD_OBSTACLE, Trouble.BAD_GOAL} <= told.troubles()
+    assert any("goal not usable (finite, within 5 m)" in e.words for e in told.events)
 
 
 def test_an_obstacle_that_cannot_be_read_stays_where_it_was():

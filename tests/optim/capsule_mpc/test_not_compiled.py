@@ -186,7 +186,7 @@ def test_a_compiled_controller_says_so(cache):
 
 
 def test_the_level_of_noise_is_a_parameter_and_no_reason_to_build_again():
-    one, other = statement(measured=0.1), statement(measured=0.2, bias=0.3)
+    one, other = statement(measured=1e-4), statement(measured=2e-4, bias=3e-4)
     assert one.shape == other.shape
     assert hash(one.shape) == hash(other.shape)
     assert not np.array_equal(one.stages(GOALS, []), other.stages(GOALS, []))
