@@ -18,7 +18,7 @@ import typer
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.reality.ranging import scene as ranging
 from plumbline.experiments.reality.ranging.finder import Finder
-from plumbline.experiments.reproduce.hand_eye_trials import PER_SCENE, readings_of
+from plumbline.experiments.reproduce.hand_eye_trials import PER_SCENE, programme, readings_of
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.calibrate import Calibration, HandEyeOptions, calibrate
 from plumbline.optim.hand_eye.readings import Readings
@@ -34,28 +34,18 @@ def draws(seed: int, count: int) -> Iterator[tuple[Finder, Readings]]:
     """Range finders and their readings, `count` of them, `PER_SCENE` a programme."""
     for number in range(count):
         if number % PER_SCENE == 0:
-            scene, programme = _planned(seed, number)
+            scene, planned = programme(seed, number, UNLIKE)
         rng = np.random.default_rng([seed, number, 2])
         skew = rng.uniform(0.0, MOST_SKEW)
         other = replace(scene, instrument=replace(scene.instrument, skew=skew))
         while True:
             mounted = ranging.remounted(other, rng)
             try:
-                survey = ranging.calibration(mounted, rng, programme)
+                survey = ranging.calibration(mounted, rng, planned)
             except ValueError:  # a beam that misses its board
                 continue
             break
         yield mounted.finder, readings_of(survey)
-
-
-def _planned(seed: int, number: int) -> tuple[ranging.Scene, ranging.Programme]:
-    rng = np.random.default_rng([seed, number, 1])
-    while True:
-        scene = ranging.draw_scene(rng, UNLIKE)
-        try:
-            return scene, ranging.plan(scene, rng)
-        except ValueError:  # boards out of reach
-            continue
 
 
 def measure(seed: int = 0, count: int = DRAWS) -> pd.DataFrame:

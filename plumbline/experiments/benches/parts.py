@@ -39,12 +39,8 @@ Draw = Callable[[Path, str | None, float, int, int], drawing.Truth]
 def _ranges(folder: Path, name: str | None, gap: float, seed: int, number: int) -> drawing.Truth:
     """A case of ranges; poses in place of joints in every other one."""
     plan = drawing.RangePlan(poses=name not in room.OF_ARM and number // 2 % 2 == 1)
-    for more in range(ANEW):
-        try:
-            return drawing.draw_ranges(folder, arm("lbr"), name, gap, seed + 1000 * more, plan)
-        except ValueError:
-            continue  # this room is out of the arm's reach
-    raise fault("--seed", str(seed), "a room in reach", "choose another")
+    seeds = range(seed, seed + 1000 * ANEW, 1000)
+    return drawing.draw_reached(folder, arm("lbr"), name, gap, seeds, plan)
 
 
 def _fiducials(folder: Path, name: str | None, gap: float, seed: int, number: int) -> drawing.Truth:

@@ -264,12 +264,8 @@ def told_apart(explanations: Sequence[str]) -> tuple[list[str], list[str]]:
     shared = [cause for cause in parts[0] if all(cause in other for other in parts)]
     own = [[cause for cause in causes if cause not in shared] for causes in parts]
     plus = "+ " if shared else ""
-    return shared, [plus + _few(causes) if causes else "nothing more" for causes in own]
-
-
-def _few(causes: Sequence[str]) -> str:
-    more = len(causes) - NAMED
-    return " and ".join(causes[:NAMED]) + (f" and {more} more" if more > 0 else "")
+    few = ((*c[:NAMED], *([f"{len(c) - NAMED} more"] if len(c) > NAMED else [])) for c in own)
+    return shared, [plus + " and ".join(causes) if causes else "nothing more" for causes in few]
 
 
 def _lettered(words: str, explanations: Sequence[str]) -> str:

@@ -24,11 +24,6 @@ if TYPE_CHECKING:
 Models = Mapping[str, tuple[Path, Any]]  # by what it is called: its file, and what is written
 
 
-def one_model(answer: Any, path: Path) -> Models:
-    """The model of one diagnosis."""
-    return {"Model": (path, answer.model())}
-
-
 @dataclass(frozen=True)
 class Outputs(Out):
     """Where a verdict goes."""
@@ -41,7 +36,7 @@ class Outputs(Out):
         answer: Any,
         content: Mapping[str, Any],
         lines: Iterable[str] = (),
-        models: Callable[[Any, Path], Models] = one_model,
+        models: Callable[[Any, Path], Models] | None = None,
         **page: Any,
     ) -> None:
         """Write and print an answer.
@@ -50,7 +45,7 @@ class Outputs(Out):
             answer: A verdict with all that is behind it.
             content: The same for JSON.
             lines: What is printed below the verdict.
-            models: What is written of it as models.
+            models: What is written of it as models, its one model unless given.
             **page: What else its page shows.
 
         Raises:
@@ -58,6 +53,7 @@ class Outputs(Out):
         """
         write_json(self.json, content)
         self.write_page(answer, **page)
+        models = models or (lambda answer, path: {"Model": (path, answer.model())})
         made = {} if self.model is None else models(answer, self.model)
         for path, _ in made.values():
             check_new(path, "--model", overwrite=self.overwrite)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -16,9 +16,6 @@ from plumbline.experiments.commands.out import Out, with_out
 from plumbline.experiments.commands.sweep import Jobs
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.progress_bar import progress_bar
-
-if TYPE_CHECKING:
-    from plumbline.experiments.withheld.design import Design
 
 PICTURES = (".html", ".png")
 WIDTH = 120  # characters of a line, where no terminal says how many there are
@@ -87,6 +84,7 @@ def make(
     """Write sealed cases: recordings here, the truth there, its hashes in a ledger first."""
     put.check([out, truth])
     from plumbline.experiments.withheld.design import Design
+    from plumbline.experiments.withheld.making import make_set
 
     design = Design(
         seed=secrets.randbits(60) if seed is None else seed,
@@ -104,12 +102,6 @@ def make(
         leave_out=tuple(leave_out or ()),
         simulator=simulator,
     )
-    _make(put, out, truth, design, count)
-
-
-def _make(put: Out, out: Path, truth: Path, design: Design, count: int) -> None:
-    from plumbline.experiments.withheld.making import make_set
-
     with progress_bar(quiet=put.silent) as progress:
         ledger = make_set(out, truth, design, count, progress)
     content = {"cases": len(ledger.entries), "ledger_sha256": ledger.sha256}

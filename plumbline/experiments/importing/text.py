@@ -51,7 +51,8 @@ def read(path: Path) -> list[Raw]:
     if said:
         table, first = table.iloc[1:], first + 1
     columns = {name: _column(table.iloc[:, k]) for k, name in enumerate(header) if name}
-    comma = mark != "," and _has_decimal_commas(table)
+    some = table.iloc[: 10 * LOOKED_AT].to_numpy().ravel()
+    comma = mark != "," and any(DECIMALS.match(str(cell).strip()) for cell in some)
     raw = expanded(columns, {})
     form = f"{MARKS[mark]} between cells" + (", decimal commas" if comma else "")
     given = {name: said[k] for k, name in enumerate(header) if said and said[k]}
@@ -143,8 +144,3 @@ def _column(cells: pd.Series[str]) -> NDArray[Any]:
 
 def _numeric(cell: str) -> bool:
     return is_number(cell.replace(",", "."))
-
-
-def _has_decimal_commas(table: pd.DataFrame) -> bool:
-    some = table.iloc[: 10 * LOOKED_AT].to_numpy().ravel()
-    return any(DECIMALS.match(str(cell).strip()) for cell in some)

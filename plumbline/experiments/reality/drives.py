@@ -203,7 +203,11 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
     plane = Plane(*(tuple(RANGES.many(name, rng, 2)) for name in ("length", "mass")))
     t, u = commands(rng)
     named = _named(plan, rng)
-    sizes = [_strength(_field(name), rng) for name, _ in named]
+    fields = [_field(name) for name, _ in named]
+    sizes = [
+        (float(rng.choice([-1.0, 1.0])) if field in SIGNED else 1.0) * RANGES.one(field, rng)
+        for field in fields
+    ]
     wrongs = _wrongs(named, sizes)
     q = u
     for _ in range(YIELDS):
@@ -282,11 +286,6 @@ def _wrongs(named: list[tuple[str, int]], sizes: list[float]) -> list[Wrong]:
 
 def _field(name: str) -> str:
     return INSIDE[name] if name in INSIDE else OUTSIDE[name][0]
-
-
-def _strength(field: str, rng: np.random.Generator) -> float:
-    sign = float(rng.choice([-1.0, 1.0])) if field in SIGNED else 1.0
-    return sign * RANGES.one(field, rng)
 
 
 def _gap(t: Array, u: Array, load: Array, wrong: Wrong, j: int) -> float:

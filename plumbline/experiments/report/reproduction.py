@@ -42,9 +42,8 @@ def compared(shown: Compared) -> Figure:
     """A row a figure, all on one scale."""
     names, values = zip(*shown.rows, strict=True)
     sizes = [v[key] for v in values for key in ("value", *STATED) if v.get(key)]
-    with style.house_style():
-        figure = style.new_figure(6.4, 0.9 + 0.26 * len(names))
-        axes = style.calm(figure.subplots())
+    with style.drawing(6.4, 0.9 + 0.26 * len(names)) as (figure, axes):
+        style.calm(axes)
         for k, (name, one) in enumerate(shown.rows):
             low = min(one.get("std", 0.0), one["value"])  # no length is below zero
             axes.plot(

@@ -25,6 +25,15 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
+    @classmethod
+    def of(
+        cls, name: str, rows: Iterable[Iterable[str]], more: Iterable[str] = (), **values: object
+    ) -> Self:
+        """One of ``papers.toml``, with ``more`` headings and values in the place of its braces."""
+        paper, _, which = name.partition(".")
+        title, *heads = ABOUT[paper]["tables"][which]
+        return cls(title.format(**values), (*heads, *more), tuple(map(tuple, rows)))
+
 
 @dataclass(frozen=True)
 class Compared:

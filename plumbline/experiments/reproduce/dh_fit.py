@@ -55,6 +55,7 @@ def run(
     tell("outliers", 7 / 8.0)
     outliers = [_outliers(seed, k) for k in range(several)]
     tell("done", 1.0)
+    paper = ("paper", f"within {REPEATABILITY:g}", "", f"within {ABSOLUTE:g}")
     found = Reproduction.of(
         "dh-fit",
         _figures(groups, beyond, fine, points, outliers),
@@ -62,20 +63,8 @@ def run(
             _groups_table(groups),
             _forms_table(groups, fine),
             *sessions.beyond_tables([group.fits[1] for group in groups], beyond),
-            Table(
-                "Fifty points over the whole workspace, mm",
-                ("arm", "repeatability", "absolute, mean", "absolute, largest"),
-                (
-                    *_threes(points),
-                    ("paper", f"within {REPEATABILITY:g}", "", f"within {ABSOLUTE:g}"),
-                ),
-            ),
-            Table(
-                "Three gross errors of 3 to 15 mm among 30 readings: mean misfit of 300 fresh "
-                "poses, mm",
-                ("group", "mean of norms", "mean of squares", "squares, no outlier"),
-                _threes(outliers),
-            ),
+            Table.of("dh-fit.fifty", [*_threes(points), paper]),
+            Table.of("dh-fit.outliers", _threes(outliers)),
         ),
         noise=1e3 * sessions.NOISE,
         visits=VISITS,
@@ -213,8 +202,7 @@ def _groups_table(groups: list[Group]) -> Table:
         paper = [" / ".join(f"{value:.3f}" for value in values) for values in sessions.PAPER[k]]
         own = [sessions.words(m) for m in (group.fits[1].before, group.fits[1].after)]
         rows.append((f"{k + 1}", paper[0], own[0], paper[1], own[1]))
-    heads = ("group", "before, paper", "before, ours", "after, paper", "after, ours")
-    return Table("Mean / maximum / standard deviation of 30 misfits, mm", heads, tuple(rows))
+    return Table.of("dh-fit.groups", rows)
 
 
 def _forms_table(groups: list[Group], fine: list[Group]) -> Table:
@@ -226,12 +214,7 @@ def _forms_table(groups: list[Group], fine: list[Group]) -> Table:
             floors = [f"{1e3 * g.floor:.3f}", f"{1e3 * g.fresh_floor:.3f}"]
             head = f"{k + 1}, {1e3 * noise:g} mm"
             rows.append((head, *cells, floors[0], *fresh, floors[1]))
-    heads = (
-        "group, noise", "24, published", "with tilts", "free frame", "noise alone",
-        "fresh, with tilts", "fresh, free frame", "noise alone",
-    )  # fmt: skip
-    title = "Mean misfit after the fit, by form; fresh: of 300 other poses, mm"
-    return Table(title, heads, tuple(rows))
+    return Table.of("dh-fit.forms", rows)
 
 
 def _threes(rows: list[Three]) -> tuple[tuple[str, ...], ...]:

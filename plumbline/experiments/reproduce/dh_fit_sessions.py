@@ -126,8 +126,13 @@ def look_beyond(seed: int, k: int, session: reality.Session, fits: Sequence[DHFi
     errors, within = [fit.misfits(exact) for fit in fits], reality.SURGICAL.holds(true).astype(bool)
     length, angle = WIDER * PUBLISHED.delta_length, WIDER * PUBLISHED.delta_angle
     wide = replace(PUBLISHED, delta_length=length, delta_angle=angle)
+    tilts = [_tilted(1.0, session, published)]
+    for part in LESS:
+        less = draw(seed, k, NOISE, WANDER, reality.SURGICAL, tilt=part)
+        fit = fit_dh(recording_of(less), PUBLISHED, registration=registration_of(less))
+        tilts.append(_tilted(part, less, fit))
     return Beyond(
-        (_tilted(1.0, session, published), *(_less_tilted(seed, k, part) for part in LESS)),
+        tuple(tilts),
         fit_dh(recording_of(session), wide, registration=four).after.mean,
         tilted.after.mean,
         (published.shares, tilted.shares),
@@ -135,12 +140,6 @@ def look_beyond(seed: int, k: int, session: reality.Session, fits: Sequence[DHFi
         tuple(Misfit.of(e[within]) for e in errors),
         tuple(Misfit.of(e[~within]) for e in errors),
     )
-
-
-def _less_tilted(seed: int, k: int, part: float) -> Tilted:
-    session = draw(seed, k, NOISE, WANDER, reality.SURGICAL, tilt=part)
-    fit = fit_dh(recording_of(session), PUBLISHED, registration=registration_of(session))
-    return _tilted(part, session, fit)
 
 
 def _tilted(part: float, session: reality.Session, fit: DHFit) -> Tilted:
@@ -183,8 +182,7 @@ def _tilts_table(groups: Sequence[Beyond]) -> Table:
         rows.append((f"{k}", *steps, f"{1e3 * g.wider:.3f}", f"{1e3 * g.with_tilts:.3f}"))
     parts = (f"24, {100 * part:g} % of the tilts" for part in (1.0, *LESS))
     heads = ("group", *parts, f"24, bounds x {WIDER:g}", "with tilts")
-    title = "What the 24 numbers lose to tilts of parallel axes (RMS): mean misfit, mm"
-    return Table(title, heads, tuple(rows))
+    return Table.of("dh-fit.tilts", rows, heads)
 
 
 def _shares_table(groups: Sequence[Beyond]) -> Table:
@@ -200,8 +198,7 @@ def _shares_table(groups: Sequence[Beyond]) -> Table:
     rows = [(name, *(f"{100 * s:.1f}" for s in row)) for name, row in ranked]
     rows.append(("all together", *(f"{100 * s:.1f}" for s in together)))
     heads = ("sum led by", *(f"group {k}" for k in range(1, len(groups) + 1)))
-    title = "Mean squared misfit before the fit that comes back without this one alone, %"
-    return Table(title, heads, tuple(rows))
+    return Table.of("dh-fit.shares", rows, heads)
 
 
 def _points_table(fits: Sequence[DHFit], several: Sequence[Beyond]) -> Table:
@@ -209,9 +206,7 @@ def _points_table(fits: Sequence[DHFit], several: Sequence[Beyond]) -> Table:
     for k, (fit, beyond) in enumerate(zip(fits, several, strict=True), start=1):
         before, after = beyond.registration
         rows.append((f"{k}", *(words(m) for m in (before, after, fit.before, fit.after))))
-    heads = ("group", "4 points, before", "4 points, after", "30, before", "30, after")
-    title = "Registration points apart from fit points: mean / maximum / standard deviation, mm"
-    return Table(title, heads, tuple(rows))
+    return Table.of("dh-fit.points", rows)
 
 
 def _workspace_table(groups: Sequence[Beyond]) -> Table:
@@ -223,12 +218,4 @@ def _workspace_table(groups: Sequence[Beyond]) -> Table:
             for part in pair
         )
         rows.append((f"{k}", *cells))
-    heads = (
-        "group", "24, inside", "24, outside", "with tilts, inside", "with tilts, outside",
-        "free frame, inside", "free frame, outside",
-    )  # fmt: skip
-    title = (
-        f"Fitted in the surgical space, {WORKSPACE} poses over the whole workspace without noise: "
-        "mean / largest error, mm"
-    )
-    return Table(title, heads, tuple(rows))
+    return Table.of("dh-fit.workspace", rows, poses=WORKSPACE)

@@ -139,36 +139,21 @@ def tables(f: dict[str, Any]) -> tuple[Table, ...]:
     """The same for people."""
     aimed, curve = f["as_aimed"], f["selection"]["curve"]
     steps = range(0, len(curve), 4)
+    shown = [key for key in METHODS if key in aimed]
+    loop = ("repeatability", *(f"{curve[k]:.2f}" for k in steps))
+    ratios = f["beta_over_alpha"]
     return (
-        Table(
-            "Repeatability on marks that no method has seen [mm]",
-            ("method", "ours", "paper"),
-            tuple((words, *_pair(f[key])) for key, words in METHODS.items()),
+        Table.of("hand-eye.methods", [(words, *_pair(f[key])) for key, words in METHODS.items()]),
+        Table.of(
+            "hand-eye.aimed",
+            [(METHODS[k], _pair(f[k])[0], _pair(aimed[k])[0], _pair(f[k])[1]) for k in shown],
         ),
-        Table(
-            "The same beams on marks aimed to 0.05 mm from 30 deg, and as in the paper [mm]",
-            ("method", "0.05 mm, 30 deg", "0.4 mm, 45 deg", "paper"),
-            tuple(
-                (words, _pair(f[key])[0], _pair(aimed[key])[0], _pair(f[key])[1])
-                for key, words in METHODS.items()
-                if key in aimed
-            ),
+        Table.of(
+            "hand-eye.accuracy",
+            [(words, *_pair(f[key])) for key, words in ACCURACY.items() if key in f],
         ),
-        Table(
-            "What it is good for, by our calibration",
-            ("figure", "ours", "paper"),
-            tuple((words, *_pair(f[key])) for key, words in ACCURACY.items() if key in f),
-        ),
-        Table(
-            "Three planes over the weights' ratio (lengths in mm)",
-            ("beta / alpha", "repeatability [mm]"),
-            tuple((f"{entry['ratio']:.0e}", _pair(entry)[0]) for entry in f["beta_over_alpha"]),
-        ),
-        Table(
-            "The selection loop: repeatability over iterations, mean of all planes [mm]",
-            ("iteration", *map(str, steps)),
-            (("repeatability", *(f"{curve[k]:.2f}" for k in steps)),),
-        ),
+        Table.of("hand-eye.weights", [(f"{one['ratio']:.0e}", _pair(one)[0]) for one in ratios]),
+        Table.of("hand-eye.loop", [loop], ("iteration", *map(str, steps))),
     )
 
 

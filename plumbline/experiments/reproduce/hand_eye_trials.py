@@ -87,11 +87,13 @@ def chain() -> Chain:
 
 
 @lru_cache(maxsize=2)
-def programme(seed: int, number: int) -> tuple[ranging.Scene, ranging.Programme]:
+def programme(
+    seed: int, number: int, instrument: ranging.Instrument = REALITY
+) -> tuple[ranging.Scene, ranging.Programme]:
     """A scene and its measurement programme, shared by several range finders."""
     rng = np.random.default_rng([seed, number, 1])
     for _ in range(20):
-        scene = ranging.draw_scene(rng, REALITY)
+        scene = ranging.draw_scene(rng, instrument)
         try:
             return scene, ranging.plan(scene, rng)
         except ValueError:  # a board out of the arm's reach: the boards are set up anew

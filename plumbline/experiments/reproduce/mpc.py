@@ -8,7 +8,6 @@ the same guide and without it. ``python -m plumbline.experiments.mpc.campaign`` 
 tasks, and ``python -m plumbline.experiments.mpc.foresight`` more of the comparison.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -44,23 +43,18 @@ def run(seed: int = 0, progress: Progress | None = None) -> Reproduction:
     tell("parallel passes", 0.9)
     planes = passes("planes", RealTime(compiled=False), PASSES, seed)
     scalar = passes("scalar", RealTime(compiled=False), PASSES, seed)
-    compared = Table(
-        "Goals reached without contact, and contacts", foresight.HEADS, tuple(foresight.cells(both))
-    )
+    compared = Table.of("mpc.foresight", foresight.cells(both), foresight.HEADS)
     tables = (_families(runs), compared, _passes(planes, scalar))
     figures = _figures(runs, both, planes, scalar)
-    shown = Compared("How near instruments came, by family", tuple(_nearest(runs)))
+    least = {name: min(r.clearance for r in own) for name, own in _by_family(runs).items()}
+    near = tuple((name, figure(gap, "mm", asked=SAFE)) for name, gap in least.items())
+    shown = Compared("How near instruments came, by family", near)
     m, wins = STATED, 100 * foresight.WINS
     found = Reproduction.of(
         "mpc", figures, tables, measured=m.measured, shake=m.shake, gain=100 * m.gain,
         lag=1e3 * m.lag, delay=1e3 * m.delay, deadband=m.deadband, fastest=V_MAX, wins=wins,
     )  # fmt: skip
     return replace(found, said=_said(figures), compared=(shown,))
-
-
-def _nearest(runs: list[Run]) -> Iterator[tuple[str, dict[str, Any]]]:
-    for name, own in _by_family(runs).items():
-        yield name, figure(min(r.clearance for r in own), "mm", asked=SAFE)
 
 
 def _said(figures: dict[str, Any]) -> str:
@@ -106,9 +100,8 @@ def _by_family(runs: list[Run]) -> dict[str, list[Run]]:
 
 
 def _families(runs: list[Run]) -> Table:
-    heads = ("family", "tasks", "collisions", "least clearance", "reached", "median", "p99")
     rows = [_row(name, own) for name, own in _by_family(runs).items()]
-    return Table("Random tasks, judged at every millisecond", heads, (*rows, _row("all", runs)))
+    return Table.of("mpc.families", [*rows, _row("all", runs)])
 
 
 def _passes(planes: Passes, scalar: Passes) -> Table:
@@ -116,6 +109,5 @@ def _passes(planes: Passes, scalar: Passes) -> Table:
         clear = (f"{own.at_steps:.3f} mm", f"{own.between:.2f} mm")
         return name, *clear, f"{100 * own.short:.1f} %", f"{100 * own.arrived:.0f} %"
 
-    heads = ("distance", "clearance at steps", "between steps", "steps short", "arrived")
     rows = (row("planes", planes), row("the patent's scalar", scalar))
-    return Table(f"{PASSES} parallel passes, d_s = {SAFE:g} mm, model exact", heads, rows)
+    return Table.of("mpc.passes", rows, passes=PASSES, safe=SAFE)

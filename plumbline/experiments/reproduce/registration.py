@@ -156,18 +156,14 @@ def reported(
         "pointing": {p.arm: _arm_figures(p) for p in arms},
         "draws": draws,
     }  # fmt: skip
+    apart = [f"{1e3 * v:.3f} mm" for v in away]
     tables = (
-        Table(
-            "Published points, theta 10 deg, beta 45 deg",
-            ("point", "distance"),
-            tuple((n, f"{1e3 * v:.3f} mm") for n, v in zip(POINTS, away, strict=True)),
-        ),
+        Table.of("registration.published", zip(POINTS, apart, strict=True)),
         _localisation_table(found),
         _time_table(times),
-        Table(
-            "Error budget [mm]",
-            ("part", "here", "paper"),
-            tuple((name, f"{v:.2f}", PAPER_BUDGET.get(name, "")) for name, v in costs.items()),
+        Table.of(
+            "registration.budget",
+            [(name, f"{v:.2f}", PAPER_BUDGET.get(name, "")) for name, v in costs.items()],
         ),
         _pointing_table(arms),
     )
@@ -201,11 +197,7 @@ def _localisation_table(found: Mapping[str, Localised]) -> Table:
         rest = (f"{f['p95']:.2f}", share, f"{f['calculation_error']:.2f}", inside)
         return name.replace("least squares", "LS"), *means, *rest
 
-    head = ("markers", "L", "M", "H", "95 %", "< 3 mm", "eq. 16", "in 95 % region")
-    return Table(
-        "Simulated tables 3, 5, 6, 7: mean localisation error [mm]", head,
-        tuple(cells(name, one) for name, one in found.items()),
-    )  # fmt: skip
+    return Table.of("registration.localisation", [cells(*one) for one in found.items()])
 
 
 def _time_table(times: Mapping[str, trials.Ratio]) -> Table:
@@ -213,8 +205,7 @@ def _time_table(times: Mapping[str, trials.Ratio]) -> Table:
         (name.replace("least squares", "LS"), f"{r.single:.2f}", f"{r.batch:.0f}", f"{FASTER:.2f}")
         for name, r in times.items()
     )
-    head = ("baseline", "one by one", "all draws at once", "paper, one by one")
-    return Table("Time over that of the three-point frame", head, rows)
+    return Table.of("registration.times", rows)
 
 
 def _pointing_table(arms: list[Pointed]) -> Table:
@@ -227,11 +218,7 @@ def _pointing_table(arms: list[Pointed]) -> Table:
             f"{1e3 * np.nanmin(p.sweep.clearance):.0f} mm", f"{p.first:.2f}, {p.later:.2f} s",
             p.published.status[0].value,
         ))  # fmt: skip
-    head = (
-        "arm", "theta, beta", "safe", "off lesion", "clearance", "plan: first, later",
-        "published angle",
-    )  # fmt: skip
-    return Table("Sweeps of the needle about lesion M, by Pinocchio and coal", head, tuple(rows))
+    return Table.of("registration.pointing", rows)
 
 
 def _noted(

@@ -22,13 +22,10 @@ from numpy.typing import NDArray
 
 from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft, tip_draft
+from plumbline.kinematics.robot import makers_joints
 
 LONGEST_STEP = 30.0  # [s] a longer step has motion in between that was not recorded
 SMALLEST_STEP = 1e-3  # [rad] a smaller one is within the controller's own wander about a target
-JOINTS = tuple(
-    f"{name}_joint"
-    for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-)
 TMAC = 0.109  # [m] along the flange's z, from the source's Trafo_TM_F_init.txt
 
 
@@ -37,8 +34,11 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
     table = pd.read_csv(local[source.files[0].path], sep=";", decimal=",")
     timed = source.name == "ur10-grid"
     if timed:
-        table = table.assign(time=_seconds(table["Timestamp"])).sort_values("time", kind="stable")
-    joints = table[list(JOINTS)].to_numpy(dtype=float)
+        stamps = table["Timestamp"].astype("int64").astype(str)
+        moments = pd.to_datetime(stamps, format="%Y%m%d%H%M%S")
+        since = (moments - moments.min()).dt.total_seconds()
+        table = table.assign(time=since).sort_values("time", kind="stable")
+    joints = table[list(makers_joints("ur10"))].to_numpy(dtype=float)
     columns = {f"q{j + 1}": joints[:, j] for j in range(6)}
     for axis in "xyz":
         columns[axis] = table[f"measurement_{axis}"].to_numpy(dtype=float) / 1e3
@@ -60,9 +60,3 @@ def approach_sides(joints: NDArray[np.float64], time: NDArray[np.float64]) -> ND
     known = np.diff(time, prepend=-np.inf) <= LONGEST_STEP
     moved = np.abs(step) >= SMALLEST_STEP
     return np.where(known[:, None] & moved, np.sign(step), 0.0).astype(int)
-
-
-def _seconds(stamps: pd.Series[int]) -> pd.Series[float]:
-    """Seconds since the earliest of the timestamps `YYYYMMDDhhmmss`."""
-    moments = pd.to_datetime(stamps.astype("int64").astype(str), format="%Y%m%d%H%M%S")
-    return (moments - moments.min()).dt.total_seconds()

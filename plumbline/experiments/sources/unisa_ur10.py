@@ -13,11 +13,8 @@ import pandas as pd
 from plumbline.experiments.importing.bags import read
 from plumbline.experiments.sources.cache import Source
 from plumbline.experiments.sources.folder import Draft
+from plumbline.kinematics.robot import makers_joints
 
-JOINTS = (
-    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint",
-    "wrist_3_joint",
-)  # fmt: skip
 PREFIXES = {"q": "position", "velocity": "velocity", "effort": "effort"}
 BLOCK = 1.5  # s: neighbours are 8 ms apart and alike; left out together
 FITTED = 0.6  # share of the time that may be fitted
@@ -30,7 +27,10 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
     time = np.round(time - time[0], 6)
     columns = {"time": time}
     for prefix, name in PREFIXES.items():
-        columns |= {f"{prefix}{j}": table.columns[f"{name}.{n}"] for j, n in enumerate(JOINTS, 1)}
+        columns |= {
+            f"{prefix}{j}": table.columns[f"{name}.{n}"]
+            for j, n in enumerate(makers_joints("ur10"), 1)
+        }
     late = time >= FITTED * time[-1]
     blocks = np.floor(time / BLOCK + 1e-9).astype(int)
     columns["group"] = np.where(late, blocks.max() + 1, blocks)

@@ -19,14 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import ARMS
 from plumbline.experiments.reality.cases import KINDS, OBSERVATIONS
 from plumbline.experiments.reality.draws import LIBRARY
 from plumbline.experiments.reality.drives import INSIDE as OF_DRIVES
 from plumbline.experiments.reality.mpc_scenarios import FAMILIES
 from plumbline.experiments.reality.parts import drawing, room
-from plumbline.experiments.reality.parts.drawing import RangePlan, draw_fiducials, draw_ranges
+from plumbline.experiments.reality.parts.drawing import RangePlan, draw_fiducials, draw_reached
 from plumbline.experiments.reality.torques import INSIDE as OF_EFFORTS
 from plumbline.experiments.sweep.outcome import Outcome
 from plumbline.optim.registration.registering import METHODS as ESTIMATORS
@@ -201,18 +200,10 @@ def _by_a_design(simulator: str, folder: Path, o: Options) -> Truth:
 
 def _ranges(folder: Path, o: Options) -> Truth:
     name, plan = _named(o["effect"]), RangePlan(o["rows"], o["motions"])
-    for again in range(ANEW):
-        try:
-            drawn = draw_ranges(
-                folder, ARMS[o["arm"]](), name, o["gap"], ANEW * o["seed"] + again, plan
-            )
-        except ValueError:  # boards out of the arm's reach
-            continue
-        causes = frozenset([(name, drawn.element)] if name else [])
-        return Truth(causes, name not in room.BEYOND, beam=drawn.beam)
-    raise PlumblineError(
-        f"seed {o['seed']}: no room in which the arm reaches all boards; take another"
-    )
+    seeds = range(ANEW * o["seed"], ANEW * (o["seed"] + 1))
+    drawn = draw_reached(folder, ARMS[o["arm"]](), name, o["gap"], seeds, plan)
+    causes = frozenset([(name, drawn.element)] if name else [])
+    return Truth(causes, name not in room.BEYOND, beam=drawn.beam)
 
 
 def _fiducials(folder: Path, o: Options) -> Truth:

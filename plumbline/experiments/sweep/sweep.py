@@ -67,18 +67,20 @@ def sweep(
         found = _known(kept, spec.cases)
         waiting = [case for case in dict.fromkeys(spec.cases) if case not in found]
         left = len(waiting)
+        options = [case.to_dict() for case in spec.cases]
+        varied = tuple(k for k in options[0] if len({str(one[k]) for one in options}) > 1)
 
         def so_far() -> Sweep:
             done = tuple(found[case] for case in spec.cases if case in found)
             of = (spec.name, "") if recording is None else (recording.name, recording.sha256)
-            return Sweep(*of, done, _varied(spec.cases))
+            return Sweep(*of, done, varied)
 
         if stands and found:
             stands(so_far)
         for outcome in _done(spec.recording, waiting, jobs, dask):
             if kept is not None:
-                options, figures = outcome.case.to_dict(), dict(outcome.found)
-                kept.add({"case": options, "found": figures, "reason": outcome.reason})
+                own, figures = outcome.case.to_dict(), dict(outcome.found)
+                kept.add({"case": own, "found": figures, "reason": outcome.reason})
             found[outcome.case] = outcome
             left -= 1
             if stands:
@@ -87,12 +89,6 @@ def sweep(
                 share = 1.0 - left / len(spec.cases)
                 progress(f"{len(spec.cases) - left} of {len(spec.cases)}", share)
     return so_far()
-
-
-def _varied(cases: Sequence[Any]) -> tuple[str, ...]:
-    """Options of which there is more than one value."""
-    options = [case.to_dict() for case in cases]
-    return tuple(k for k in options[0] if len({str(option[k]) for option in options}) > 1)
 
 
 def _done(

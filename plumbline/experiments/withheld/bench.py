@@ -117,14 +117,10 @@ def markdown(found: Bench) -> str:
         shrink = result.score.overall.shrink
         if shrink.of:
             lines.append(f"| removable gap removed, median | {median(shrink)} | {shrink.of} |")
-        lines += ["", *_calibration(result.score)]
+        said = (
+            error_words("Causes named, strictly", result.score.named_strictly),
+            error_words("confounded ones counted as right", result.score.named),
+            error_words("something outside", result.score.outside),
+        )
+        lines += ["", "; ".join(said) + "."]
     return "\n".join(lines) + "\n"
-
-
-def _calibration(score: Score) -> list[str]:
-    lines = (
-        error_words("Causes named, strictly", score.named_strictly),
-        error_words("confounded ones counted as right", score.named),
-        error_words("something outside", score.outside),
-    )
-    return ["; ".join(lines) + "."]

@@ -1,6 +1,7 @@
 """A score as a page or a picture: what was taken for what, can probabilities be believed."""
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,20 +19,12 @@ MOST_MISTAKES = 12  # lines, what a page has room for (looks only)
 LAST = ("outside", "no gap", "partly-explained", "refused", "failed")
 
 
-def confusion_figure(score: Score) -> Figure:
-    """Rows are truths, columns first answers; shade is the share of the row, numbers are cases."""
-    size = 2.6 + 0.27 * len(_order(score))
+def _alone(
+    draw: Callable[[Figure, Score], None], score: Score, size: tuple[float, float]
+) -> Figure:
     with style.house_style():
-        figure = style.new_figure(size + 0.6, size)
-        _confusion(figure, score)
-    return figure
-
-
-def reliability_figure(score: Score) -> Figure:
-    """Share of right statements over their probability, with intervals and how many they were."""
-    with style.house_style():
-        figure = style.new_figure(4.6, 4.6)
-        _reliability(figure, score)
+        figure = style.new_figure(*size)
+        draw(figure, score)
     return figure
 
 
@@ -41,6 +34,7 @@ def _order(score: Score) -> list[str]:
 
 
 def _confusion(figure: Figure | SubFigure, score: Score) -> None:
+    """Rows are truths, columns first answers; shade is the share of the row, numbers are cases."""
     order, axes = _order(score), figure.add_subplot()
     if not order:
         axes.text(0, 0, "no case of at most one cause", color=style.MUTED, ha="center")
@@ -64,6 +58,7 @@ def _confusion(figure: Figure | SubFigure, score: Score) -> None:
 
 
 def _reliability(figure: Figure | SubFigure, score: Score) -> None:
+    """Share of right statements over their probability, with intervals and how many they were."""
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     upper.plot([0, 1], [0, 1], color=style.FAINT, linewidth=1)
     for found, colour, label, shift in (
@@ -124,7 +119,7 @@ def page(score: Score) -> Page:
     late = (f"{score.missing} cases have no verdict.",) if score.missing else ()
     groups = scoring.by_level(score)
     columns = ("", *(f"{group.name} ({group.cases})" for group in groups))
-    most = scoring.mistakes(score)[:MOST_MISTAKES]
+    most, size = scoring.mistakes(score)[:MOST_MISTAKES], 2.6 + 0.27 * len(_order(score))
     wrong = [f"{m.truth} taken for {m.answer}: {m.count}" for m in most]
     percent = Grid(columns, scoring.rows_of(groups), range(1, 99))
     return Page(
@@ -137,8 +132,8 @@ def page(score: Score) -> Page:
             Part("Percent, with 95 % intervals", (), percent),
             *_by_effect(score),
             Part("Probabilities", (), None, scoring.calibration_lines(score)),
-            Picture.of("withheld.curve", reliability_figure(score)),
-            Picture.of("withheld.confusion", confusion_figure(score)),
+            Picture.of("withheld.curve", _alone(_reliability, score, (4.6, 4.6))),
+            Picture.of("withheld.confusion", _alone(_confusion, score, (size + 0.6, size))),
             *([Part("Most often taken for another", (), None, wrong)] if wrong else []),
         ),
     )

@@ -14,7 +14,8 @@ changes y. Breathing is the cube of half a sine: long at one end, short at the o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, placed, rotations
 from plumbline.experiments.reality.parts import room as rooms
 from plumbline.experiments.reality.ranges import Ranges
@@ -83,6 +85,20 @@ def draw_ranges(
     write(folder, Recording("\n".join(lines) + "\n", columns))
     element = None if flaw is None else flaw.element
     return Truth(name, element, gap if name else 0.0, beam=(room.r, room.v))
+
+
+def draw_reached(
+    folder: Path, arm: Arm, name: str | None, gap: float, seeds: Iterable[int], given: RangePlan
+) -> Truth:
+    """The same by the first of some seeds in whose room the arm reaches all boards.
+
+    Raises:
+        PlumblineError: There is none.
+    """
+    for seed in seeds:
+        with suppress(ValueError):
+            return draw_ranges(folder, arm, name, gap, seed, given)
+    raise PlumblineError("no room in which the arm reaches all boards; take another seed")
 
 
 def draw_fiducials(

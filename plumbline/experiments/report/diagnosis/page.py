@@ -75,7 +75,8 @@ def page(
         parts = [page(one, seed=seed, proof=proof) for one in answer.sections]
         apart = [_apart(one, f"s{k}-" if k else "") for k, one in enumerate(parts)]
         return replace(_of_sections(answer, apart), seed=seed)
-    drawn = [*_drawn(answer), *_ranks(ranks), *(_proofs(answer) if proof else ())]
+    drawn = [*_drawn(answer), *([ranks_picture(ranks)] if any(ranks) else [])]
+    drawn += _proofs(answer) if proof else ()
     return replace(of_verdict(answer.verdict, elsewhere, drawn, _about(answer)), seed=seed)
 
 
@@ -233,11 +234,6 @@ def _drawn(answer: Diagnosis | MotionDiagnosis) -> Iterator[Any]:
     if (worst := worst_rows(subject)).rows:
         said = "Rows count from 1 below the header; what is left of them after the causes, largest "
         yield Part("The rows that are missed most", (f"{said}first.",), worst, on_paper=True)
-
-
-def _ranks(ranks: Sequence[int]) -> Iterator[Any]:
-    if any(ranks):
-        yield ranks_picture(ranks)
 
 
 def _proofs(answer: Any) -> Iterator[Part]:

@@ -4,7 +4,6 @@ Lengths are drawn in mm. Every function returns one figure.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,9 +25,7 @@ def scene(readings: Readings, beam: Beam) -> Figure:
     """Where the flange was, and where its beams met the boards."""
     points = beam.points(readings.R, readings.t, readings.distance)
     starts = readings.R @ beam.r + readings.t
-    with style.house_style():
-        figure = style.new_figure(5.6, 4.6)
-        axes: Any = figure.add_subplot(projection="3d")
+    with style.drawing(5.6, 4.6, subplot_kw={"projection": "3d"}) as (figure, axes):
         for i, k in enumerate(readings.planes):
             rows = readings.plane == k
             colour = BOARDS[i % len(BOARDS)]
@@ -107,9 +104,7 @@ def _dots(axes: Axes, places: Array, heights: Array, top: float) -> PathCollecti
 
 def scan(points: Array, distances: Array, targets: Array, found: Array) -> Figure:
     """A scanned head (N, 3) [m] by its distance (N,) from CT; targets (k, 3), true and found."""
-    with style.house_style():
-        figure = style.new_figure(5.4, 4.4)
-        axes: Any = figure.add_subplot(projection="3d")
+    with style.drawing(5.4, 4.4, subplot_kw={"projection": "3d"}) as (figure, axes):
         drawn = axes.scatter(
             *(MM * points.T), c=MM * distances, cmap=style.SIZES, s=5, linewidths=0, vmax=1.0
         )

@@ -1,13 +1,11 @@
 """What is said of a scan: angles between faces, where it lies on a surface, its points."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report.hand_eye.pictures import BOARDS, MM
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
-from plumbline.experiments.report.style import SIZES, by_depth, house_style, new_figure, numbered
+from plumbline.experiments.report.style import SIZES, by_depth, drawing, numbered
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.hand_eye.scan import ScanAnswer
@@ -96,9 +94,7 @@ def scan_picture(answer: ScanAnswer) -> Figure:
     """The rebuilt points: by face, or by their distance from the surface [mm]."""
     points, face = MM * answer.points, answer.recording.face
     clouds = []
-    with house_style():
-        figure = new_figure(5.4, 4.4)
-        axes: Any = figure.add_subplot(projection="3d")
+    with drawing(5.4, 4.4, subplot_kw={"projection": "3d"}) as (figure, axes):
         if answer.laid is not None:
             colours = MM * answer.laid.distances
             drawn = axes.scatter(*points.T, c=colours, cmap=SIZES, s=6, linewidths=0)
