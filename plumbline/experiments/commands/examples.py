@@ -1,6 +1,6 @@
 """Examples of every command, shown below its ``--help``; the tests see that each still parses."""
 
-from plumbline.experiments.tables import table
+from plumbline.experiments.console.tables import table
 
 EXAMPLES: dict[str, list[str]] = table("plumbline.experiments.commands", "examples.toml")
 FIRST = ("diagnose", "import", "export")  # whose examples stand below the help of all

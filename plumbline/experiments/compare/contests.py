@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.console.tables import table
 from plumbline.experiments.sources import fetch
-from plumbline.experiments.tables import table
 from plumbline.kinematics.dh import rows_table
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot

@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 
 from plumbline.errors import PlumblineError, best_matches, shown
-from plumbline.experiments.tables import table
+from plumbline.experiments.console.tables import table
 
 ROOM = files("plumbline.experiments.importing")
 TEMPLATES: Mapping[str, Mapping[str, Any]] = table("plumbline.experiments.importing", "kinds.toml")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Self
 
-from plumbline.experiments.tables import table
+from plumbline.experiments.console.tables import table
 from plumbline.optim.core.progress import Progress
 
 ABOUT = table("plumbline.experiments.reproduce", "papers.toml")

@@ -25,7 +25,7 @@ from urllib.parse import quote
 import pooch
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.tables import table
+from plumbline.experiments.console.tables import table
 
 ENVIRONMENT_VARIABLE = "PLUMBLINE_DATA"
 

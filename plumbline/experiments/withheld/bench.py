@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from plumbline.experiments.tables import table
+from plumbline.experiments.console.tables import table
 from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.measures import MEASURES

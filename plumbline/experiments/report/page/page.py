@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
-from plumbline.experiments.tables import table
+from plumbline.experiments.console.tables import table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
