@@ -65,12 +65,18 @@ def mapped(raws: list[Raw], wanted: Iterable[Wanted]) -> Iterator[Match]:
         PlumblineError: One is not there.
     """
     for want in wanted:
-        if "#" not in want.target:
-            yield _match(raws, want, want.target, want.source)
-            continue
-        sources = _family(raws, want)
-        for k, source in enumerate(sources, start=1):
-            yield _match(raws, want, want.target.replace("#", str(k)), source)
+        try:
+            sources = _family(raws, want) if "#" in want.target else [want.source]
+            matches = [
+                _match(raws, want, want.target.replace("#", str(k)), source)
+                for k, source in enumerate(sources, start=1)
+            ]
+        except PlumblineError:
+            _, colon, word = want.source.rpartition(":")
+            if colon:  # no column of that name: what follows its colon was meant as a unit
+                units.unit(word)
+            raise
+        yield from matches
 
 
 def _match(raws: list[Raw], want: Wanted, target: str, source: str) -> Match:
@@ -100,7 +106,7 @@ def _family(raws: list[Raw], want: Wanted) -> list[str]:
     if not found or not (before or after):
         raise PlumblineError(
             f"--map {want.target}={want.source}: no column like {shown(pattern)}; name them one "
-            "by one"
+            f"by one; best matches: {best_matches(pattern, names)}"
         )
     return [f"{table}{at}{name}" for name in found]
 

@@ -105,6 +105,9 @@ def _cells(path: Path, text: str, mark: str, skipped: int) -> pd.DataFrame:
         line = re.search(r"line (\d+)", str(error))
         where = f"{path.name}, row {int(line[1]) + skipped}" if line else path.name
         why = str(error).split("\n")[0].removeprefix("Error tokenizing data. C error: ")
+        if cells := re.fullmatch(r"Expected (\d+) fields in line \d+, saw (\d+)", why.strip()):
+            expected = f"{cells[1]} as in the first row"
+            raise fault(where, f"{cells[2]} cells", expected, "mend the row") from None
         raise fault(where, why[:80], "as many cells as in the first row", "mend the row") from None
     return table.fillna("")
 

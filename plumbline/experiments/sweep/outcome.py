@@ -77,7 +77,8 @@ class Crossed:
         """The table as a picture, each field with its value."""
         from matplotlib.figure import Figure
 
-        size = (2.2 + 0.8 * len(self.across), 1.6 + 0.45 * len(self.down))
+        beside = 0.1 * max(len(level) for level in self.down)  # a letter's width [in]
+        size = (2.8 + beside + 0.8 * len(self.across), 1.8 + 0.45 * len(self.down))
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.add_subplot()
         values = np.array(self.values)

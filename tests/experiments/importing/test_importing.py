@@ -405,7 +405,9 @@ def test_json_says_where_each_column_is_from(tmp_path, bench, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--map", "q#=K#:deg"], "no column like 'K#'"),
+        (["--map", "q#=K#:deg"], "no column like 'K#'; name them one by one; best matches: J"),
+        (["--map", "q#=J#:grad"], "unit 'grad' not recognised. Best matches are "),
+        (["--map", "x=tip x:furlong"], "unit 'furlong' not recognised"),
         (["--map", "q#=J:deg"], "expected # in 'J', for the number of a column; best matches: J"),
         (["--map", "qq=J1"], "column 'qq' not recognised. Best matches are q"),
         (["--map", "x=tip q:mm"], "no such column among 9; nearest: tip "),
@@ -440,7 +442,7 @@ def test_what_cannot_be_understood_is_refused_in_one_line(tmp_path, bench, capsy
         ("a.csv", b"x,y\n\x00,2\n", "a zero byte"),
         ("a.csv", b"q1,x,y,z\n1,2,3,4\n1,abc,3,4\n", "a.csv, row 3, column 'x': found 'abc'"),
         ("a.csv", b"q1,x,y,z\n1,2,3,4\n1,1.2.3,3,4\n", "row 3, column 'x': found '1.2.3'"),
-        ("a.csv", b"q1,x\n1,2\n1,2,3,4\n", "a.csv, row 3: found Expected 2 fields"),
+        ("a.csv", b"q1,x\n1,2\n1,2,3,4\n", "a.csv, row 3: found 4 cells, expected 2 as in the first row"),
         ("a.csv", b"a,b\n1,2\n3,4\n", "none of 2 columns is called as a recording's"),
         ("a.csv", b"q1,b\n1,2\n3,4\n", "nothing measured among them"),
         ("a.csv", b"q1,x,y,z\n1,,3,4\n1,,3,4\n", "column x: no reading in any row"),

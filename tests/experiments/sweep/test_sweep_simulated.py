@@ -1,5 +1,6 @@
 """Laws of sweeps over realities that are made up: grids, random designs, tables of two factors."""
 
+import io
 import json
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,7 +11,7 @@ import pytest
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
-from plumbline.experiments.sweep.outcome import Outcome, Sweep
+from plumbline.experiments.sweep.outcome import Crossed, Outcome, Sweep
 from plumbline.experiments.sweep.simulated import (
     METHODS,
     REALITIES,
@@ -81,6 +82,13 @@ def test_a_table_by_two_factors_is_that_of_pandas(markers):
     np.testing.assert_allclose(found.values, expected.to_numpy())
     assert sum(map(sum, found.cases)) == len(frame)
     assert found.plot().axes
+
+
+@pytest.mark.parametrize("down", [("a",), ("kabsch", "robust"), ("a name of many letters " * 2,)])
+def test_a_table_of_one_column_has_room_for_its_picture(down):
+    filled = ((1e-4,),) * len(down)
+    one = Crossed("estimator", "markers", "error", down, ("8",), filled, ((1,),) * len(down))
+    one.plot().savefig(io.BytesIO(), format="svg")
 
 
 def test_of_many_levels_quarters_of_the_cases_are_lines():
