@@ -442,7 +442,11 @@ def test_what_cannot_be_understood_is_refused_in_one_line(tmp_path, bench, capsy
         ("a.csv", b"x,y\n\x00,2\n", "a zero byte"),
         ("a.csv", b"q1,x,y,z\n1,2,3,4\n1,abc,3,4\n", "a.csv, row 3, column 'x': found 'abc'"),
         ("a.csv", b"q1,x,y,z\n1,2,3,4\n1,1.2.3,3,4\n", "row 3, column 'x': found '1.2.3'"),
-        ("a.csv", b"q1,x\n1,2\n1,2,3,4\n", "a.csv, row 3: found 4 cells, expected 2 as in the first row"),
+        (
+            "a.csv",
+            b"q1,x\n1,2\n1,2,3,4\n",
+            "a.csv, row 3: found 4 cells, expected 2 as in the first row",
+        ),
         ("a.csv", b"a,b\n1,2\n3,4\n", "none of 2 columns is called as a recording's"),
         ("a.csv", b"q1,b\n1,2\n3,4\n", "nothing measured among them"),
         ("a.csv", b"q1,x,y,z\n1,,3,4\n1,,3,4\n", "column x: no reading in any row"),
