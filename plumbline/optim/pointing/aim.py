@@ -22,7 +22,7 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.body import Body
-from plumbline.optim.pointing.constants import LEAST_JOINTS, RIGHT_ANGLE
+from plumbline.optim.pointing.constants import LARGEST, LEAST_JOINTS, RIGHT_ANGLE
 from plumbline.optim.pointing.given import array, number, rigid
 from plumbline.optim.pointing.mesh import Scene
 from plumbline.optim.recording import storing as storing
@@ -49,7 +49,7 @@ class Needle:
             object.__setattr__(
                 self, name, number(getattr(self, name), f"needle {name} [m]", above=0.0)
             )
-        if self.reach > 5.0:
+        if self.reach > LARGEST:
             raise PlumblineError(
                 f"needle length + standoff = {self.reach:g} m: at most 5 m; give metres, not mm"
             )
@@ -170,7 +170,8 @@ class Aim:
 
         Raises:
             PlumblineError: Too few joints, a transform that is not rigid, a lesion that is not
-                finite, lies outside of the body or inside of what the needle may not enter.
+                finite or far from the robot, lies outside of the body or inside of what the needle
+                may not enter.
         """
         if chain.n < LEAST_JOINTS:
             raise PlumblineError(
@@ -196,6 +197,12 @@ class Aim:
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
+        far = float(np.linalg.norm(self.target))
+        if far > LARGEST:
+            raise PlumblineError(
+                f"lesion {far:.3g} m from the robot's base by T_robot_ct: at most {LARGEST:g} m; "
+                "give both in metres, not mm"
+            )
         self._check_scene()
 
     def _check_scene(self) -> None:

@@ -42,7 +42,7 @@ LOOKS = 8  # angles of a branch at which coal is asked before it is chosen; effo
 HELD_WITHIN = 1e-6  # [m] a path that is farther off lets go of the needle
 
 # What stands around
-LARGEST = 5.0  # [m] a solid that is larger was given in mm
+LARGEST = 5.0  # [m] a solid or a needle that is larger, a lesion that is farther, is in mm
 POINT = 1e-3  # [mm] radius of the ball that stands for a point where coal is asked
 LEAST_SIZE = 1e-6  # [m] below it a direction or a length is a slip of the pen
 LARGEST_FILE = 200_000_000  # [byte] a segmentation of four million triangles

@@ -361,6 +361,8 @@ def test_a_cone_is_safe_all_around():
         (lambda: Aim(UR3, placed(), (0.05, np.nan, 0.06), NEEDLE), r"lesion: nan at \(1,\)"),
         (lambda: Aim(UR3, placed(), (0.05, 0.06), NEEDLE), r"shape \(2,\), \(3,\) expected"),
         (lambda: Aim(UR3, placed(), (0.5, 0.1, 0.05), NEEDLE, PHANTOM), "outside of the body"),
+        (lambda: Aim(UR3, placed(), 1e3 * np.array(LESION), NEEDLE), "metres, not mm"),
+        (lambda: Aim(UR3, np.eye(4) + np.eye(4, k=3) * 350, LESION, NEEDLE), "lesion 350 m from"),
         (lambda: Aim(UR3, np.diag([1.0, 1, -1, 1]), LESION, NEEDLE), "a mirror"),
         (lambda: Aim(UR3, 1.1 * placed(), LESION, NEEDLE), "off a rotation by 2.1e-01"),
         (
