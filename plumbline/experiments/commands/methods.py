@@ -75,7 +75,7 @@ def register(
     """Register markers of CT and robot; say where targets are and how far to trust it."""
     out.check(files, tfm=tfm)
     from plumbline.experiments.report.registration.page import compared, elsewhere
-    from plumbline.experiments.slicer.given import along, given
+    from plumbline.experiments.slicer.given import given
     from plumbline.optim.registration import RegistrationOptions
     from plumbline.optim.registration import register as registered
 
@@ -88,7 +88,7 @@ def register(
     methods = compared(answer)
     more = {"methods": methods, "transforms": judged}
     if tfm is not None:
-        from plumbline.experiments.slicer import tfm_text
+        from plumbline.experiments.slicer.tfm import along, tfm_text
 
         write_text(tfm, tfm_text(along(answer.T_RC, ct, robot)), "--tfm")
     out.hand_out(answer, {**answer.to_dict(), **more}, **more)

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from plumbline.experiments.slicer.points import FLIP, READERS, read_points, refusal, to_fiducials
-from plumbline.experiments.slicer.tfm import read_h5, read_tfm
+from plumbline.errors import fault
+from plumbline.experiments.slicer.points import READERS, read_points, to_fiducials
+from plumbline.experiments.slicer.tfm import along, read_h5, read_tfm
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.fiducials import Fiducials, Points, load_fiducials
 
@@ -52,7 +53,7 @@ def given(
         found = ", ".join(path.name for path in paths)
         expected = "one recording, or two lists of points: CT's, then the robot's"
         mend = "give both lists (.mrk.json or .fcsv), or the folder"
-        raise refusal("files", found, expected, mend)
+        raise fault("files", found, expected, mend)
     found_elsewhere = (_transformed(path, fiducials, ct_axes, robot_axes) for path in transforms)
     return fiducials, tuple(found_elsewhere)
 
@@ -68,7 +69,7 @@ def _of_lists(ct: Path, robot: Path, ct_axes: str, robot_axes: str) -> Fiducials
         doubled = table["label"][table["label"].duplicated()]
         if len(doubled):
             found, mend = f"{doubled.iloc[0]!r} twice", "rename one in Slicer"
-            raise refusal(f"{path.name}, label", found, "every label once", mend)
+            raise fault(f"{path.name}, label", found, "every label once", mend)
     recording = to_fiducials(*points, name=name)
     note = (
         f"{robot.name}: the robot's points are read along {robot_axes}; if their numbers were "
@@ -84,7 +85,7 @@ def _with_targets(fiducials: Fiducials, path: Path, table: pd.DataFrame) -> Fidu
     for k, label in enumerate(labels):
         if label in known or label in labels[:k]:
             mend = "rename it in Slicer, or delete it there"
-            raise refusal(f"{path.name}, point {label}", "that label again", "a new one", mend)
+            raise fault(f"{path.name}, point {label}", "that label again", "a new one", mend)
     old, places = fiducials.targets, table[["x", "y", "z"]].to_numpy(dtype=float)
     nowhere = np.full(places.shape, np.nan)
     targets = Points(
@@ -96,20 +97,10 @@ def _with_targets(fiducials: Fiducials, path: Path, table: pd.DataFrame) -> Fidu
 def _transformed(path: Path, fiducials: Fiducials, ct_axes: str, robot_axes: str) -> Transformed:
     """A file's transform, or its inverse where that is what fits the markers."""
     ending = next(e for e in TRANSFORMS if path.name.lower().endswith(e))
-    T = along(TRANSFORMS[ending](path, "LPS"), ct_axes, robot_axes)
-    back = along(np.linalg.inv(TRANSFORMS[ending](path, "LPS")), ct_axes, robot_axes)
+    read = TRANSFORMS[ending](path, "LPS")
+    T, back = (along(one, ct_axes, robot_axes) for one in (read, np.linalg.inv(read)))
     inverted = BETTER * _misfit(back, fiducials.markers) < _misfit(T, fiducials.markers)
     return Transformed(path.name, back if inverted else T, inverted)
-
-
-def along(T: Array, ct_axes: str, robot_axes: str) -> Array:
-    """A transform (4, 4) of LPS coordinates for other axes of CT and robot, or back."""
-    turned = T.copy()
-    if ct_axes == "RAS":
-        turned[:3, :3] = turned[:3, :3] @ FLIP
-    if robot_axes == "RAS":
-        turned[:3] = FLIP @ turned[:3]
-    return turned
 
 
 def _misfit(T: Array, markers: Points) -> float:

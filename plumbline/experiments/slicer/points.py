@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from plumbline.errors import PlumblineError, fault, shown
+from plumbline.errors import fault, shown
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.fiducials import Fiducials
@@ -39,11 +39,6 @@ COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "l
 NUMBERED = {"0": "RAS", "1": "LPS"}
 
 
-def refusal(where: str, found: str, expected: str, mend: str) -> PlumblineError:
-    """The error to raise: where it is, what is there, what should be, and how to mend it."""
-    return PlumblineError(str(fault(where, found, expected, mend)))
-
-
 def check_axes(axes: str, where: str = "axes") -> str:
     """LPS or RAS.
 
@@ -52,7 +47,7 @@ def check_axes(axes: str, where: str = "axes") -> str:
     """
     if axes not in AXES:
         mend = "state the axes that the coordinates are given along"
-        raise refusal(where, shown(axes), " or ".join(AXES), mend)
+        raise fault(where, shown(axes), " or ".join(AXES), mend)
     return axes
 
 
@@ -85,9 +80,9 @@ def read_text(path: str | Path, kind: str) -> str:
     try:
         return read_file(path).decode("utf-8-sig")
     except OSError as error:
-        raise refusal(file, f"no readable file ({reason(error)})", kind, "mend the path") from None
+        raise fault(file, f"no readable file ({reason(error)})", kind, "mend the path") from None
     except UnicodeDecodeError:
-        raise refusal(file, "no UTF-8 text", kind, "save it in Slicer again") from None
+        raise fault(file, "no UTF-8 text", kind, "save it in Slicer again") from None
 
 
 def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
@@ -106,7 +101,7 @@ def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not rows:
-        raise refusal(file, "no points", "one line a point", "place some in Slicer")
+        raise fault(file, "no points", "one line a point", "place some in Slicer")
     values = np.array([_place(file, k, row, names) for k, row in rows]) * UNITS["mm"]
     labels = [_cell(row, names, "label") or f"F-{i + 1}" for i, (_, row) in enumerate(rows)]
     words = [_cell(row, names, "desc") for _, row in rows]
@@ -122,13 +117,13 @@ def _header(file: str, lines: list[str]) -> tuple[str, list[str]]:
     where = f"{file}, CoordinateSystem"
     if "coordinatesystem" not in said:
         mend = "add a line: # CoordinateSystem = LPS"
-        raise refusal(where, "nothing", "LPS or RAS", mend)
+        raise fault(where, "nothing", "LPS or RAS", mend)
     axes = NUMBERED.get(said["coordinatesystem"], said["coordinatesystem"])
     names = [name.strip() for name in said.get("columns", ",".join(COLUMNS)).split(",")]
     missing = [name for name in "xyz" if name not in names]
     if missing:
         found = f"columns {', '.join(names)}"
-        raise refusal(f"{file}, columns", found, f"a column {missing[0]!r}", "save it again")
+        raise fault(f"{file}, columns", found, f"a column {missing[0]!r}", "save it again")
     return check_axes(axes, where), names
 
 
@@ -145,7 +140,7 @@ def _place(file: str, line: int, row: list[str], names: list[str]) -> list[float
         numbers = [np.nan]
     if not np.isfinite(numbers).all():
         found = shown(",".join(cells))
-        raise refusal(f"{file}, row {line}", found, "x, y, z in mm", "mend or delete the line")
+        raise fault(f"{file}, row {line}", found, "x, y, z in mm", "mend or delete the line")
     return numbers
 
 
@@ -161,7 +156,7 @@ def read_markups(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
     parts = [_points(file, k, content, axes) for k, content in enumerate(lists)]
     table = pd.concat(parts, ignore_index=True)
     if table.empty:
-        raise refusal(file, "no points with a place", "control points", "place some in Slicer")
+        raise fault(file, "no points with a place", "control points", "place some in Slicer")
     return table
 
 
@@ -170,11 +165,11 @@ def _lists(file: str, path: Path) -> list[dict[str, Any]]:
         content = json.loads(read_text(path, "a .mrk.json"))
     except (json.JSONDecodeError, RecursionError) as error:
         found = f"broken JSON ({error})"
-        raise refusal(file, found, "a .mrk.json", "save it in Slicer again") from None
+        raise fault(file, found, "a .mrk.json", "save it in Slicer again") from None
     lists = content.get("markups") if isinstance(content, dict) else None
     if not isinstance(lists, list) or not lists or not all(isinstance(m, dict) for m in lists):
         mend = "save a point list in Slicer as .mrk.json"
-        raise refusal(file, "no markups", 'a list "markups"', mend)
+        raise fault(file, "no markups", 'a list "markups"', mend)
     return lists
 
 
@@ -185,7 +180,7 @@ def _points(file: str, number: int, content: dict[str, Any], axes: str) -> pd.Da
     given = content.get("controlPoints", [])
     if not isinstance(given, list) or not all(isinstance(p, dict) for p in given):
         mend = "save it in Slicer again"
-        raise refusal(f"{where}, controlPoints", "no list of points", "points", mend)
+        raise fault(f"{where}, controlPoints", "no list of points", "points", mend)
     there = [(k, p) for k, p in enumerate(given) if p.get("positionStatus", "defined") == "defined"]
     positions = [_position(f"{where}, point {k}", p.get("position")) for k, p in there]
     values = np.array(positions).reshape(-1, 3) * scale
@@ -199,7 +194,7 @@ def _unit(where: str, unit: object) -> float:
     code = unit[0] if isinstance(unit, list) and unit else unit
     if not isinstance(code, str) or code not in UNITS:
         found, known = shown(unit), ", ".join(UNITS)
-        raise refusal(f"{where}, coordinateUnits", found, f"one of {known}", "save it in mm")
+        raise fault(f"{where}, coordinateUnits", found, f"one of {known}", "save it in mm")
     return UNITS[code]
 
 
@@ -208,7 +203,7 @@ def _position(where: str, value: object) -> list[float]:
     plain = [float(v) for v in numbers if isinstance(v, int | float) and not isinstance(v, bool)]
     if len(plain) != 3 or len(numbers) != 3 or not np.isfinite(plain).all():
         mend = "place the point again, or delete it"
-        raise refusal(f"{where}, position", shown(value), "three finite numbers", mend)
+        raise fault(f"{where}, position", shown(value), "three finite numbers", mend)
     return plain
 
 
@@ -229,7 +224,7 @@ def _ending(path: str | Path) -> str:
     for ending in READERS:
         if name.endswith(ending):
             return ending
-    raise refusal(Path(path).name, "another kind of file", ".mrk.json or .fcsv", "save it as one")
+    raise fault(Path(path).name, "another kind of file", ".mrk.json or .fcsv", "save it as one")
 
 
 def to_fiducials(
@@ -256,7 +251,7 @@ def to_fiducials(
     stray = [label for label in robot["label"] if label not in set(ct["label"])]
     if stray:
         known = ", ".join(map(str, ct["label"]))
-        raise refusal(f"point {stray[0]}", "no such label in CT", f"one of {known}", "rename it")
+        raise fault(f"point {stray[0]}", "no such label in CT", f"one of {known}", "rename it")
     both = ct.merge(robot, on="label", how="left", suffixes=("_ct", "_robot"))
     columns = {f"ct_{a}": both[f"{a}_ct"] for a in "xyz"}
     columns |= {f"robot_{a}": both[f"{a}_robot"] for a in "xyz"}

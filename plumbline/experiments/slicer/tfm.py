@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.errors import shown
-from plumbline.experiments.slicer.points import FLIP, UNITS, check_axes, refusal
+from plumbline.errors import fault, shown
+from plumbline.experiments.slicer.points import FLIP, UNITS, check_axes
 from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
@@ -49,10 +49,10 @@ def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
     T = np.asarray(T_RC, dtype=float)
     if T.shape != (4, 4) or not np.isfinite(T).all() or not np.allclose(T[3], (0, 0, 0, 1)):
         mend = "give rotation and translation over the row 0, 0, 0, 1"
-        raise refusal("transform", f"shape {T.shape}", "a finite (4, 4)", mend)
+        raise fault("transform", f"shape {T.shape}", "a finite (4, 4)", mend)
     if abs(np.linalg.det(T[:3, :3])) < 1e-12:
-        raise refusal("transform", "a matrix of rank below 3", "one with an inverse", "mend it")
-    back = _along(np.linalg.inv(T), axes)
+        raise fault("transform", "a matrix of rank below 3", "one with an inverse", "mend it")
+    back = along(np.linalg.inv(T), axes, axes)
     numbers = [*back[:3, :3].ravel(), *(back[:3, 3] / UNITS["mm"])]
     parameters = " ".join(repr(float(value)) for value in numbers)
     lines = [HEAD, "#Transform 0", f"Transform: {KINDS[0]}", f"Parameters: {parameters}"]
@@ -70,7 +70,7 @@ def read_tfm(path: str | Path, axes: str = "LPS") -> Array:
         text = read_file(path).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         found = f"no readable text ({reason(error)})"
-        raise refusal(file, found, "a .tfm", "save it as text in Slicer again") from None
+        raise fault(file, found, "a .tfm", "save it as text in Slicer again") from None
     said = [line.partition(":") for line in text.splitlines() if not line.startswith("#")]
     check_kinds(file, [value.strip() for key, _, value in said if key.strip() == "Transform"])
     fields = {key.strip(): value for key, _, value in said}
@@ -87,7 +87,7 @@ def check_kinds(file: str, kinds: list[str]) -> None:
     if len(kinds) != 1 or kinds[0] not in KINDS:
         found = ", ".join(kinds) or "no transform"
         mend = "harden the transform and save one linear transform"
-        raise refusal(f"{file}, Transform", shown(found), f"one {KINDS[0]}", mend)
+        raise fault(f"{file}, Transform", shown(found), f"one {KINDS[0]}", mend)
 
 
 def moving(file: str, numbers: Array, centre: Array, axes: str) -> Array:
@@ -99,30 +99,30 @@ def moving(file: str, numbers: Array, centre: Array, axes: str) -> Array:
     A = numbers[:9].reshape(3, 3)
     back = homogeneous(A, (numbers[9:] + centre - A @ centre) * UNITS["mm"])
     if abs(np.linalg.det(back[:3, :3])) < 1e-12:
-        raise refusal(f"{file}, Parameters", "a matrix of rank below 3", "an inverse", "mend it")
-    return _along(np.linalg.inv(back).astype(np.float64), axes)
+        raise fault(f"{file}, Parameters", "a matrix of rank below 3", "an inverse", "mend it")
+    return along(np.linalg.inv(back).astype(np.float64), axes, axes)
 
 
-def _along(T: Array, axes: str) -> Array:
-    """A transform (4, 4) of LPS coordinates for RAS ones, or the other way round."""
-    if check_axes(axes) == "LPS":
-        return T
-    D = np.eye(4)
-    D[:3, :3] = FLIP
-    conjugated: Array = D @ T @ D
-    return conjugated
+def along(T: Array, ct_axes: str, robot_axes: str) -> Array:
+    """A transform (4, 4) of LPS coordinates for other axes of CT and robot, or back."""
+    turned = T.copy()
+    if check_axes(ct_axes) == "RAS":
+        turned[:3, :3] = turned[:3, :3] @ FLIP
+    if check_axes(robot_axes) == "RAS":
+        turned[:3] = FLIP @ turned[:3]
+    return turned
 
 
 def _numbers(file: str, fields: dict[str, str], key: str, count: int) -> Array:
     where = f"{file}, {key}"
     if key not in fields:
-        raise refusal(where, "nothing", f"{count} numbers", "save it in Slicer again")
+        raise fault(where, "nothing", f"{count} numbers", "save it in Slicer again")
     try:
         values = np.array([float(word) for word in fields[key].split()])
     except ValueError:
         values = np.empty(0)
     if len(values) != count or not np.isfinite(values).all():
-        raise refusal(where, shown(fields[key].strip()), f"{count} numbers", "mend the line")
+        raise fault(where, shown(fields[key].strip()), f"{count} numbers", "mend the line")
     return values
 
 
@@ -137,12 +137,12 @@ def read_h5(path: str | Path, axes: str = "LPS") -> Array:
         h5py = import_module("h5py")
     except ImportError:
         mend = "save it in Slicer as .tfm (text), or install h5py"
-        raise refusal(file, "HDF5, and no h5py to read it", "a .tfm", mend) from None
+        raise fault(file, "HDF5, and no h5py to read it", "a .tfm", mend) from None
     try:
         data = BytesIO(read_file(path))
     except (OSError, ValueError) as error:
         found = f"no readable file ({reason(error)})"
-        raise refusal(file, found, "ITK's HDF5", "mend the path") from None
+        raise fault(file, found, "ITK's HDF5", "mend the path") from None
     try:
         with h5py.File(data, "r") as content:
             group = content[GROUP]
@@ -153,12 +153,12 @@ def read_h5(path: str | Path, axes: str = "LPS") -> Array:
             centre = np.array(group[key]["TransformFixedParameters"], dtype=float).ravel()
     except (OSError, KeyError, TypeError, AttributeError, RuntimeError) as error:
         found = f"no transform ({type(error).__name__})"
-        raise refusal(file, found, "ITK's HDF5", "save it in Slicer as .tfm (text)") from None
+        raise fault(file, found, "ITK's HDF5", "save it in Slicer as .tfm (text)") from None
     except UnicodeDecodeError:
-        raise refusal(file, "no text", "ITK's HDF5", "save it in Slicer as .tfm (text)") from None
+        raise fault(file, "no text", "ITK's HDF5", "save it in Slicer as .tfm (text)") from None
     if numbers.shape != (12,) or centre.shape != (3,) or not np.isfinite(numbers).all():
         found = f"{numbers.size} and {centre.size} numbers"
-        raise refusal(file, found, "12 and 3 finite ones", "save it in Slicer as .tfm (text)")
+        raise fault(file, found, "12 and 3 finite ones", "save it in Slicer as .tfm (text)")
     return moving(file, numbers, centre, axes)
 
 
