@@ -109,6 +109,7 @@ LATEST = 0.2  # [s]: filters of drives and loggers' queues take less
 # (5). Noise and smoothing made at most 4 of 48 that were not (test_late_channels.py).
 SURELY_LATE = 10.0
 LEAST = 0.05  # of a row: less is of the smoothing and of the parabola
+AGAIN = 6  # times that a place is found from one nearer, each half as far off
 FINE = 401  # places between the rows before and after the best: 0.1 ms of rows 20 ms apart
 
 # Mixed up

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,7 @@ from plumbline.kinematics.tree import dynamics_of_chain, laden
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
-from plumbline.optim.recording.late import at_other_time, basis_of, late_by
+from plumbline.optim.recording.late import at_other_time, basis_of, late_by, likeliest
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Array, Origin
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
 UNITS = ("N m", "A")
-RATES = ("velocity", "acceleration", "turning")
+RATES = ("velocity", "acceleration")
 
 
 def torque_constants(settings: Section, joints: int) -> Array:
@@ -94,13 +95,13 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
         notes = (*notes, motion.note)
     else:
         smooth = velocity
-    sense = turning(smooth, velocity_noise(velocity, smooth, left))
+    slow = velocity_noise(velocity, smooth, left)
     always = tuple(word for word in r.always if word not in ("frame", "tool"))
     r = replace(
-        r, velocity=smooth, acceleration=acceleration, turning=sense, notes=notes, always=always,
-        measured_joints=tuple(range(r.chain.n)),
+        r, velocity=smooth, acceleration=acceleration, turning=turning(smooth, slow), notes=notes,
+        always=always, measured_joints=tuple(range(r.chain.n)),
     )  # fmt: skip
-    r = without_saturated(in_time(r, placed))
+    r = without_saturated(in_time(r, placed, slow))
     refuse_strange(r, origin)
     noise = _noise_by_joint(r, shaken, origin)
     stated = r.noise_by_joint is not None or r.noise_std is not None
@@ -121,12 +122,13 @@ def _run_by_run(r: Recording) -> Recording:
     return replace(r, time=time, notes=(*r.notes, said))
 
 
-def in_time(r: Recording, placed: Array | None) -> Recording:
+def in_time(r: Recording, placed: Array | None, slow: Array) -> Recording:
     """All channels at one time, where velocities or efforts are read late; rows without any go.
 
     Args:
         r: A motion and its efforts.
         placed: Velocities (N, n) that its positions tell by themselves, if they are asked.
+        slow: Noise of velocities (n,).
     """
     time, ones = r.time, np.ones(len(r))
     if time is None:
@@ -134,21 +136,28 @@ def in_time(r: Recording, placed: Array | None) -> Recording:
     if placed is not None and r.velocity is not None:
         own = [np.column_stack([v, ones]) for v in placed.T]
         late = late_by(time, r.velocity, lambda rows: [basis_of(X[rows]) for X in own])
-        r = _taken_back(r, RATES, late, f"velocities are read {1e3 * late:.3g} ms after positions")
+        said = f"velocities are read {1e3 * late:.3g} ms after positions"
+        r = _taken_back(r, RATES, late, said, slow)
         time = r.time if r.time is not None else time
     late = late_by(time, r.measured, lambda rows: _designs(r, rows))
+    for _ in range(constants.AGAIN if late else 0):  # what a row blurs is sharper from near by
+        near = _taken_back(r, ("q", *RATES), -late, "", slow)
+        clock = time if near.time is None else near.time
+        late += likeliest(clock, near.measured, partial(_designs, near))[0]
+        late = float(np.clip(late, -constants.LATEST, constants.LATEST))
     said = f"efforts are read {1e3 * late:.3g} ms after positions"
-    return _taken_back(r, ("q", *RATES), -late, said)
+    return _taken_back(r, ("q", *RATES), -late, said, slow)
 
 
-def _taken_back(r: Recording, names: Sequence[str], by: float, said: str) -> Recording:
+def _taken_back(r: Recording, names: Sequence[str], by: float, said: str, slow: Array) -> Recording:
     """With columns of so much later [s], in rows that have any."""
     if not by or r.time is None:
         return r
     moved = {name: at_other_time(r.time, getattr(r, name), by) for name in names}
     note = f"{said}: taken back by as much"
     columns: dict[str, Any] = {name: found for name, (found, _) in moved.items()}
-    return replace(r, notes=(*r.notes, note), **columns).select(moved[names[0]][1])
+    r = replace(r, notes=(*r.notes, note), **columns).select(moved[names[0]][1])
+    return replace(r, turning=turning(motion_of(r)[0], slow))
 
 
 def without_saturated(r: Recording) -> Recording:

@@ -22,24 +22,33 @@ from plumbline.optim.recording.derivatives import stretches, usual_step
 from plumbline.optim.recording.table import Array, Flags, Indices
 
 Rows = Indices
+Designs = Callable[[Rows], Sequence[Array]]
 
 
-def late_by(time: Array, read: Array, designs: Callable[[Rows], Sequence[Array]]) -> float:
+def late_by(time: Array, read: Array, designs: Designs) -> float:
     """How much later than its rows a channel (N, n) is read [s]; zero where that is not sure.
 
     ``designs`` of rows (k,) are orthonormal columns (k, p) that each joint's reading is made of.
     """
+    late, gain = likeliest(time, read, designs)
+    sure = gain > constants.SURELY_LATE and abs(late) > constants.LEAST * usual_step(time)
+    return late if sure else 0.0
+
+
+def likeliest(time: Array, read: Array, designs: Designs) -> tuple[float, float]:
+    """The same [s], sure or not, and how much more probable that is without whom it is most to."""
     step = usual_step(time)
     most = round(constants.LATEST / step)
     parts = [s[most : len(s) - most] for s in stretches(time, step)]
     rows = np.concatenate(parts)
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), constants.EFFORT_ROWS)).astype(int)]
     if most < 1 or len(rows) < constants.FEWEST_EFFORTS:
-        return 0.0
-    return step * _rows_late(read, rows, designs(rows), most)
+        return 0.0, 0.0
+    late, gain = _rows_late(read, rows, designs(rows), most)
+    return step * late, gain
 
 
-def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> float:
+def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> tuple[float, float]:
     """The same in rows, so many at most."""
     shifts = np.arange(-most, most + 1)
     left = np.array([_left(read[rows + k], designs) for k in shifts])
@@ -52,9 +61,7 @@ def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> 
     log = np.log(np.maximum(between, 1e-300)) * effective / 2.0
     found = int(np.argmin(log.sum(axis=1)))
     gains = np.log(left[most, :, 0]) * effective / 2.0 - log[found]
-    late = float(shifts[best] + off[found, 0])
-    sure = gains.sum() - gains.max() > constants.SURELY_LATE and abs(late) > constants.LEAST
-    return late if sure else 0.0
+    return float(shifts[best] + off[found, 0]), float(gains.sum() - gains.max())
 
 
 def at_other_time(time: Array, columns: Array, by: float) -> tuple[Array, Flags]:

@@ -26,11 +26,11 @@ def robot():
     return Robot.from_urdf(Tree(3, ("revolute",) * 4).urdf())
 
 
-def motion():
+def motion(time=TIME):
     """Places, velocities and accelerations (N, 4): sums of sines, no two joints alike."""
     rng = np.random.default_rng(1)
     w, phase = 2 * np.pi * rng.uniform(0.1, 0.9, (3, 4)), rng.uniform(0, 6, (3, 4))
-    angle = w * TIME[:, None, None] + phase
+    angle = w * time[:, None, None] + phase
     waves = 0.4 * np.sin(angle), 0.4 * w * np.cos(angle), -0.4 * w**2 * np.sin(angle)
     return tuple(x.sum(axis=1) for x in waves)
 
@@ -80,6 +80,14 @@ def test_channels_that_are_in_time_are_left_as_they_are_whatever_their_drives_do
     for rec in (recorded(robot), recorded(robot, changed=rubbed)):
         assert told(rec) == []
         assert len(rec) == len(TIME) - 40
+
+
+@pytest.mark.parametrize("late", [0.01, -0.01, 0.03])
+def test_corners_of_dry_friction_between_rows_are_found_where_they_are(robot, late):
+    """Rows on both sides blur them: from one place alone lateness comes out 1.5 ms off."""
+    dry = 0.3 * np.sign(motion(TIME - late)[1])
+    (note,) = told(recorded(robot, efforts=late, changed=lambda tau: tau + dry))
+    assert float(note.split()[3]) == pytest.approx(1e3 * late, abs=0.6)
 
 
 @pytest.mark.parametrize(("late", "seen"), [(0.75 * LATEST, True), (1.5 * LATEST, False)])

@@ -43,6 +43,12 @@ class JointFit:
         return self.J.reshape(self.residual.size, len(self.theta))
 
     @cached_property
+    def sums(self) -> tuple[Array, Array]:
+        """Products of the derivatives with each other (P, P) and with the residual (P,)."""
+        J = self.flat
+        return J.T @ J, J.T @ self.residual.ravel()
+
+    @cached_property
     def limits(self) -> tuple[Array, Array, Array]:
         """Lower and upper bounds and prior widths of the parameters, each (P,)."""
         ps = [e.parameter for e in self.effects]
@@ -58,8 +64,7 @@ class JointFit:
     def free(self) -> NDArray[np.bool_]:
         """Which parameters (P,) no bound holds back."""
         lower, upper, scale = self.limits
-        g = np.tensordot(self.J, self.residual, ((0, 1), (0, 1)))
-        near = 1e-9 * scale
+        near, g = 1e-9 * scale, self.sums[1]
         held = ((self.theta <= lower + near) & (g >= 0)) | ((self.theta >= upper - near) & (g <= 0))
         return ~held
 
@@ -74,15 +79,16 @@ class JointFit:
     def covariance(self, effective: float) -> Array:
         """Of the parameters (P, P), so many samples counting as independent."""
         share = effective / max(self.residual.size, 1)
-        H = self.flat.T @ self.flat * share / self.square
+        H = self.sums[0] * share / self.square
         scale = self.scales
         H += np.diag(1e-12 / scale**2)
         return np.asarray(np.linalg.inv(H), dtype=float)
 
     def evidence(self, effective: float) -> float:
         """Log evidence."""
-        flat = self.flat * self.scales
-        A = flat.T @ flat * effective / max(len(flat), 1) / self.square
+        scale = self.scales
+        A = self.sums[0] * np.outer(scale, scale)
+        A *= effective / max(self.residual.size, 1) / self.square
         occam = np.linalg.slogdet(np.eye(len(A)) + A)[1] / 2
         return float(-effective / 2 * np.log(self.square) - occam)
 
@@ -107,8 +113,8 @@ def fitted(windows: Windows, effects: Effects, start: Array, most: int = 0) -> J
     planned = any(e.plans for e in effects)  # whose derivatives cost two roll-outs each
     for _ in range((most or ITERATIONS) if effects else 0):
         free = best.free
-        J = best.flat[:, free] * scale[free]
-        A, g = J.T @ J, J.T @ best.residual.ravel()
+        A = (best.sums[0] * np.outer(scale, scale))[np.ix_(free, free)]
+        g = (best.sums[1] * scale)[free]
         step = np.zeros(len(scale))
         curved = A + damping * np.diag(np.diag(A)) + 1e-12 * np.trace(A) * np.eye(len(A))
         part = np.linalg.lstsq(curved, g, rcond=None)[0]
