@@ -21,7 +21,6 @@ class LinkGeometry(LinkMechanism):
     """One link is not as drawn: d + size w_d [m], a + size w_a [m], alpha + size w_alpha [rad]."""
 
     weights: Vector = (1.0, 0.0, 0.0)
-    effect, limit = "link_geometry", 0.01
 
     def body(self, scene: Scene) -> Scene:
         d, a, alpha = scene.shape.d.copy(), scene.shape.a.copy(), scene.shape.alpha.copy()
@@ -42,7 +41,6 @@ class LinkThermal(Mechanism):
     """
 
     reference: float = 20.0
-    effect, limit, typical, named = "link_thermal", 5e-4, 2e-5, ("expansion", "reference")
 
     def body(self, scene: Scene) -> Scene:
         growth = 1.0 + self.size * (scene.session.warmth - self.reference)[:, None]
@@ -59,8 +57,6 @@ class LinkFlex(LinkMechanism):
 
     with only the parts across the link's direction u counted (Euler-Bernoulli).
     """
-
-    effect, limit, typical, named = "link_flex", 1e-2, 1e-5, ("bending_compliance",)
 
     def body(self, scene: Scene) -> Scene:
         i, frames = self.link - 1, scene.frames()
@@ -107,7 +103,6 @@ class JointTilt(Mechanism):
 
     joint: int = 1
     unequal: float = 0.0
-    effect, limit, typical = "joint_tilt", 1e-2, 1e-6
 
     def body(self, scene: Scene) -> Scene:
         frames = scene.frames()
@@ -154,7 +149,6 @@ class BaseDrift(BaseMotion):
     """
 
     rate: float = 1.0
-    effect, limit, named = "base_drift", 0.02, ("rate",)
 
     def _course(self, progress: Array) -> Array:
         return np.asarray(np.expm1(-self.rate * progress) / np.expm1(-self.rate))
@@ -164,7 +158,6 @@ class BaseBump(BaseMotion):
     """Somebody knocks the base at one moment, a part of the session: twist = size w from then."""
 
     moment: float = 0.5
-    effect, limit, named = "base_bump", 0.02, ("moment",)
 
     def _course(self, progress: Array) -> Array:
         return np.asarray((progress >= self.moment).astype(float))
@@ -177,7 +170,6 @@ class BaseCompliance(Mechanism):
     """
 
     unequal: float = 0.1
-    effect, limit, typical = "base_compliance", 1e-3, 1e-5
 
     def body(self, scene: Scene) -> Scene:
         _, moment = loads(scene.arm, scene.frames())

@@ -24,7 +24,6 @@ class ToolSlip(Mechanism):
 
     weights: tuple[Vector, ...] = ((1.0, 0.0, 0.0),)
     moments: Vector = ()
-    effect, limit = "tool_slip", 0.02
 
     def body(self, scene: Scene) -> Scene:
         session = scene.session
@@ -49,7 +48,6 @@ class NeedleSag(Mechanism):
     """
 
     axis: Vector = (0.0, 0.0, 1.0)
-    effect, limit, named = "needle_sag", 0.02, ("sag",)
 
     def body(self, scene: Scene) -> Scene:
         along = scene.frames()[:, -1, :3, :3] @ np.array(self.axis)
@@ -65,7 +63,6 @@ class NeedleBending(Mechanism):
     """
 
     axis: Vector = (0.0, 0.0, 1.0)
-    effect, limit, typical, named = "needle_bending", 0.02, 1e-4, ("compliance",)
 
     def body(self, scene: Scene) -> Scene:
         if scene.session.force is None:
@@ -81,8 +78,6 @@ class NeedleBending(Mechanism):
 class SensorScale(Mechanism):
     """The device's metre is off: p (1 + size), about its origin."""
 
-    effect, limit, named = "sensor_scale", 0.02, ("scale",)
-
     def sense(self, points: Array, session: Session) -> Array:
         return points * (1.0 + self.size)
 
@@ -96,7 +91,6 @@ class SensorDistortion(Mechanism):
     """
 
     form: str = "radial"
-    effect, limit, named = "sensor_distortion", 0.3, ("coefficient", "form")
 
     def sense(self, points: Array, session: Session) -> Array:
         depth = points[:, 2:]
@@ -119,8 +113,6 @@ class Respiration(Mechanism):
     period: float = 4.0
     phase: float = 0.0
     power: int = 2
-    effect, limit = "respiration", 0.03
-    named = ("amplitude", "period", "direction", "phase", "power")
 
     def sense(self, points: Array, session: Session) -> Array:
         angle = np.pi * session.time / self.period + self.phase

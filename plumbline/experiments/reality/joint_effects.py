@@ -44,16 +44,12 @@ class JointMechanism(Mechanism, ABC):
 class JointOffset(JointMechanism):
     """The zero mark is off: e = size."""
 
-    effect, limit, named = "joint_offset", 0.03, ("offset",)
-
     def _error(self, scene: Scene) -> Array:
         return np.full(scene.session.rows, self.size)
 
 
 class JointScale(JointMechanism):
     """The encoder counts wrongly: e = size q (size is a ratio)."""
-
-    effect, limit, named = "joint_scale", 0.02, ("scale",)
 
     def _error(self, scene: Scene) -> Array:
         return self.size * self.reading(scene)
@@ -69,8 +65,6 @@ class JointCompliance(JointMechanism):
 
     stiffening: float = 0.2
     largest: float | None = None
-    effect, limit, typical = "joint_compliance", 1e-2, 1e-5
-    named = ("compliance", "stiffening")
 
     def _error(self, scene: Scene) -> Array:
         torque = self.torque(scene)
@@ -90,8 +84,6 @@ def _peak(torque: Array) -> float:
 class Backlash(JointMechanism):
     """The joint lags behind by half the play on the side it came from: e = -size/2 direction."""
 
-    effect, limit, named = "backlash", 0.02, ("width",)
-
     def _error(self, scene: Scene) -> Array:
         return -0.5 * self.size * scene.session.direction[:, self.joint - 1]
 
@@ -103,7 +95,6 @@ class LoadedPlay(JointMechanism):
     """
 
     seat: float = 0.02
-    effect, limit, named = "backlash", 0.02, ("width", "seat")
 
     def _error(self, scene: Scene) -> Array:
         torque = self.torque(scene)
@@ -114,7 +105,6 @@ class CoupledPlay(JointMechanism):
     """Cables of another joint, slack on the side it came from: e = -size/2 direction_source."""
 
     source: int = 1
-    effect, limit, named = "coupled_play", 0.02, ("width", "source")
 
     def _error(self, scene: Scene) -> Array:
         return -0.5 * self.size * scene.session.direction[:, self.source - 1]
@@ -128,7 +118,6 @@ class Hysteresis(JointMechanism):
     """
 
     start: float = 0.0
-    effect, limit, named = "hysteresis", 0.02, ("half_width", "start")
 
     def _error(self, scene: Scene) -> Array:
         q = self.reading(scene)
@@ -145,7 +134,6 @@ class TransmissionRipple(JointMechanism):
 
     once: tuple[float, float] = (1.0, 0.0)
     twice: tuple[float, float] = (0.0, 0.0)
-    effect, limit = "transmission_ripple", 0.01
 
     def _error(self, scene: Scene) -> Array:
         q = self.reading(scene)
@@ -166,7 +154,6 @@ class GearRipple(JointMechanism):
 
     order: float = 17.0
     phase: float = 0.0
-    effect, limit, named = "gear_ripple", 5e-3, ("amplitude", "order", "phase")
 
     def _error(self, scene: Scene) -> Array:
         return self.size * np.sin(self.order * self.reading(scene) + self.phase)
@@ -176,7 +163,6 @@ class JointCoupling(JointMechanism):
     """Another joint drags this one along: e = size q_source (size is a ratio)."""
 
     source: int = 1
-    effect, limit, named = "joint_coupling", 0.02, ("ratio", "source")
 
     def _error(self, scene: Scene) -> Array:
         return self.size * scene.session.q[:, self.source - 1]
@@ -190,7 +176,6 @@ class Payload(Mechanism):
     """
 
     stiffness: tuple[float, ...] = ()
-    effect, limit, typical, named = "payload", 300.0, 1.0, ("mass", "stiffness")
 
     def body(self, scene: Scene) -> Scene:
         frames, tip = scene.tip()
@@ -200,8 +185,6 @@ class Payload(Mechanism):
 
 class Latency(Mechanism):
     """The device reports where the arm was `size` seconds ago: q_true = q - size velocity."""
-
-    effect, limit, named = "latency", 0.2, ("delay",)
 
     def body(self, scene: Scene) -> Scene:
         return replace(scene, q=scene.q - self.size * scene.session.velocity)

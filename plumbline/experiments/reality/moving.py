@@ -40,8 +40,6 @@ class Friction(joints.JointMechanism):
 
     dip: float = 1.0
     slow: float = 0.1
-    effect, named = "friction", ("wind_up",)
-    depends = ("motion of q{joint}",)
 
     def _error(self, scene: Scene) -> Array:
         v = scene.session.velocity[:, self.joint - 1]
@@ -52,8 +50,6 @@ class Friction(joints.JointMechanism):
 class ViscousFriction(joints.JointMechanism):
     """Grease winds a drive up in proportion to the speed: e = -size v [rad]."""
 
-    effect = "friction"
-
     def _error(self, scene: Scene) -> Array:
         return -self.size * scene.session.velocity[:, self.joint - 1]
 
@@ -62,7 +58,6 @@ class EffortCompliance(joints.JointMechanism):
     """A drive that twists under the torque that its motor reports: e = -size effort [rad]."""
 
     effort: tuple[float, ...] = ()
-    effect = "joint_compliance"
 
     def _error(self, scene: Scene) -> Array:
         return -self.size * np.array(self.effort)
@@ -72,8 +67,6 @@ class TipForce(Mechanism):
     """Tissue pushes the tip along the base's x: -size (x - x0) [N], through yielding drives."""
 
     origin: float = 0.0
-    effect, named = "tip_force", ("stiffness",)
-    depends = ("position",)
 
     def body(self, scene: Scene) -> Scene:
         frames, tip = scene.tip()

@@ -24,8 +24,6 @@ class CrossRipple(JointMechanism):
     order: float = 3.0
     mesh: float = 2.0
     phase: float = 0.0
-    effect, limit, named = "cross_ripple", 0.01, ("amplitude", "order", "mesh")
-    depends = ("q{joint}", "q{other}")
 
     def _error(self, scene: Scene) -> Array:
         q, other = self.reading(scene), scene.session.q[:, self.other - 1]
@@ -38,8 +36,6 @@ class MagneticSpot(Mechanism):
     centre: Vector = (0.0, 0.0, 0.0)
     width: float = 0.1
     direction: Vector = (0.0, 0.0, 1.0)
-    effect, limit, named = "magnetic_spot", 0.05, ("amplitude", "centre", "width")
-    depends = ("position",)
 
     def sense(self, points: Array, session: Session) -> Array:
         squared = np.sum((points - np.array(self.centre)) ** 2, axis=1)
@@ -55,8 +51,6 @@ class StickSlip(JointMechanism):
     """
 
     seed: int = 0
-    effect, limit, named = "stick_slip", 0.02, ("rate",)
-    depends = ("history of q{joint}",)
 
     def _error(self, scene: Scene) -> Array:
         rng = np.random.default_rng(self.seed)
@@ -76,8 +70,6 @@ class LooseTool(Mechanism):
 
     rows: tuple[int, ...] = (0, 1, 2)
     direction: Vector = (0.0, 0.0, 1.0)
-    effect, limit = "loose_tool", 0.05
-    depends = ("rows",)
 
     def body(self, scene: Scene) -> Scene:
         tool = scene.tool.copy()

@@ -21,6 +21,9 @@ from typing import ClassVar, dataclass_transform
 import numpy as np
 
 from plumbline.experiments.reality.arm import Arm, Array, Shape, forward, rotations
+from plumbline.experiments.reality.ranges import table
+
+MECHANISMS = table("mechanisms.toml")
 
 
 @dataclass(frozen=True)
@@ -117,10 +120,13 @@ class Scene:
 
 @dataclass_transform(frozen_default=True)
 class Frozen:
-    """What derives from it is a frozen dataclass without saying so."""
+    """What derives from it is a frozen dataclass, and has what ``mechanisms.toml`` says of it."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
+        for name, value in MECHANISMS.get(cls.__name__, {}).items():
+            plain = value[0] if name == "limit" else value
+            setattr(cls, name, tuple(plain) if isinstance(plain, list) else plain)
         dataclass(frozen=True)(cls)
 
 

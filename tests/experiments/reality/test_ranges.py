@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import plumbline.experiments.reality
+from plumbline.experiments.reality import moving, unseen
 from plumbline.experiments.reality.ranges import CHANCES, SPREADS, TABLES, Ranges
+from plumbline.experiments.reality.scene import MECHANISMS, Mechanism
 
 SOURCES = [
     path.read_text() for path in Path(plumbline.experiments.reality.__file__).parent.rglob("*.py")
@@ -143,6 +145,23 @@ SHARES = {
         "rod": 0.5, "flies": 0.5,
     },
 }  # fmt: skip
+# Largest strength of a mechanism, and where its search begins if not at 1e-3.
+LIMITS = {
+    "JointOffset": 0.03, "JointScale": 0.02, "JointCompliance": (0.01, 1e-05), "Backlash":
+    0.02, "LoadedPlay": 0.02, "CoupledPlay": 0.02, "Hysteresis": 0.02, "TransmissionRipple":
+    0.01, "GearRipple": 0.005, "JointCoupling": 0.02, "Payload": (300.0, 1.0), "Latency": 0.2,
+    "LinkGeometry": 0.01, "LinkThermal": (0.0005, 2e-05), "LinkFlex": (0.01, 1e-05),
+    "JointTilt": (0.01, 1e-06), "BaseDrift": 0.02, "BaseBump": 0.02, "BaseCompliance": (0.001,
+    1e-05), "ToolSlip": 0.02, "NeedleSag": 0.02, "NeedleBending": (0.02, 0.0001),
+    "SensorScale": 0.02, "SensorDistortion": 0.3, "Respiration": 0.03, "CrossRipple": 0.01,
+    "MagneticSpot": 0.05, "StickSlip": 0.02, "LooseTool": 0.05, "CableCreep": 0.01,
+    "EncoderInterpolation": 0.1, "EndCushion": 0.02, "FlexsplineLoad": 0.01, "GearPit": 0.01,
+    "HubSlip": 0.02, "LoadWindup": 0.02, "MaxwellSlip": 0.01, "MotorHeat": 0.01, "WornBelt":
+    0.02, "BearingRunout": 0.01, "Draught": 0.02, "FloorSag": 0.02, "LooseBolt": 0.01,
+    "ThermalBow": 0.01, "ToolRocking": 0.02, "FieldBody": 0.05, "HoseDrag": 0.1,
+    "StitchedVolume": 0.02, "TrackerRefraction": 0.02, "Friction": None, "ViscousFriction":
+    None, "EffortCompliance": None, "TipForce": None,
+}  # fmt: skip
 EVERY = [(kind, name) for kind, table in TABLES.items() for name in table]
 SPREAD = [(kind, name) for kind, table in SPREADS.items() for name in table]
 CHANCE = [(kind, name) for kind, table in CHANCES.items() for name in table]
@@ -157,6 +176,33 @@ def test_no_end_no_spread_and_no_chance_moves_unseen():
     assert ends == ENDS
     assert {k: {n: row.size for n, row in t.items()} for k, t in SPREADS.items() if t} == SIGMAS
     assert {k: {n: row.share for n, row in t.items()} for k, t in CHANCES.items() if t} == SHARES
+
+
+def test_no_limit_of_a_mechanism_moves_unseen():
+    found = {
+        name: (limit[0], row["typical"]) if "typical" in row else limit[0]
+        for name, row in MECHANISMS.items()
+        for limit in [row.get("limit", [None])]
+    }
+    assert found == LIMITS
+
+
+def _kinds(kind):
+    """All that derives from a kind."""
+    below = kind.__subclasses__()
+    return below + [one for other in below for one in _kinds(other)]
+
+
+def test_every_mechanism_has_its_row_and_every_limit_its_unit_and_reason():
+    kinds = {kind.__name__: kind for kind in _kinds(Mechanism)}
+    assert {moving.Friction, *unseen.OF_JOINTS} <= set(kinds.values())
+    assert set(MECHANISMS) == {name for name, kind in kinds.items() if kind.effect}
+    for name, row in MECHANISMS.items():
+        if "limit" in row:
+            limit, unit, why = row["limit"]
+            assert kinds[name].limit == limit
+            assert unit
+            assert len(why) > 5
 
 
 @pytest.mark.parametrize(("kind", "name"), [*SPREAD, *CHANCE])

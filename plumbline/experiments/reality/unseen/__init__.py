@@ -1,7 +1,8 @@
 """Mechanisms outside the library, by someone who has not read the engine that is held against them.
 
-Each is one class: its formula, where it is known from, how it is drawn, and on what it truly
-depends. Their forms are not those of `outside_effects`, nor sums of the library's.
+Each is one class: its formula, where it is known from, and how it is drawn; on what it truly
+depends stands in ``mechanisms.toml``. Their forms are not those of `outside_effects`, nor sums of
+the library's.
 """
 
 from collections.abc import Callable

@@ -31,8 +31,6 @@ class BearingRunout(Mechanism):
     joint: int = 1
     order: float = 1.2
     phase: float = 0.0
-    effect, limit, named, stage = "bearing_runout", 0.01, ("tilt", "order", "phase"), "joint"
-    depends = ("q{joint}",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> BearingRunout:
@@ -63,8 +61,6 @@ class Draught(Mechanism):
     weights: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     moment: float = 0.0
     fading: float = 100.0
-    effect, limit, named, stage = "draught", 0.02, ("size", "moment", "fading"), "base"
-    depends = ("time",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> Draught:
@@ -94,8 +90,6 @@ class FloorSag(Mechanism):
 
     middle: tuple[float, ...] = (0.0, 0.0)
     width: float = 0.1
-    effect, limit, named, stage = "floor_sag", 0.02, ("sink", "middle", "width"), "base"
-    depends = ("posture",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> FloorSag:
@@ -133,8 +127,6 @@ class LooseBolt(Mechanism):
     turn: float = 0.0  # of the axis u about the base's z
     preload: float = 0.0
     largest: float = 1.0
-    effect, limit, named, stage = "loose_bolt", 0.01, ("opening", "turn", "preload"), "base"
-    depends = ("posture",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> LooseBolt:
@@ -172,8 +164,6 @@ class ThermalBow(LinkMechanism):
     rise: float = 10.0
     delay: float = 200.0
     side: tuple[float, ...] = (0.0, 1.0, 0.0)  # towards the heat, in the link's frame
-    effect, limit, named, stage = "thermal_bow", 0.01, ("rotation", "delay"), "link"
-    depends = ("time", "temperature")
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> ThermalBow:
@@ -210,8 +200,6 @@ class ToolRocking(Mechanism):
     way: tuple[float, ...] = (1.0, 0.0, 0.0)
     bias: float = 0.0
     softness: float = 0.1
-    effect, limit, named, stage = "tool_rocking", 0.02, ("half_step", "bias"), "tool"
-    depends = ("posture",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> ToolRocking:

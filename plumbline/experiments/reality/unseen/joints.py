@@ -29,8 +29,6 @@ class CableCreep(JointMechanism):
 
     largest: float = 1.0
     constant: float = 60.0
-    effect, limit, named, stage = "cable_creep", 0.01, ("stretch", "constant"), "joint"
-    depends = ("history of q{joint}",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> CableCreep:
@@ -62,9 +60,6 @@ class EncoderInterpolation(JointMechanism):
     bits: int = 5
     offset: float = 0.2
     gain: float = 0.4
-    effect, limit, stage = "encoder_interpolation", 0.1, "joint"
-    named = ("weight", "bits", "offset", "gain")
-    depends = ("q{joint}",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> EncoderInterpolation:
@@ -102,9 +97,6 @@ class EndCushion(JointMechanism):
     begins: float = 1.0
     depth: float = 0.5
     side: float = 1.0
-    effect, limit, stage = "end_cushion", 0.02, "joint"
-    named = ("short", "begins", "depth", "side")
-    depends = ("q{joint}",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> EndCushion:
@@ -133,8 +125,6 @@ class FlexsplineLoad(JointMechanism):
 
     largest: float = 1.0
     phase: float = 0.0
-    effect, limit, named, stage = "flexspline_load", 0.01, ("amplitude", "phase"), "joint"
-    depends = ("q{joint}", "load of q{joint}")
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> FlexsplineLoad:
@@ -158,8 +148,6 @@ class GearPit(JointMechanism):
 
     centre: float = 0.0
     width: float = 0.1
-    effect, limit, named, stage = "gear_pit", 0.01, ("depth", "centre", "width"), "joint"
-    depends = ("q{joint}",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> GearPit:
@@ -185,8 +173,6 @@ class HubSlip(JointMechanism):
     """
 
     moment: float = 0.0
-    effect, limit, named, stage = "hub_slip", 0.02, ("slip", "moment"), "joint"
-    depends = ("history of q{joint}",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> HubSlip:
@@ -213,8 +199,6 @@ class LoadWindup(JointMechanism):
     """
 
     largest: float = 1.0
-    effect, limit, named, stage = "load_windup", 0.02, ("wind_up",), "joint"
-    depends = ("load of q{joint}", "side of q{joint}")
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> LoadWindup:
@@ -239,8 +223,6 @@ class MaxwellSlip(JointMechanism):
     """
 
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0)
-    effect, limit, named, stage = "maxwell_slip", 0.01, ("wind_up", "widths"), "joint"
-    depends = ("history of q{joint}",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> MaxwellSlip:
@@ -271,8 +253,6 @@ class MotorHeat(JointMechanism):
 
     cooling: float = 100.0
     largest: float = 1.0
-    effect, limit, named, stage = "motor_heat", 0.01, ("wander", "cooling"), "joint"
-    depends = ("history of q{joint}",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> MotorHeat:
@@ -310,8 +290,6 @@ class WornBelt(JointMechanism):
     largest: float = 1.0
     start: float = -0.5
     end: float = 0.5
-    effect, limit, named, stage = "worn_belt", 0.02, ("clearance", "start", "end"), "joint"
-    depends = ("q{joint}", "load of q{joint}")
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> WornBelt:

@@ -29,9 +29,6 @@ class FieldBody(Mechanism):
     centre: tuple[float, ...] = (0.0, 0.0, 2.0)
     radius: float = 0.2
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
-    effect, limit, stage = "field_body", 0.05, "sensor"
-    named = ("strength", "centre", "radius")
-    depends = ("position",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> FieldBody:
@@ -60,8 +57,6 @@ class HoseDrag(Mechanism):
 
     anchor: tuple[float, ...] = (0.0, 0.0, 1.0)
     length: float = 0.5
-    effect, limit, named, stage = "hose_drag", 0.1, ("pull", "anchor", "length"), "tool"
-    depends = ("position",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> HoseDrag:
@@ -93,8 +88,6 @@ class StitchedVolume(Mechanism):
     seam: tuple[float, ...] = (0.0, 0.0, 2.0)
     normal: tuple[float, ...] = (1.0, 0.0, 0.0)
     way: tuple[float, ...] = (0.0, 0.0, 1.0)
-    effect, limit, named, stage = "stitched_volume", 0.02, ("step", "seam", "normal"), "sensor"
-    depends = ("position",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> StitchedVolume:
@@ -124,9 +117,6 @@ class TrackerRefraction(Mechanism):
     height: float = 0.5
     centre: tuple[float, ...] = (0.0, 0.0, 2.0)
     turn: float = 0.0
-    effect, limit, stage = "tracker_refraction", 0.02, "sensor"
-    named = ("miss", "depth", "height")
-    depends = ("position",)
 
     @classmethod
     def drawn(cls, scene: Scene, rng: np.random.Generator) -> TrackerRefraction:
