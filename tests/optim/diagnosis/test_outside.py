@@ -6,12 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plumbline.experiments.reality.body_effects import JointTilt
+from plumbline.experiments.reality.body_effects import JointTilt, LinkThermal
+from plumbline.experiments.reality.end_effects import SensorScale
 from plumbline.experiments.reality.joint_effects import (
     CoupledPlay,
     JointCompliance,
     JointMechanism,
     JointScale,
+    LoadedPlay,
     TransmissionRipple,
 )
 from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip
@@ -181,6 +183,28 @@ def test_what_moves_a_joint_s_axis_or_comes_by_another_s_side_is_its_own(fault, 
     assert found.words == words
     assert found.lacked_at["joint", fault.joint] > 0.95
     assert told(recording).named == {(fault.effect, fault.joint)}
+
+
+@pytest.mark.parametrize(
+    ("fault", "place", "least"),
+    [
+        (SensorScale(0.0), ("sensor", None), 0.95),
+        (LinkThermal(0.0, 20.0), ("link", None), 0.95),
+        (LoadedPlay(0.0, 4, 0.02), ("joint", 4), 0.1),
+    ],
+)
+def test_what_is_as_simple_as_what_the_library_lacks_is_not_taken_for_another_effect(
+    fault, place, least, tmp_path
+):
+    """All lengths grow alike; a side changes with the load, as a drive does that is soft near none.
+
+    Of these two neither does better: each has what it had before the data.
+    """
+    recording, _ = recorded(with_fault(faultless(rows=90, seed=8), fault, gap=2.5), tmp_path)
+    found = told(recording, library_without(fault.effect))
+    assert found.lacked_at[place] > 0.95
+    assert found.unlisted > least
+    assert all(p <= 1.0 - least for p in found.probabilities.values())
 
 
 @pytest.mark.parametrize("clock", [True, False])

@@ -126,21 +126,26 @@ def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> I
     """
     place = recording.chain.placement(recording.q)[:, :3, 3]
     words, on = "the place of the tip, locally", "place, locally"
-    forms = [random_features(normal(place), REACHES[0], rng)]
-    forms += [form for bump in spots(place) for form in (bump[:1], bump)]
-    yield from _one_of(_at(words, on, "sensor", None, form, ports.shift) for form in forms)
-    forms = [polynomials(normal(place), degree) for degree in (1, 2, 3)]
+    local = [random_features(normal(place), REACHES[0], rng)]
+    local += [form for bump in spots(place) for form in (bump[:1], bump)]
+    yield from _one_of(_at(words, on, "sensor", None, form, ports.shift) for form in local)
+    forms = [(polynomials(normal(place), degree), ports.shift) for degree in (1, 2, 3)]
+    forms.append((np.ones((1, len(place))), _grown(place, ports)))
     words = "the place of the tip"
-    yield from _one_of(_at(words, "place", "sensor", None, form, ports.shift) for form in forms)
+    yield from _one_of(_at(words, "place", "sensor", None, *form) for form in forms)
+
+
+def _grown(place: Array, ports: Ports) -> Array:
+    """What a like growth of all lengths to the places (N, 3) [m] moves (1, N, m)."""
+    return np.einsum("nk,knm->nm", place, ports.body[:3])[None]
 
 
 def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Every link's place in its joint as it gives way to gravity.
 
-    Where it is as such is no unlisted mechanism: joint offsets and the link's geometry are that. So
-    all are about their means: with a constant, one term would stand for the geometry of several
-    links and be charged for one cause. How it moves as its joint turns is the joint's own. What
-    sits on the last one moves as that does: a tool in its seat.
+    Where it is as such is no unlisted mechanism: joint offsets and the link's geometry are that,
+    and one term with a constant would stand for several. So all are about their means. What sits
+    on the last one moves as that does: a tool in its seat.
     """
     last = len(ports.link) - 1
     for i, (port, (weight, _)) in enumerate(zip(ports.link, weights(recording), strict=True)):
@@ -160,13 +165,13 @@ def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         yield _at("time", "time", "sensor", None, functions, ports.shift)
         yield from _each_part(ports, time, "time", functions)
     if temperature is not None and np.ptp(temperature) > 0:
-        place = normal(_true_places(recording))
-        spread = np.concatenate([np.ones((1, len(place))), place.T])
+        place, on = _true_places(recording), "temperature"
+        spread = np.concatenate([np.ones((1, len(place))), normal(place).T])
         rise = np.stack([np.ones(len(place)), normal(temperature)])
         grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, WARMTH))]
-        forms = [form.reshape(-1, len(place)) for form in grown]
-        on = "temperature"
-        yield from _one_of(_at(on, on, "link", None, form, ports.shift) for form in forms)
+        forms = [(form.reshape(-1, len(place)), ports.shift) for form in grown]
+        forms += [(form, _grown(place, ports)) for form in (rise[1:], rise)]
+        yield from _one_of(_at(on, on, "link", None, *form) for form in forms)
         yield from _each_part(ports, temperature, on, cosines(temperature, WARMTH))
 
 
@@ -212,9 +217,8 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Every joint as it turns: about its axis, and the axis itself (ISO 230-7:2015, sec. 3.2).
 
     About the axis about their means: with a constant, one term would stand for a zero and an
-    eccentric wheel and be charged for one cause. An axis that runs out stands askew on the mean of
-    a way too, which is nothing more at work. What the library has left out may be as it would have
-    it.
+    eccentric wheel. An axis that runs out stands askew on the mean of a way too, which is nothing
+    more at work. What the library has left out may be as it would have it.
     """
     q = as_angles(recording)
     for j, port in enumerate(ports.joint):
@@ -242,10 +246,7 @@ def _across(axis: Array, link: Array) -> tuple[Array, Array, Array]:
 
 
 def _of_another(angle: Array, j: int, k: int, port: Array) -> list[Dependence]:
-    """Harmonics of joint k's angle as an error of joint j, with a constant or without one.
-
-    An encoder that was zeroed somewhere along such a wave leaves one.
-    """
+    """Harmonics of joint k's angle as an error of joint j; with a constant where its zero is."""
     words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
     forms = _levelled(turns(angle, count, constant=False) for count in (1, TURNS))
     return _kind(words, "another joint's angle", j, forms, port[None])
@@ -266,20 +267,23 @@ def _levelled(forms: Iterable[Array]) -> list[Array]:
 
 def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Every joint about its axis, and that itself, as what is carried bears on it."""
-    load, borne = loads(recording), weights(recording)
+    load, borne, axes = loads(recording), weights(recording), recording.chain.joints
     for j, port in enumerate(ports.joint):
-        words, bends = f"joint {j + 1}'s error depends on its load", np.ptp(load[:, j]) > UNMOVED
-        forms = [cosines(load[:, j], 4), load[:, [j]].T / np.abs(load).max()] if bends else []
-        own, axis = _kind(words, "load", j, forms, port[None]), recording.chain.joints[j].axis
-        moment = across(axis).T @ borne[j, 1]
+        words, any_way, plain = f"joint {j + 1}'s error depends on its load", [], []
+        if bends := np.ptp(load[:, j]) > UNMOVED:
+            share = load[:, j] / np.abs(load).max()
+            forms = np.stack([share, np.sign(share), np.abs(share), share**2])
+            any_way = _kind(words, "load", j, [cosines(load[:, j], 4)], port[None])
+            plain = _kind(words, "load", j, forms[np.ptp(forms, axis=1) > 0.0, None], port[None])
+        moment = across(axes[j].axis).T @ borne[j, 1]
         # A first axis that stands upright tilts as the base does.
         if len(ports.link) and np.ptp(moment) > UNMOVED and not upright(recording.chain, j + 1):
             words, moment = f"joint {j + 1}'s axis gives way to its load", moment / np.ptp(moment)
-            tilts = _across(axis, ports.link[j])[0]
+            tilts = _across(axes[j].axis, ports.link[j])[0]
+            any_way += _kind(words, "load", j, [moment], tilts)
             alike = np.einsum("pn,pnm->nm", moment, tilts)[None]
-            own += _kind(words, "load", j, [moment], tilts)
-            own += _kind(words, "load", j, [np.ones((1, len(load)))], alike)
-        yield from _one_of(own)
+            plain += _kind(words, "load", j, [np.ones((1, len(load)))], alike)
+        yield from _one_of(any_way, plain)
         if bends:
             words = f"joint {j + 1}'s error depends on its angle and its load"
             around = turns(as_angles(recording)[:, j], 2, constant=True)
