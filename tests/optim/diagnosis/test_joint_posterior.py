@@ -318,7 +318,7 @@ def test_one_for_two_and_two_for_one_are_as_often_as_the_posterior_has_them(seed
     asked = problem(*drawn(seed, count=4, strength=3.0))
     asked = replace(asked, log_priors=asked.log_priors + 3.0)  # states of two and three count
     rng = np.random.default_rng(seed)
-    chain = joint._Chain(asked, rng, frozenset({0}), {})
+    chain = joint.Chain(asked, rng, frozenset({0}), {})
     states = [frozenset(s) for k in (1, 2, 3, 4) for s in combinations(range(4), k)]
     been = dict.fromkeys(states, 0)
     for _ in range(20000):
@@ -462,6 +462,33 @@ def test_chains_about_a_long_state_find_what_all_sets_add_up_to(seed, strength, 
     found = coarsened(asked, [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)], 1.0, 0)
     for ours, theirs in zip(found.marginals, by_enumeration(asked)[0], strict=True):
         np.testing.assert_allclose(ours, theirs, atol=within)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_two_for_two_are_as_often_as_the_posterior_has_them(seed):
+    """By these moves alone a chain is in every state of as many terms as often as that is."""
+    asked = problem(*drawn(seed, count=5, strength=3.0))
+    asked = replace(asked, log_priors=asked.log_priors + 3.0)  # places are seldom left empty
+    states = [frozenset(s) for s in combinations(range(5), 3)]
+    chain = joint.Chain(asked, np.random.default_rng(seed), states[0], {})
+    been = dict.fromkeys(states, 0)
+    for _ in range(20000):
+        chain.two_for_two()
+        been[chain.state] += 1
+    logs = np.array([joint.look_at(asked, s).log_posterior for s in states])
+    share = np.array([*been.values()]) / 20000
+    np.testing.assert_allclose(share, np.exp(logs - logsumexp(logs)), atol=0.02)
+
+
+def test_chains_cross_between_two_terms_and_two_that_do_the_same_together():
+    """Of neither pair one alone does it, nor one of each."""
+    rng = np.random.default_rng(3)
+    u, v, w = np.linalg.qr(rng.normal(size=(N, 3)))[0].T * 20.0 * SIGMA
+    X, t = np.stack([u + w, v - w, u - w, v + w], axis=1), u + v
+    asked = problem(X, t + rng.normal(0.0, SIGMA, N))
+    found = coarsened(asked, [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)], 1.0, 0)
+    assert found.apart < 0.2
+    np.testing.assert_allclose(found.marginals[0], by_enumeration(asked)[0][0], atol=0.1)
 
 
 def test_what_fills_no_place_once_in_ten_thousand_is_not_asked_again(monkeypatch):
@@ -653,13 +680,13 @@ def test_of_seven_moves_one_asks_whether_rows_are_gross_and_of_the_rest_one_in_f
     def count(kind):
         return lambda *_: asked.update({kind: asked[kind] + 1})
 
-    monkeypatch.setattr(joint._Chain, "_ask_a_row", count("row"))
-    monkeypatch.setattr(joint._Chain, "_ask_all_rows", count("rows"))
-    monkeypatch.setattr(joint._Chain, "_fill", count("terms"))
-    monkeypatch.setattr(joint._Chain, "_part", count("part"))
-    monkeypatch.setattr(joint._Chain, "_join", count("join"))
+    monkeypatch.setattr(joint.Chain, "_ask_a_row", count("row"))
+    monkeypatch.setattr(joint.Chain, "_ask_all_rows", count("rows"))
+    monkeypatch.setattr(joint.Chain, "_fill", count("terms"))
+    monkeypatch.setattr(joint.Chain, "_part", count("part"))
+    monkeypatch.setattr(joint.Chain, "_join", count("join"))
     rows = SimpleNamespace(gross=np.array([False, True]), linear=SimpleNamespace(n=9.0))
-    chain = joint._Chain(rows, np.random.default_rng(0), frozenset({0}), {})
+    chain = joint.Chain(rows, np.random.default_rng(0), frozenset({0}), {})
     for _ in range(2000):
         chain._move()
     assert (asked["row"] + asked["rows"]) / 2000 == pytest.approx(1 / 7, abs=0.03)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, shares_of
+from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Chain, Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import (
     JointProblem,
     Parts,
@@ -31,7 +31,14 @@ from plumbline.optim.diagnosis.posterior.joint_problem import (
 )
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import climbed, extended
-from plumbline.optim.diagnosis.prior import LEAST_ASKED, LONG_MOVES, ROUNDS, TILT
+from plumbline.optim.diagnosis.prior import (
+    LEAST_ASKED,
+    LONG_MOVES,
+    MANY_CAUSES,
+    ROUNDS,
+    TILT,
+    TWO_FOR_ONE,
+)
 
 # What has been asked conditional on sets of terms: log odds and scales (C,) of one more.
 Asked = dict[frozenset[SelectedTerm], tuple[Array, Array]]
@@ -83,8 +90,11 @@ def _largest(problem: JointProblem, state: Sequence[SelectedTerm]) -> Array:
 def _chain(
     problem: JointProblem, state: Sequence[SelectedTerm], rng: np.random.Generator, asked: Asked
 ) -> Sampled:
-    """What sweeps say together, each of every place of a state and an empty one, in any order."""
-    sweeps, moves = list[Sampled](), 0
+    """What sweeps say together, each of every place of a state and an empty one, in any order.
+
+    Between them two terms go for two: pairs that do the same as others a chain would never leave.
+    """
+    sweeps, moves, pairs = list[Sampled](), 0, Chain(problem, rng, frozenset(), {})
     while moves < LONG_MOVES:
         reduced, odds = problem.reduce(state), []
         places: list[list[SelectedTerm]] = [[], *([t] for t in problem.slots(state))]
@@ -93,7 +103,17 @@ def _chain(
             odds.append(log_odds)
         sweeps.append(_said(problem, state, odds))
         state, moves = reduced.chosen, moves + len(places)
+        if len(places) <= 2 * MANY_CAUSES:  # of more it would take too long to weigh all together
+            state = _exchanged(pairs, state, rng.binomial(len(places), TWO_FOR_ONE))
     return _mean(sweeps)
+
+
+def _exchanged(chain: Chain, state: Sequence[SelectedTerm], moves: int) -> Sequence[SelectedTerm]:
+    """A state after so many exchanges of two terms for two."""
+    chain.state = before = frozenset(term.index for term in state)
+    for _ in range(moves):
+        chain.two_for_two()
+    return state if chain.state == before else chain.looks[chain.state].terms
 
 
 def _redrawn(
