@@ -255,7 +255,9 @@ class AtGoal:
         """Judges goals that are states, as those of instruments by their tips are, no others."""
         x, tracked = statement.symbols[0], statement.tracked
         self._states = tracked.numel() == x.numel() and (tracked - x).is_zero()
-        self._stepped = statement.stepped
+        # At rest nothing is under way, and lateness takes nothing.
+        self._rest = slice(-statement.n - 2, -statement.n), statement.stepped
+        self._tight = statement.blank[self._rest[0]]
         words = []
         for one, other in (pair.labels for pair in statement.pairs):
             what = other if other.isdecimal() else "an obstacle"  # slots are not as they were given
@@ -271,7 +273,7 @@ class AtGoal:
         if not self._states:
             return []
         at_rest = here.copy()
-        at_rest[self._stepped] = 0.0
+        at_rest[self._rest[0]], at_rest[self._rest[1]] = self._tight, 0.0
         room = self._room(goal, at_rest)[0]
         k = int(room.argmin())
         if room[k] >= -SLACK:

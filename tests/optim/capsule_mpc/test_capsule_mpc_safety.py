@@ -229,6 +229,14 @@ def test_a_goal_where_nothing_can_be_is_told_at_every_step(change, said):
     assert Trouble.BAD_GOAL not in own.step(START, GOAL, [BALL]).troubles()
 
 
+def test_a_goal_is_judged_at_rest_whatever_lateness_was_learnt():
+    """A tip seen 5 mm off for once is an error of lateness, and widens margins for a while."""
+    own, near = controller(), np.array([40.0, 11.0, -110.0, -40.0, -4.0, -120.0])
+    wrong = START + np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for seen in [START] * 20 + [wrong] + [START] * 30:
+        assert Trouble.BAD_GOAL not in own.step(seen, near).troubles()
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
