@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, placed, rotations
+from plumbline.experiments.reality.chances import unit
 from plumbline.experiments.reality.parts import room as rooms
 from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.ranging.writing import flange_columns
@@ -200,11 +201,11 @@ def draw_head(rng: np.random.Generator, markers: int, touches: int) -> Head:
 
 def draw_wrong(name: str, head: Head, rng: np.random.Generator) -> rooms.Flaw:
     """A thing wrong of that name."""
-    way = rng.normal(size=3)
+    way = np.array(unit(rng))
     marked = name in ("marker_shift", "creeping_marker")
     element = int(rng.integers(1, len(head.markers) + 1)) if marked else None
     form = {
-        "way": way / np.linalg.norm(way),
+        "way": way,
         "period": RANGES.many("breath", rng, 1),
         "moment": RANGES.many("moment", rng, 1) * head.time.max(),
         "axis": rng.integers(0, 4, 1).astype(float),

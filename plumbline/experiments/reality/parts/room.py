@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arm import Arm, Array, forward, load_torque, placed, rotations
+from plumbline.experiments.reality.chances import unit
 from plumbline.experiments.reality.ranges import Ranges
 
 RANGES = Ranges("part")
@@ -143,8 +144,8 @@ def draw_flaw(name: str, room: Room, rows: int, rng: np.random.Generator) -> Fla
     n, boards = room.arm.joints, len(room.middles)
     form = {
         "phase": rng.uniform(0.0, 2 * np.pi, 1),
-        "way": _unit(rng.normal(size=3)),
-        "turn": _unit(rng.normal(size=3)),
+        "way": np.array(unit(rng)),
+        "turn": np.array(unit(rng)),
         "moment": RANGES.many("moment", rng, 1) * rows * PACE,
         "foot": RANGES.many("foot", rng, 1),
         "middle": RANGES.many("middle", rng, 2),
@@ -158,10 +159,6 @@ def draw_flaw(name: str, room: Room, rows: int, rng: np.random.Generator) -> Fla
     if name in ("plane_unflatness", "leaning_board", "stripes"):
         element = int(rng.integers(1, boards + 1))
     return Flaw(name, element, form)
-
-
-def _unit(v: Array) -> Array:
-    return np.asarray(v / np.linalg.norm(v))
 
 
 def ranges(
