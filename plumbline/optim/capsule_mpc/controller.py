@@ -269,7 +269,7 @@ class Controller:
         self._swept = [o if s else m for o, m, s in zip(swept, moved, swings, strict=True)]
         self._believed = self._believe(self._known)
         seated = self._seating.seat(x0, self._believed)
-        events += left_out(len(found), self.statement.slots + self.statement.balls, seated)
+        events += left_out(len(found), self.statement, seated)
         return seated
 
     def _believe(self, found: list[Obstacle]) -> list[Obstacle]:

@@ -218,12 +218,13 @@ def held_back(gap: float) -> Event:
     return Event(Trouble.HELD_BACK, words + (f", {-gap:.3f} mm in a margin" if gap < 0.0 else ""))
 
 
-def left_out(seen: int, room: int, seated: Seated) -> list[Event]:
+def left_out(seen: int, own: Statement, seated: Seated) -> list[Event]:
     """Obstacles without a slot."""
     if not seated.dropped:
         return []
     words = (
-        f"{seen} obstacles, at most {room}; {seated.dropped} left out, the nearest "
+        f"{seen} obstacles, at most {own.slots} capsules and {own.balls} spheres; "
+        f"{seated.dropped} left out, the nearest "
         f"{seated.gap:.1f} mm from its margin{', within reach: stopped' if seated.danger else ''}"
     )
     return [Event(Trouble.TOO_MANY_OBSTACLES, words, float(seen))]

@@ -25,6 +25,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
@@ -45,6 +46,12 @@ class Underway:
         self.dt = dt = statement.settings.dt
         self._tracked = Compiled(tracked_function(statement.shape), False)
         self._owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
+        for name, value in vars(plant).items():
+            if np.shape(value) not in ((), (n,)):
+                found = f"plant {name}: found shape {np.shape(value)}"
+                raise PlumblineError(
+                    f"{found}, expected a number or ({n},); give one for each axis"
+                )
         delay, self._lag = (np.broadcast_to(np.asarray(v), n) for v in (plant.delay, plant.lag))
         sooner = int(delay.min() / constants.GRAIN + 1e-9)
         self._later = constants.GRAIN * np.arange(

@@ -18,6 +18,7 @@ from plumbline.optim.capsule_mpc import (
     Obstacle,
     OneStep,
     Plan,
+    Plant,
     RealTime,
     Safety,
     Settings,
@@ -294,6 +295,20 @@ def test_more_obstacles_than_slots_are_reported_and_the_nearest_are_kept():
         ]
         ends = np.stack([*shafts, np.array([near.a, near.b])])
         assert touch.clearances(ends).min() > 1.8
+
+
+def test_a_capsule_without_a_capsule_s_slot_is_told_which_slots_there_are():
+    own = Controller(Statement(BODIES, 0, Settings(p=6), 1), OneStep(compiled=False))
+    rod = Obstacle((0.0, 60.0, -90.0), (0.0, 80.0, -90.0), 5.0)
+    (event,) = own.step(START, GOAL, [rod]).events
+    assert event.words.startswith("1 obstacles, at most 0 capsules and 1 spheres; 1 left out")
+
+
+def test_a_plant_with_another_number_of_axes_is_refused_in_a_line():
+    with pytest.raises(
+        PlumblineError, match=r"plant delay: found shape \(2,\), expected a number or"
+    ):
+        controller(plant=Plant(delay=[0.0, 0.05]))
 
 
 def test_an_obstacle_that_appears_inside_of_the_margin_is_left():
