@@ -21,6 +21,7 @@ import numpy as np
 
 from plumbline.kinematics.effects.joint_tilt import across, upright
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.discrepancy.functions import (
     as_angles,
@@ -44,16 +45,6 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
 from plumbline.optim.diagnosis.discrepancy.part_dependences import part_functions
 from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_functions
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.prior import (
-    COSINES,
-    FULLEST,
-    JUMPS,
-    REACHES,
-    STEPS,
-    TURNS,
-    USUAL,
-    WARMTH,
-)
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.constants import NO_SOCKET
 from plumbline.optim.recording.recording import Recording
@@ -107,7 +98,7 @@ def dependences(recording: Recording, ports: Ports, seed: int) -> Iterator[Depen
     if not (kind.encoders or kind.sockets or kind.ranges):
         yield from _of_place(recording, ports, rng)
     if not kind.encoders:
-        posture = random_features(normal(recording.q), REACHES[-1], rng)
+        posture = random_features(normal(recording.q), prior.REACHES[-1], rng)
         yield _at("the posture", "posture", "link", None, posture, ports.shift)
         yield from _of_links(recording, ports)
         yield from _of_time(recording, ports)
@@ -126,7 +117,7 @@ def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> I
     """
     place = recording.chain.placement(recording.q)[:, :3, 3]
     words, on = "the place of the tip, locally", "place, locally"
-    local = [random_features(normal(place), REACHES[0], rng)]
+    local = [random_features(normal(place), prior.REACHES[0], rng)]
     local += [form for bump in spots(place) for form in (bump[:1], bump)]
     yield from _one_of(_at(words, on, "sensor", None, form, ports.shift) for form in local)
     forms = [(polynomials(normal(place), degree), ports.shift) for degree in (1, 2, 3)]
@@ -160,7 +151,7 @@ def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Whatever changes with the clock or the temperature: base, reading, links and joints."""
     time, temperature = recording.time, recording.temperature
     if time is not None and np.ptp(time) > 0:
-        functions = np.concatenate([cosines(time, COSINES), steps(time, STEPS)])
+        functions = np.concatenate([cosines(time, prior.COSINES), steps(time, prior.STEPS)])
         yield _at("time", "time", "base", None, functions, ports.body)
         yield _at("time", "time", "sensor", None, functions, ports.shift)
         yield from _each_part(ports, time, "time", functions)
@@ -168,11 +159,11 @@ def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         place, on = _true_places(recording), "temperature"
         spread = np.concatenate([np.ones((1, len(place))), normal(place).T])
         rise = np.stack([np.ones(len(place)), normal(temperature)])
-        grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, WARMTH))]
+        grown = [warmth[:, None] * spread for warmth in (rise, cosines(temperature, prior.WARMTH))]
         forms = [(form.reshape(-1, len(place)), ports.shift) for form in grown]
         forms += [(form, _grown(place, ports)) for form in (rise[1:], rise)]
         yield from _one_of(_at(on, on, "link", None, *form) for form in forms)
-        yield from _each_part(ports, temperature, on, cosines(temperature, WARMTH))
+        yield from _each_part(ports, temperature, on, cosines(temperature, prior.WARMTH))
 
 
 def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterator[Dependence]:
@@ -183,7 +174,7 @@ def _each_part(ports: Ports, values: Array, on: str, functions: Array) -> Iterat
         yield from _one_of(*(_kind(words, on, j, forms, port[None]) for forms in kinds))
     for i, port in enumerate(ports.link):
         words = f"the place of link {i + 1} depends on {on}"
-        yield _at(words, on, "link", i + 1, cosines(values, WARMTH), port)
+        yield _at(words, on, "link", i + 1, cosines(values, prior.WARMTH), port)
 
 
 def _true_places(recording: Recording) -> Array:
@@ -224,8 +215,8 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         words = f"joint {j + 1}'s error depends on joint {j + 1}'s angle"
         few = _levelled(turns(q[:, j], count, constant=False) for count in (1, 2))
-        forms = [turns(q[:, j], TURNS, constant=False)]
-        forms += [level(nearness(q[:, j], reach)) for reach in REACHES]
+        forms = [turns(q[:, j], prior.TURNS, constant=False)]
+        forms += [level(nearness(q[:, j], reach)) for reach in prior.REACHES]
         plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, turns(q[:, j], 1, constant=True)[1:]]
         yield from _one_of(*(_kind(words, "own angle", j, k, port[None]) for k in (forms, plain)))
         words, on = f"joint {j + 1}'s axis runs out as it turns", "own angle, across the axis"
@@ -248,7 +239,7 @@ def _across(axis: Array, link: Array) -> tuple[Array, Array, Array]:
 def _of_another(angle: Array, j: int, k: int, port: Array) -> list[Dependence]:
     """Harmonics of joint k's angle as an error of joint j; with a constant where its zero is."""
     words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
-    forms = _levelled(turns(angle, count, constant=False) for count in (1, TURNS))
+    forms = _levelled(turns(angle, count, constant=False) for count in (1, prior.TURNS))
     return _kind(words, "another joint's angle", j, forms, port[None])
 
 
@@ -337,7 +328,7 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     still = recording.time is not None and not scope_of(recording).moving
     for j, port in enumerate(ports.joint if still else []):
         words = f"joint {j + 1}'s error depends on what went before"
-        functions = memories(recording.q[:, [j]], order, JUMPS)
+        functions = memories(recording.q[:, [j]], order, prior.JUMPS)
         yield _at(words, "history", "joint", j + 1, functions, port[None])
         once = jumps(order)[:, None]
         yield from _one_of(
@@ -381,20 +372,22 @@ def _at(
     words: str, on: str, stage: str, element: int | None, functions: Array, ports: Array
 ) -> Dependence:
     """Every function (K, N) acting on every port (p, N, m)."""
-    columns = USUAL * (functions[:, None, :, None] * ports[None])
+    columns = prior.USUAL * (functions[:, None, :, None] * ports[None])
     flat = columns.reshape(-1, *ports.shape[1:])
     return Dependence(words, on, stage, element, leading(flat))
 
 
 def _each(words: str, on: str, values: Array, ports: Array) -> Dependence:
     """Every joint's own value (N, n) acting on its own port (n, N, m)."""
-    return Dependence(words, on, "joint", None, USUAL * values.T[:, :, None] * ports)
+    return Dependence(words, on, "joint", None, prior.USUAL * values.T[:, :, None] * ports)
 
 
 def leading(columns: Array) -> Array:
     """The same process (k, N, m) in fewer columns: those of its covariance that matter."""
-    if len(columns) <= FULLEST:
+    if len(columns) <= prior.FULLEST:
         return columns
     flat = columns.reshape(len(columns), -1)
     vectors = np.linalg.eigh(flat @ flat.T)[1]
-    return np.asarray((vectors[:, -FULLEST:].T @ flat).reshape(FULLEST, *columns.shape[1:]))
+    return np.asarray(
+        (vectors[:, -prior.FULLEST :].T @ flat).reshape(prior.FULLEST, *columns.shape[1:])
+    )

@@ -27,23 +27,12 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.posterior.joint_problem import LOG_GROSS_ODDS, JointProblem, weighed
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.prior import (
-    GROSS_TURN,
-    LEAST_NAMED,
-    LEAST_TOLD,
-    MANY_CAUSES,
-    MOVES,
-    NEARLY_NOTHING,
-    PAIRED,
-    SETTLED,
-    TILT,
-    TWO_FOR_ONE,
-)
 
 State = frozenset[int]
-LEAST_HEARD = float(np.log(LEAST_TOLD))  # of a chain's weight, log of that of the best
+LEAST_HEARD = float(np.log(prior.LEAST_TOLD))  # of a chain's weight, log of that of the best
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,19 +67,19 @@ class Sampled:
         """
         alone = np.where(problem.listed, self.marginals[0], 0.0)
         if not self.seen:
-            return np.flatnonzero(alone >= LEAST_NAMED).tolist()
+            return np.flatnonzero(alone >= prior.LEAST_NAMED).tolist()
         every = np.ones(len(kinds), dtype=bool)
 
         def one_more(found: Sequence[int], kind: float) -> bool:
-            of_kind = self._one_more(problem, found, kinds == kind) >= LEAST_NAMED
-            return of_kind or self._one_more(problem, found, every) >= SETTLED
+            of_kind = self._one_more(problem, found, kinds == kind) >= prior.LEAST_NAMED
+            return of_kind or self._one_more(problem, found, every) >= prior.SETTLED
 
         found: list[int] = []
         while (marginals := self.given(problem, found)) is not None:
             p = np.minimum(alone, marginals[0])
             p[found] = 0.0
             best = int(np.argmax(p))
-            if p[best] < LEAST_NAMED and not (p[best] and one_more(found, kinds[best])):
+            if p[best] < prior.LEAST_NAMED and not (p[best] and one_more(found, kinds[best])):
                 break
             found.append(best)
         return found
@@ -139,7 +128,7 @@ class Chain:
         self.problem, self.rng, self.state, self.looks = problem, rng, state, looks
         self.been: dict[State, _Look] = {}
         # More terms than equations say nothing.
-        self.most = min(2 * MANY_CAUSES, max(int(problem.linear.n), 1))
+        self.most = min(2 * prior.MANY_CAUSES, max(int(problem.linear.n), 1))
 
     def run(self, moves: int) -> None:
         """From its start on: first to the best that is near, then at random."""
@@ -153,9 +142,9 @@ class Chain:
 
     def _move(self) -> None:
         mine = sorted(i for i in self.state if not self.problem.gross[i])
-        if self.problem.gross.any() and self.rng.random() < GROSS_TURN:
+        if self.problem.gross.any() and self.rng.random() < prior.GROSS_TURN:
             self._ask_a_row() if self.rng.random() < 0.5 else self._ask_all_rows()
-        elif 0 < len(mine) < self.most and self.rng.random() < TWO_FOR_ONE:
+        elif 0 < len(mine) < self.most and self.rng.random() < prior.TWO_FOR_ONE:
             self._part(mine) if self.rng.random() < 0.5 else self._join(mine)
         elif mine and (len(mine) >= self.most or self.rng.random() < 0.5):
             self._fill(self.state - {mine[int(self.rng.integers(len(mine)))]}, 1.0)
@@ -273,10 +262,12 @@ class _Look:
         listed = replace(self.problem, asked=np.flatnonzero(~(none | self.problem.gross)))
         log_odds, scores = listed.odds(listed.reduce(self.terms))
         found = defaultdict[State, float](lambda: -np.inf)
-        for i in np.argsort(-log_odds, kind="stable")[:PAIRED].tolist():
+        for i in np.argsort(-log_odds, kind="stable")[: prior.PAIRED].tolist():
             both = listed.reduce([*self.terms, SelectedTerm(i, float(scores.scale[i]))])
             logs = log_odds[i] + listed.odds(both)[0]
-            for k in np.flatnonzero(logs > logs.max(initial=-np.inf) - NEARLY_NOTHING).tolist():
+            for k in np.flatnonzero(
+                logs > logs.max(initial=-np.inf) - prior.NEARLY_NOTHING
+            ).tolist():
                 found[frozenset((i, k))] = np.logaddexp(found[frozenset((i, k))], logs[k])
         logs = np.array([*found.values()])
         return dict(zip(found, np.exp(logs - np.logaddexp.reduce(logs)).tolist(), strict=True))
@@ -302,7 +293,7 @@ def shares_of(log_odds: Array) -> Array:
 
 
 def sample(
-    problem: JointProblem, starts: Sequence[State], seed: int, moves: int = MOVES
+    problem: JointProblem, starts: Sequence[State], seed: int, moves: int = prior.MOVES
 ) -> Sampled:
     """The posterior, as what chains from several starts have come by.
 
@@ -330,7 +321,9 @@ def sample(
     each = np.stack([_marginals(problem, found)[0][0] for found in heard])
     ranked = sorted(looks.values(), key=lambda look: -look.log_posterior)
     states = tuple((look.log_posterior, look.terms) for look in ranked)
-    tilted = [_marginals(problem, seen, log)[0][0] for log in (-np.log(TILT), np.log(TILT))]
+    tilted = [
+        _marginals(problem, seen, log)[0][0] for log in (-np.log(prior.TILT), np.log(prior.TILT))
+    ]
     apart = float(np.ptp(each, axis=0).max(initial=0.0))
     return Sampled(marginals, gross, states, np.stack(tilted), apart, seen)
 
@@ -346,7 +339,7 @@ def _swapped(problem: JointProblem, look: _Look) -> Iterator[tuple[State, float]
         log_odds, _ = problem.odds(whole.without(term))
         gained = log_odds - log_odds[term.index]
         rest = frozenset(t.index for t in look.terms) - {term.index}
-        for i in np.flatnonzero(gained > -NEARLY_NOTHING).tolist():
+        for i in np.flatnonzero(gained > -prior.NEARLY_NOTHING).tolist():
             yield rest | {i}, look.log_posterior + float(gained[i])
 
 
@@ -359,7 +352,7 @@ def _seen(
         looks: The states.
         swapped: Of some of them, states with another term in the place of one.
     """
-    least = max(look.log_posterior for look in looks.values()) - NEARLY_NOTHING
+    least = max(look.log_posterior for look in looks.values()) - prior.NEARLY_NOTHING
     seen: dict[State, float] = {}
     for state, look in looks.items():
         more = np.flatnonzero(look.near > least).tolist()
@@ -387,7 +380,7 @@ def _marginals(
     # Of the least states, which together hold a tenth of what is told, parts are no matter.
     ranked = np.argsort(-weights)
     heavy = np.empty(len(weights), dtype=bool)
-    heavy[ranked] = np.cumsum(weights[ranked]) - weights[ranked] < 1.0 - 0.1 * LEAST_TOLD
+    heavy[ranked] = np.cumsum(weights[ranked]) - weights[ranked] < 1.0 - 0.1 * prior.LEAST_TOLD
     for weight, key, told in zip(weights.tolist(), seen, heavy.tolist(), strict=True):
         mine = [i for i in key if not problem.gross[i]]
         for i in key.difference(mine):

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Chain, Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import (
     JointProblem,
@@ -31,14 +32,6 @@ from plumbline.optim.diagnosis.posterior.joint_problem import (
 )
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import climbed, extended
-from plumbline.optim.diagnosis.prior import (
-    LEAST_ASKED,
-    LONG_MOVES,
-    MANY_CAUSES,
-    ROUNDS,
-    TILT,
-    TWO_FOR_ONE,
-)
 
 # What has been asked conditional on sets of terms: log odds and scales (C,) of one more.
 Asked = dict[frozenset[SelectedTerm], tuple[Array, Array]]
@@ -46,7 +39,7 @@ Asked = dict[frozenset[SelectedTerm], tuple[Array, Array]]
 
 def best_near(problem: JointProblem, state: Sequence[SelectedTerm]) -> tuple[SelectedTerm, ...]:
     """The best state near a long one, or that itself. Rows that this takes for gross stay so."""
-    end = climbed(problem, extended(problem, _thinned(problem, state)), ROUNDS)
+    end = climbed(problem, extended(problem, _thinned(problem, state)), prior.ROUNDS)
     return max(tuple(state), tuple(end), key=lambda some: stated(problem, some))
 
 
@@ -69,7 +62,7 @@ def coarsened(
     near = [k for k in np.argsort(-logs) if logs[k] > logs.max() + LEAST_HEARD]
     starts = [near[0], near[-1]]
     shares = [_largest(problem, ends[k]) for k in starts]
-    problem = replace(problem, asked=np.flatnonzero(np.max(shares, axis=0) >= LEAST_ASKED))
+    problem = replace(problem, asked=np.flatnonzero(np.max(shares, axis=0) >= prior.LEAST_ASKED))
     asked = Asked()
     chains = [
         _chain(problem, ends[start], np.random.default_rng([seed, k]), asked)
@@ -95,7 +88,7 @@ def _chain(
     Between them two terms go for two: pairs that do the same as others a chain would never leave.
     """
     sweeps, moves, pairs = list[Sampled](), 0, Chain(problem, rng, frozenset(), {})
-    while moves < LONG_MOVES:
+    while moves < prior.LONG_MOVES:
         reduced, odds = problem.reduce(state), []
         places: list[list[SelectedTerm]] = [[], *([t] for t in problem.slots(state))]
         for k in rng.permutation(len(places)).tolist():
@@ -103,8 +96,10 @@ def _chain(
             odds.append(log_odds)
         sweeps.append(_said(problem, state, odds))
         state, moves = reduced.chosen, moves + len(places)
-        if len(places) <= 2 * MANY_CAUSES:  # of more it would take too long to weigh all together
-            state = _exchanged(pairs, state, rng.binomial(len(places), TWO_FOR_ONE))
+        if (
+            len(places) <= 2 * prior.MANY_CAUSES
+        ):  # of more it would take too long to weigh all together
+            state = _exchanged(pairs, state, rng.binomial(len(places), prior.TWO_FOR_ONE))
     return _mean(sweeps)
 
 
@@ -138,7 +133,7 @@ def _redrawn(
 
 def _said(problem: JointProblem, state: Sequence[SelectedTerm], odds: Sequence[Array]) -> Sampled:
     """Probabilities by what one sweep asked from a state on."""
-    held, tilt = {t.index: t.scale for t in problem.slots(state)}, float(np.log(TILT))
+    held, tilt = {t.index: t.scale for t in problem.slots(state)}, float(np.log(prior.TILT))
     found, *tilted = (
         _marginals(problem, [log + t for log in odds], held) for t in (0.0, -tilt, tilt)
     )
