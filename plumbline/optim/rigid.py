@@ -12,9 +12,9 @@ from plumbline.optim.core.constants import SAMPLE
 from plumbline.optim.core.problem import Array, Integers
 
 
-def some_of(rows: int) -> Integers:
-    """Indices of rows spread evenly over the recording."""
-    return np.unique(np.linspace(0, rows - 1, min(rows, SAMPLE)).astype(np.int64))
+def some_of(rows: int, most: int = SAMPLE) -> Integers:
+    """Indices of so many rows at most, spread evenly over all."""
+    return np.unique(np.linspace(0, rows - 1, min(rows, most)).astype(np.int64))
 
 
 def spread(points: Array) -> float:

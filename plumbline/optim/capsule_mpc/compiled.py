@@ -19,8 +19,6 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -179,29 +177,20 @@ def first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0][:200]
 
 
-@dataclass(frozen=True, eq=False)
 class Compiled:
     """A CasADi function that reads and writes NumPy memory."""
 
-    function: cs.Function  # compiled, or CasADi's own machine
-    native: bool  # whether it was compiled
-    _inputs: list[Array] = field(init=False, repr=False)
-    _outputs: list[Array] = field(init=False, repr=False)
-    _run: Callable[[], None] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        f = self.function
-        inputs = [np.zeros(f.nnz_in(i)) for i in range(f.n_in())]
-        outputs = [np.zeros(f.nnz_out(i)) for i in range(f.n_out())]
-        handle: Any = f.buffer()
-        buffer, run = handle
-        for i, values in enumerate(inputs):
-            buffer.set_arg(i, values.data)
-        for i, values in enumerate(outputs):
-            buffer.set_res(i, values.data)
-        for name, value in (("_inputs", inputs), ("_outputs", outputs), ("_run", run)):
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "_buffer", buffer)
+    def __init__(self, function: cs.Function, native: bool) -> None:
+        """Of a function that was compiled (``native``), or runs in CasADi's own machine."""
+        self._function, self.native = function, native  # the buffer needs it alive
+        self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
+        self._outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        handle: Any = function.buffer()
+        self._buffer, self._run = handle
+        for i, values in enumerate(self._inputs):
+            self._buffer.set_arg(i, values.data)
+        for i, values in enumerate(self._outputs):
+            self._buffer.set_res(i, values.data)
 
     def __call__(self, *inputs: ArrayLike) -> list[Array]:
         """The outputs, column by column and flat, in memory that the next call overwrites."""

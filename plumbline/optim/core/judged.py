@@ -235,11 +235,9 @@ class Judgement:
 
 
 def judged(solution: Solution, fit: str = "the fit") -> Judged:
-    """Judge where a solver ended, by the problem's own statement.
+    """Judge where a solver ended, by the problem's own statement; ``fit`` begins the sentence.
 
-    Args:
-        solution: The point; active constraints hold against its gradient as well as they can.
-        fit: What was fitted, in words that a sentence may start with.
+    Active constraints hold against the point's gradient as well as they can.
     """
     by_residual = solution.problem.has_objective
     if not np.isfinite(solution.x).all():
@@ -277,11 +275,8 @@ def judged_by_gram(gram: Gram, fit: str = "the fit", limit: float = STILL) -> Ju
 
 def the_worst(found: Iterable[Judged]) -> Judged | None:
     """The one that is farthest from its end; None of none."""
-    return max(found, key=_farness, default=None)
-
-
-def _farness(one: Judged) -> tuple[bool, float]:
-    return not one.converged, float(np.nan_to_num(one.stationarity, nan=np.inf))
+    far = [(not one.converged, np.nan_to_num(one.stationarity, nan=np.inf), one) for one in found]
+    return max(far, key=lambda each: each[:2])[2] if far else None
 
 
 def _judged(

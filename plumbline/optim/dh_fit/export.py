@@ -17,6 +17,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit.answer import DHFit
 from plumbline.optim.dh_fit.constants import AGREES, POSTURES
 from plumbline.optim.dh_fit.softness import joints
+from plumbline.optim.rigid import some_of
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,7 @@ def as_toml(fit: DHFit) -> Exported:
 
 def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Exported:
     tip = tip if tip in robot.tip_frames else safe_tip(tip)
-    q = fit.recording.q
-    q = q[np.linspace(0, len(q) - 1, min(len(q), POSTURES)).astype(int)]
+    q = fit.recording.q[some_of(len(fit.recording), POSTURES)]
     worst = float(np.abs(robot.chain(tip).placement(q) - joints(fit.links, q)[-1]).max())
     if not worst <= AGREES:
         raise PlumblineError(

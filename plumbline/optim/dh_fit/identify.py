@@ -29,6 +29,7 @@ from plumbline.optim.core.quantities import enumerated
 from plumbline.optim.dh_fit.constants import ABSENT, DEPENDENT, MOST_POSES, PARTNER
 from plumbline.optim.dh_fit.losses import Squares
 from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings, Unknown, state
+from plumbline.optim.rigid import some_of
 
 
 class Why(StrEnum):
@@ -124,7 +125,7 @@ def identify(
 
     ``registration_q`` (4, n) are those of the registration points; None if the frame is free.
     """
-    some = np.linspace(0, len(q) - 1, min(len(q), MOST_POSES)).astype(int)
+    some = some_of(len(q), MOST_POSES)
     stated, readings = noise_free(table, tool, unknowns, q[some], registration_q)
     R = triangle(stated, readings, stated.nominal) * np.sqrt(len(q) / len(some))
     first = [k for k, u in enumerate(unknowns) if u.cell is None]

@@ -23,6 +23,7 @@ from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.dh_fit.constants import LEAST_SOFT, MOST_SOFT, MOST_SOFT_ROWS
 from plumbline.optim.dh_fit.gross_rows import root
 from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings
+from plumbline.optim.rigid import some_of
 
 SIZES = np.geomspace(LEAST_SOFT, MOST_SOFT, 41)  # [rad]
 
@@ -42,10 +43,7 @@ def softness(
     none, values = np.zeros((len(free), 0)), np.linalg.eigvalsh(S)
     if not values[0] > 0.0 or not np.linalg.norm(gravity) > 0.0:
         return none
-    rows = np.unique(
-        np.linspace(0, len(readings) - 1, min(len(readings), MOST_SOFT_ROWS)).astype(int)
-    )
-    some = readings.select(list(rows))
+    some = readings.select(some_of(len(readings), MOST_SOFT_ROWS))
     G = turns(statement.links(x), some.q, statement.tips(x, some.q), gravity)
     if not G.shape[2]:
         return none

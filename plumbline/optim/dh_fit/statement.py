@@ -33,7 +33,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, by_columns, constant, rotation
 from plumbline.kinematics.link_table import KEYS, LinkTable
 from plumbline.optim.core.constants import CHUNK_NUMBERS
-from plumbline.optim.core.problem import Array, Flags, Indices, Problem
+from plumbline.optim.core.problem import Array, Flags, Indices, Integers, Problem
 from plumbline.optim.dh_fit.constants import FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import Registered, check_points, steps_needed
@@ -54,7 +54,7 @@ class Readings:
     def __len__(self) -> int:
         return len(self.q)
 
-    def select(self, rows: Flags | Indices | Sequence[int]) -> Readings:
+    def select(self, rows: Flags | Indices | Integers | Sequence[int]) -> Readings:
         """Some of the readings."""
         return Readings(self.q[rows], self.tips[rows])
 

@@ -35,6 +35,7 @@ from plumbline.optim.recording.late import at_other_time, basis_of, late_by, lik
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Array, Origin
+from plumbline.optim.rigid import some_of
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
@@ -277,7 +278,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     Raises:
         PlumblineError: It names the gravity, or the factor, that mends them.
     """
-    r = r.select(np.linspace(0, len(r) - 1, min(len(r), constants.INERTIA_ROWS)).astype(int))
+    r = r.select(some_of(len(r), constants.INERTIA_ROWS))
     read, model = r.measured, nominal_efforts(r)
     tried = {g: nominal_efforts(r, g) for g in _mountings(r)}
     each, against = _off(r, read - model), _off(r, -read - model)
@@ -347,13 +348,13 @@ def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:
             raise fault(origin.key("noise_std"), least, "more than 0 N m", mend)
         return np.asarray(np.hypot(own, _shaken_torques(r, shaken)))
     rows = np.arange(len(r)) if r.held_out is None else np.flatnonzero(~r.held_out)
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), constants.EFFORT_ROWS)).astype(int)]
+    rows = rows[some_of(len(rows), constants.EFFORT_ROWS)]
     return np.array([_left_over(r, rows, X, j) for j, X in enumerate(_designs(r, rows))])
 
 
 def _shaken_torques(r: Recording, shaken: Array) -> Array:
     """Torques (n,) that noise of the accelerations (n,) makes [N m or N], 1 sigma."""
-    rows = np.linspace(0, len(r) - 1, min(len(r), constants.INERTIA_ROWS)).astype(int)
+    rows = some_of(len(r), constants.INERTIA_ROWS)
     q, still, n = r.q[rows], np.zeros((len(rows), r.chain.n)), r.chain.n
     dynamics = dynamics_of_chain(r.chain)
     rest = dynamics.torques(q, still, still)

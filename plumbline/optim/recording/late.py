@@ -20,6 +20,7 @@ import scipy
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import stretches, usual_step
 from plumbline.optim.recording.table import Array, Flags, Indices
+from plumbline.optim.rigid import some_of
 
 Rows = Indices
 Designs = Callable[[Rows], Sequence[Array]]
@@ -41,7 +42,7 @@ def likeliest(time: Array, read: Array, designs: Designs) -> tuple[float, float]
     most = round(constants.LATEST / step)
     parts = [s[most : len(s) - most] for s in stretches(time, step)]
     rows = np.concatenate(parts)
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), constants.EFFORT_ROWS)).astype(int)]
+    rows = rows[some_of(len(rows), constants.EFFORT_ROWS)]
     if most < 1 or len(rows) < constants.FEWEST_EFFORTS:
         return 0.0, 0.0
     late, gain = _rows_late(read, rows, designs(rows), most)

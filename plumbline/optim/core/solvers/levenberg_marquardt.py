@@ -64,7 +64,10 @@ class LevenbergMarquardt(OfRows):
             if done:
                 message = "converged"
                 break
-            mu, growth = max(mu * _relief(drop / promise), 1e-14), GROWTH
+            # Where half of what was promised was gained the damping stays (Nielsen 1999): in a
+            # valley that bends each other step had been too long for nothing.
+            relief = max(LEAST, 1.0 - (2.0 * drop / promise - 1.0) ** 3)
+            mu, growth = max(mu * relief, 1e-14), GROWTH
         return Solution(problem, x, steps, message).judged_by(gram)
 
 
@@ -80,15 +83,6 @@ def _around_the_bend(mapped: Mapped, gram: Gram, x: Array, trial: Array, mu: flo
 def promised(gram: Gram, step: Array) -> float:
     """By how much the square drops along a step (P,) if the residuals are linear."""
     return float(-2.0 * gram.vector @ step - step @ gram.matrix @ step)
-
-
-def _relief(gain: float) -> float:
-    """By what the damping is multiplied after a step that gained this part of what was promised.
-
-    Where half was gained it stays (Nielsen 1999): in a valley that bends each other step had been
-    too long for nothing.
-    """
-    return max(LEAST, 1.0 - (2.0 * gain - 1.0) ** 3)
 
 
 def _step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:

@@ -72,10 +72,7 @@ class Programmed(ABC):
     ) -> Solution:
         """Solve from a start (P,), clipped into the bounds.
 
-        Args:
-            problem: What is to be solved.
-            start: A start (P,).
-            multipliers: Of bounds (P,) and constraints (c,), to start from.
+        There may be multipliers of bounds (P,) and constraints (c,) to start from.
 
         Raises:
             PlumblineError: It has a part that the solver cannot take, or CasADi lacks the solver.
