@@ -34,11 +34,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.constants import ALONG, SHORTEST, TINY
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
-
-TINY = 1e-12  # [length^2] keeps the quotients of zero-length segments finite
-PARALLEL = 1e-12  # share of |u|^2 |v|^2 below which two directions count as parallel
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ def nearest_shares(one: Segment, two: Segment) -> tuple[cs.SX, cs.SX]:
     u, v, r = one.b - one.a, two.b - two.a, one.a - two.a
     a, e = cs.sumsqr(u) + TINY, cs.sumsqr(v) + TINY
     b, c, f = cs.dot(u, v), cs.dot(u, r), cs.dot(v, r)
-    determinant = cs.fmax(a * e - b * b, PARALLEL * a * e + TINY)
+    determinant = cs.fmax(a * e - b * b, ALONG * a * e + TINY)
     s = _clamp((b * f - c * e) / determinant)
     t = _clamp((b * s + f) / e)
     return _clamp((b * t - c) / a), t
@@ -113,9 +111,6 @@ def plane_gaps(normal: cs.SX, one: Segment, two: Segment) -> cs.SX:
     All four at least D, with a normal no longer than 1, prove the segments to be D apart.
     """
     return cs.vertcat(*(cs.dot(normal, p - q) for p in (one.a, one.b) for q in (two.a, two.b)))
-
-
-SHORTEST = 1e-3  # [m] of a bone that gets a capsule
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +167,7 @@ def nearest(one: ArrayLike, two: ArrayLike) -> Nearest:
     a, e = np.vecdot(u, u) + TINY, np.vecdot(v, v) + TINY
     b, c, f = np.vecdot(u, v), np.vecdot(u, r), np.vecdot(v, r)
     ae = a * e
-    determinant = np.maximum(ae - b * b, PARALLEL * ae + TINY)
+    determinant = np.maximum(ae - b * b, ALONG * ae + TINY)
     s = _clamped((b * f - c * e) / determinant)
     t = _clamped((b * s + f) / e)
     s = _clamped((b * t - c) / a)

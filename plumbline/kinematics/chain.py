@@ -18,11 +18,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.constants import LEAST_LOAD, SHORT
+from plumbline.kinematics.constants import LEAST_LOAD, PARALLEL, SHORT
 from plumbline.kinematics.evaluate import Array, Flags, over_rows
 from plumbline.kinematics.frames import Transform, axis_rotation, by_columns, constant, homogeneous
-
-PARALLEL = 0.05  # sine of the angle between axes below which a common normal is worthless
 
 
 @dataclass(frozen=True, eq=False)

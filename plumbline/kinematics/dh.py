@@ -12,11 +12,10 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, shown
+from plumbline.kinematics.constants import LARGEST
 from plumbline.kinematics.evaluate import Array
 
-LARGEST = 1e12  # no length, angle or mass of a robot is larger
-LONGEST_SHOWN = 48  # characters of a value that a message repeats
 KINDS = ("revolute", "prismatic", "fixed")
 
 
@@ -45,11 +44,11 @@ class DHRow:
         unknown = sorted(set(row) - set(cls.__dataclass_fields__))
         if unknown:
             known = ", ".join(cls.__dataclass_fields__)
-            named = ascii(unknown[0])[:LONGEST_SHOWN]
+            named = shown(unknown[0])
             raise PlumblineError(f"DH row {number}: key {named} not recognised; known: {known}")
         kind = row.get("kind", "revolute")
         if kind not in KINDS:
-            named = ascii(kind)[:LONGEST_SHOWN]
+            named = shown(kind)
             raise PlumblineError(f"DH row {number}: kind {named} must be one of {', '.join(KINDS)}")
         keys = [key for key in row if key not in ("kind", "com")]
         numbers = {key: _number(row[key], key, number) for key in keys}
@@ -77,9 +76,7 @@ def _number(value: object, key: str, number: int) -> float:
         unlimited = key in ("lower", "upper") and abs(value) == np.inf
         if -LARGEST <= value <= LARGEST or unlimited:
             return float(value)
-    raise PlumblineError(
-        f"DH row {number}: {key} = {ascii(value)[:LONGEST_SHOWN]} must be a finite number"
-    )
+    raise PlumblineError(f"DH row {number}: {key} = {shown(value)} must be a finite number")
 
 
 def _point(value: object, number: int) -> tuple[float, float, float]:
@@ -88,7 +85,7 @@ def _point(value: object, number: int) -> tuple[float, float, float]:
     except (TypeError, ValueError, OverflowError):
         point = np.empty(0)
     if point.shape != (3,) or not (np.abs(point) <= LARGEST).all():
-        found = ascii(value)[:LONGEST_SHOWN]
+        found = shown(value)
         raise PlumblineError(f"DH row {number}: com = {found} must be three finite numbers [m]")
     return (float(point[0]), float(point[1]), float(point[2]))
 

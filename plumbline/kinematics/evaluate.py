@@ -14,13 +14,12 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from plumbline.kinematics import constants
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Integers = NDArray[np.int64]
-BLOCK_NUMBERS = 20_000  # of inputs and outputs at a call: what a core keeps at hand (cost only)
-FEWEST_ROWS, MOST_ROWS = 500, 10_000  # of a column: it shall outweigh the call of an operation
-MOST_WORK, AT_HAND = 4000, 8_000_000  # columns of a program, their numbers: 64 MB (cost only)
 Operation = Callable[..., Any]
 Step = tuple[Operation | None, int, int, int, bool]
 
@@ -60,7 +59,7 @@ def _mapped(function: cs.Function, count: int, shared: tuple[int, ...]) -> cs.Fu
 def _at_once(function: cs.Function, count: int) -> int:
     """Rows of one call: a map holds what rows share as often as it has rows."""
     numbers = function.nnz_in() + function.nnz_out()
-    return min(count, max(BLOCK_NUMBERS // max(numbers, 1), 1))
+    return min(count, max(constants.BLOCK_NUMBERS // max(numbers, 1), 1))
 
 
 def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> list[Array]:
@@ -80,7 +79,7 @@ def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> lis
     if not count:
         shapes = [function.size_out(i) for i in range(function.n_out())]
         return [np.empty((0, c, r)) for r, c in shapes]
-    program = _program(function) if count >= FEWEST_ROWS else None
+    program = _program(function) if count >= constants.FEWEST_ROWS else None
     if program is not None:
         return program.run(table, shared)
     size = _at_once(function, count)
@@ -122,7 +121,7 @@ class _Program:
         given = [np.asarray(s, dtype=float).ravel() for s in shared]
         found = [np.empty((f.nnz_out(i), count)) for i in range(f.n_out())]
         with np.errstate(all="ignore"):
-            size = min(MOST_ROWS, AT_HAND // max(f.sz_w(), 1))
+            size = min(constants.MOST_ROWS, constants.AT_HAND // max(f.sz_w(), 1))
             for first in range(0, count, size):
                 part = slice(first, min(first + size, count))
                 self._column([*given, table[part].T.copy()], [one[:, part] for one in found])
@@ -150,13 +149,13 @@ class _Program:
 def _program(function: cs.Function) -> _Program | None:
     """The operations of a function; None of one that has others, or too many columns at hand."""
     f = function
-    if not f.is_a("SXFunction") or f.sz_w() > MOST_WORK:
+    if not f.is_a("SXFunction") or f.sz_w() > constants.MOST_WORK:
         return None
     every = range(f.n_instructions())
     each = [f.instruction_id(k) for k in every]
-    constants = [k for k in every if each[k] == cs.OP_CONST]
+    fixed = [k for k in every if each[k] == cs.OP_CONST]
     inputs = [k for k in every if each[k] == cs.OP_INPUT]
-    place = {k: f.sz_w() + i for i, k in enumerate([*constants, *inputs])}
+    place = {k: f.sz_w() + i for i, k in enumerate([*fixed, *inputs])}
     read = [(int(i), int(n)) for i, n in map(f.instruction_input, inputs)]
     # Where each place of the work space is now, and whether that differs from row to row.
     at, varies = list(range(f.sz_w())), [False] * f.sz_w()
@@ -173,4 +172,4 @@ def _program(function: cs.Function) -> _Program | None:
             steps.append((OPERATIONS[which], r, a, b, varies[r]))
         else:
             return None
-    return _Program(f, steps, [f.instruction_constant(k) for k in constants], read)
+    return _Program(f, steps, [f.instruction_constant(k) for k in fixed], read)

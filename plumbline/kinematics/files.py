@@ -14,9 +14,8 @@ import stat
 from pathlib import Path
 
 from plumbline.errors import PlumblineError, fault
+from plumbline.kinematics.constants import LARGEST_FILE
 
-# A table of 5 million readings, which takes some 2 GB as cells; settings are a page.
-LARGEST_FILE = 64_000_000  # [byte]
 NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
 BINARY = getattr(os, "O_BINARY", 0)
 KINDS = {

@@ -16,10 +16,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.kinematics.constants import ROUNDING
+from plumbline.kinematics.constants import ROUNDING, SERIES_BELOW
 from plumbline.kinematics.evaluate import Array
-
-_SERIES_BELOW = 1e-4
 
 
 def constant(matrix: ArrayLike) -> cs.SX:
@@ -39,7 +37,7 @@ def _rotation() -> cs.Function:
     """The same as a function: to put symbols into one is far cheaper than to write it out again."""
     w = cs.SX.sym("w", 3)
     angle2 = cs.sumsqr(w)
-    small = angle2 < _SERIES_BELOW
+    small = angle2 < SERIES_BELOW
     safe = cs.sqrt(cs.if_else(small, 1.0, angle2))
     series_a = 1 - angle2 / 6 * (1 - angle2 / 20 * (1 - angle2 / 42 * (1 - angle2 / 72)))
     series_b = 0.5 * (1 - angle2 / 12 * (1 - angle2 / 30 * (1 - angle2 / 56 * (1 - angle2 / 90))))

@@ -21,15 +21,14 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.chain import PARALLEL, Chain, Joint
-from plumbline.kinematics.constants import ROUNDING, SAME, SHORT
+from plumbline.kinematics.chain import Chain, Joint
+from plumbline.kinematics.constants import DRAWN, PARALLEL, ROUNDING, SAME, SHORT
 from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, homogeneous
 from plumbline.kinematics.robot import Robot
 
 KEYS = ("d", "a", "alpha", "theta", "beta")
-EXACT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -140,10 +139,10 @@ def link_table(robot: Robot, chain: Chain) -> LinkTable:
     nominal = [joint.T_parent_joint for joint in chain.joints] + [chain.T_last_tip]
     found = zip(nominal, table.placements(), strict=True)
     worst = float(np.max([np.abs(mine - theirs).max() for mine, theirs in found]))
-    if not worst < EXACT:
+    if not worst < DRAWN:
         raise PlumblineError(
             f"chain to {chain.tip_frame!r}: link parameters miss its frames by {worst:.1e}, at "
-            f"most {EXACT:.0e} allowed; check the axes and origins of its joints"
+            f"most {DRAWN:.0e} allowed; check the axes and origins of its joints"
         )
     return table
 

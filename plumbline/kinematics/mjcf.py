@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.errors import PlumblineError, one_line
-from plumbline.kinematics.dh import LARGEST
+from plumbline.kinematics.constants import LARGEST
 from plumbline.kinematics.evaluate import Array
 
 PLACE = re.compile(r"(?i)^(from file|in function|at line|message:)")  # of what Pinocchio says first

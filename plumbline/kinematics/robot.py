@@ -8,7 +8,6 @@ The package holds files and no code; it is optional (``pip install "plumbline-ro
 some 430 MB with its meshes). A robot is called as its file is, without a closing ``_robot``.
 """
 
-import difflib
 import os
 import re
 import tomllib
@@ -25,8 +24,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from plumbline.errors import PlumblineError
+from plumbline.errors import PlumblineError, best_matches
 from plumbline.kinematics.chain import Chain, Joint
+from plumbline.kinematics.constants import (
+    LARGEST_URDF,
+    LONGEST_NAME,
+    MOST_ATTRIBUTES,
+    MOST_JOINTS,
+    STANDARD_GRAVITY,
+)
 from plumbline.kinematics.dh import DHRow, model_from_dh
 from plumbline.kinematics.dynamics import Dynamics, dynamics_of
 from plumbline.kinematics.evaluate import Array
@@ -56,18 +62,10 @@ def descriptions() -> dict[str, Path]:
 
 
 STDERR = 2
-LONGEST_NAME = 60  # characters of a name that a message repeats
-STANDARD_GRAVITY = (0.0, 0.0, -9.81)
-LARGEST_URDF = 16_000_000  # [byte]: a page a joint, and room for what nobody reads
-# Pinocchio and urdfdom walk a chain by recursion and end the process at 4,000 joints; the largest
-# humanoids with hands have some 100, those that hold a frame for every sensor some 300.
-MOST_JOINTS = 500
 # Tags and substitutions of xacro: any one of them makes a file no URDF yet; what xacro expanded
 # keeps its comments, substitutions in them included. One that never ends is looked through once.
 COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 XACRO = re.compile(r"<\s*xacro:\w|\$\{[^}]*\}|\$\((?:find|arg|env)\s")
-# An element's attributes are looked through for each one that is added: 100,000 take 25 s.
-MOST_ATTRIBUTES = 100
 
 
 def _models() -> dict[str, resources.abc.Traversable]:
@@ -271,10 +269,8 @@ def _last_link(model: pin.Model, where: str) -> str:
 
 
 def _not_recognised(what: str, name: str, known: Sequence[str]) -> str:
-    # Comparing takes the product of the lengths: neither side may be long.
-    short = [word for word in known if len(word) <= LONGEST_NAME] or ["too long to be shown"]
-    best = difflib.get_close_matches(name[:LONGEST_NAME], short, n=3, cutoff=0.3) or short[:8]
-    return f"{what} {name[:LONGEST_NAME]!r} not recognised. Best matches are {', '.join(best)}"
+    best = best_matches(name, known) or "too long to be shown"
+    return f"{what} {name[:LONGEST_NAME]!r} not recognised. Best matches are {best}"
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from plumbline.kinematics.files import LARGEST_FILE
+from plumbline.kinematics.constants import LARGEST_FILE
 
 Generator = np.random.Generator
 Damage = Callable[[bytes, Generator], bytes]

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics import evaluate
+from plumbline.kinematics import constants
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.link_export import NAME, dh_toml, standard_rows, urdf_text
 from plumbline.kinematics.link_table import link_table, row_matrix
@@ -146,7 +146,7 @@ def test_rows_are_the_same_however_many_go_at_once(count, monkeypatch):
     function = cs.Function("f", [x, row], [cs.dot(x, row[:2]) * row, row.T])
     rows, shared = np.random.default_rng(count).normal(size=(count, 3)), np.array([0.3, -2.0])
     numbers = function.nnz_in() + function.nnz_out()
-    monkeypatch.setattr(evaluate, "BLOCK_NUMBERS", 8 * numbers)
+    monkeypatch.setattr(constants, "BLOCK_NUMBERS", 8 * numbers)
     product, same = over_rows(function, rows, shared)
     np.testing.assert_allclose(product[:, 0], (rows[:, :2] @ shared)[:, None] * rows)
     np.testing.assert_array_equal(same[:, :, 0], rows)

@@ -6,7 +6,21 @@ from pathlib import Path
 
 import pytest
 
+MODULES = {"kinematics": "kinematics.constants", "drive": "kinematics.drive"}
 STAND = {
+    "kinematics": {
+        "ROUNDING": 1e-15, "SAME": 1e-12, "SHORT": 1e-9, "NULL": 1e-9, "LEAST_LOAD": 0.01,
+        "HOURS": 7200.0, "STEP": (0.5, 0.7, 1.4, 2.0), "COARSE": (0.3, 0.55, 1.8, 3.0),
+        "TIP_TO_AXIS": 1e-3, "UNLIMITED": 1e3, "COLD": 0.05, "PARALLEL": 0.05, "DRAWN": 1e-9,
+        "SERIES_BELOW": 1e-4, "TINY": 1e-12, "ALONG": 1e-12, "SHORTEST": 1e-3, "LARGEST": 1e12,
+        "LARGEST_FILE": 64000000, "LARGEST_URDF": 16000000, "STANDARD_GRAVITY": (0.0, 0.0, -9.81),
+        "MOST_JOINTS": 500, "MOST_ATTRIBUTES": 100, "LONGEST_NAME": 60, "BLOCK_NUMBERS": 20000,
+        "FEWEST_ROWS": 500, "MOST_ROWS": 10000, "MOST_WORK": 4000, "AT_HAND": 8000000,
+    },
+    "drive": {
+        "EDGE": 2.0, "PLANNED": 8, "STIFFNESS": 9.0, "SLOWS": 105.26315789473685, "EQUAL": 1e-06,
+        "PARTS": 2,
+    },
     "budget": {
         "ROUNDING": 1e-09, "DRAWS": 2000, "FEWEST": 4, "SYMMETRIC": 1e-09, "MOST_LINKS": 100,
         "SAME_PLACE": 1e-06,
@@ -180,7 +194,7 @@ def is_number(value):
 
 @pytest.mark.parametrize("method", STAND)
 def test_every_number_stands_where_it_was_set(method):
-    module = import_module(f"plumbline.optim.{method}.constants")
+    module = import_module(f"plumbline.{MODULES.get(method, f'optim.{method}.constants')}")
     found = named(ast.parse(Path(module.__file__).read_text(encoding="utf-8")))
     assert {name for name in found if is_number(getattr(module, name))} == set(STAND[method])
     for name, value in STAND[method].items():

@@ -31,12 +31,12 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.capsules import (
-    TINY,
     nearest_shares,
     overlap_shares,
     scalar_gap,
     share_beside,
 )
+from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function

@@ -35,7 +35,8 @@ from typing import Self
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.capsules import TINY, Segment, nearest_shares
+from plumbline.kinematics.capsules import Segment, nearest_shares
+from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc.bodies import Capsule
 from plumbline.optim.capsule_mpc.constants import KEPT, POWER
 

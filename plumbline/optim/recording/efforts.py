@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from plumbline.errors import fault, shown
+from plumbline.kinematics.constants import STANDARD_GRAVITY
 from plumbline.kinematics.dynamics import Dynamics
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
-from plumbline.kinematics.robot import STANDARD_GRAVITY
 from plumbline.kinematics.tree import dynamics_of_chain, laden
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import constants

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, best_matches, fault, listed, one_line, shown
-from plumbline.kinematics.files import LARGEST_FILE, is_file, is_folder, read_file, reason
-from plumbline.kinematics.robot import LARGEST_URDF, Robot, refuse_xacro
+from plumbline.kinematics.constants import LARGEST_FILE, LARGEST_URDF
+from plumbline.kinematics.files import is_file, is_folder, read_file, reason
+from plumbline.kinematics.robot import Robot, refuse_xacro
 from plumbline.optim.recording.building import build, chain_to, check_observation
 from plumbline.optim.recording.columns import (
     context_columns,

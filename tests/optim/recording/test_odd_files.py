@@ -13,8 +13,9 @@ import pytest
 
 from plumbline.errors import PlumblineError, best_matches, listed
 from plumbline.experiments.sweep.sweep import read_spec
+from plumbline.kinematics.constants import MOST_ATTRIBUTES, MOST_JOINTS
 from plumbline.kinematics.files import OddFileError, read_file
-from plumbline.kinematics.robot import MOST_ATTRIBUTES, MOST_JOINTS, Robot
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording import table
 from plumbline.optim.recording.constants import LARGEST_SETTINGS, MOST_PARTS
 from plumbline.optim.recording.loading import LARGEST, load_recording
