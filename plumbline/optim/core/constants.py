@@ -13,6 +13,8 @@ LEAST_RESIDUAL = 1e-9  # [the residual's unit] below lies rounding, which no ste
 SINGULAR = 1e-10
 LISTED = 4  # unknowns at a bound that a line names
 
+NO_CURVATURE = 1e-13  # of a scaled matrix, times its size: an eigenvalue below is rounding's
+LOST = 1e-6  # of a unit unknown, in directions that nothing tells, from which it is not known
 # Mapped
 CHUNK_NUMBERS = 4_000_000  # of a block of rows that is worked on at once: 32 MB (cost only)
 NEARBY = 0.1  # of a step, for differences along it (Transtrum and Sethna 2012, sec. 3.2)
@@ -30,6 +32,7 @@ LEAST = 0.1  # of the damping that stays where a step keeps its promise; Nielsen
 KEPT = 0.5  # of a step's promise; who keeps less goes along a valley that bends
 MOST_TURN = 0.75  # of a step, twice its turn (Transtrum and Sethna 2012, eq. 15)
 
+HOPELESS = 1e8  # damping at which no step is seen to help any more
 # Programme
 LEAST_COST = 1e-30  # of a row: below it F_0 is rounding
 

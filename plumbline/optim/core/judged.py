@@ -35,7 +35,9 @@ from plumbline.optim.core.constants import (
     FEASIBLE,
     LEAST_RESIDUAL,
     LISTED,
+    LOST,
     NEAR,
+    NO_CURVATURE,
     SINGULAR,
     STATIONARY,
     STILL,
@@ -158,10 +160,10 @@ def standard_errors(matrix: Array, sigma: float) -> Array:
     diagonal = np.diag(matrix)
     S = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(matrix * np.outer(S, S))
-    small = values <= 1e-13 * max(len(S), 1)
+    small = values <= NO_CURVATURE * max(len(S), 1)
     inverse = np.where(small, 0.0, 1 / np.where(small, 1.0, values))
     variance = (vectors**2) @ inverse
-    lost = (vectors[:, small] ** 2).sum(axis=1) > 1e-6
+    lost = (vectors[:, small] ** 2).sum(axis=1) > LOST
     return np.where(lost, np.inf, sigma * S * np.sqrt(variance))
 
 
@@ -304,7 +306,7 @@ def decrement(gram: Gram, gradient: Array, free: Flags) -> float:
 def _free(solution: Solution, gradient: Array) -> Flags:
     """Unknowns (P,) that may still move: not held, nor pushed against a bound that they rest on."""
     p = solution.problem
-    room = 1e-6 * p.scale
+    room = NEAR * p.scale
     low, high = solution.x <= p.lower + room, solution.x >= p.upper - room
     held = p.lower >= p.upper
     return ~(held | (low & (gradient > 0.0)) | (high & (gradient < 0.0)))

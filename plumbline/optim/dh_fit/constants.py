@@ -29,6 +29,11 @@ NEWTON_DAMPING = 1e-6  # mu of a step with the whole Hessian; rounding
 FLOOR = 1e-3  # of the largest curvature, that what changes nothing stays: speed
 FACTOR = 30.0  # between two smoothings of solvers led to the corner: speed alone
 
+EASED, DEARER = 10.0, 5.0  # times, of mu after a good step, and after a poor one: speed
+WELL, POORLY = 0.5, 0.1  # of its promise: more is good, less is poor; speed
+FIRST_AGAIN = 1e-8  # mu at least, where a step failed; rounding
+HOPELESS = 1e10  # mu at which no step is seen to help any more; rounding
+DESCENDS = 0.3  # of its promise that a step with the whole Hessian keeps: speed
 # What the poses can tell
 DEPENDENT = 1e-8  # of a column is left where it depends on others; rounding
 ABSENT = 1e-10  # of the largest column: without effect; rounding
@@ -40,6 +45,8 @@ SLIGHT = 0.1
 WHOLE = 1e-2  # a coefficient this near to 1 or -1 is written as a sign
 UNBOUNDED = 1e3  # half-widths in place of one: no bound at all
 
+RANK = 1e-12  # of the largest singular value, below which a direction is not told; rounding
+ORTHONORMAL = 1e-14  # of a polar factor, from which on it is one; rounding
 # What is left
 RESTING = 1e-6  # of a bound's half-width: at the bound; rounding
 CHANCE = 1e-3  # of chi-square by which noise as stated is called another

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import gammaincinv, ndtri, stdtrit
 
 from plumbline.kinematics.link_table import LinkTable
+from plumbline.optim.core.constants import SIDES
 from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.dh_fit.constants import CHANCE, RESTING, STATED_WITHIN
 from plumbline.optim.dh_fit.gross_rows import factor, gross_rows
@@ -198,7 +199,7 @@ class Fitted:
         found = sums(known.unknowns, basis, known.triangle, self._triangle_at(values))
         free = [place[known.unknowns[k].name] for k in found.leading]
         covariance = self.covariance[np.ix_(free, free)]
-        reach95 = ndtri(0.975) if self.agrees else stdtrit(max(self.freedom, 1), 0.975)
+        reach95 = ndtri(SIDES[1]) if self.agrees else stdtrit(max(self.freedom, 1), SIDES[1])
         return tuple(quantities(found, values, covariance, float(reach95)))
 
     def _triangle_at(self, values: Array) -> Array:

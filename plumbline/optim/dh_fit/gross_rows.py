@@ -38,7 +38,9 @@ def factor(statement: DHStatement, readings: Readings, x: Array, free: Indices, 
     S (3, 3) is that of a reading's noise, robot's frame [m^2]; all others count as known.
     """
     A, B = statement.loss.moments(S)
-    inverse = np.linalg.pinv(triangle(statement, readings, x, root(A))[:, free], rcond=1e-12)
+    inverse = np.linalg.pinv(
+        triangle(statement, readings, x, root(A))[:, free], rcond=constants.RANK
+    )
     lower = triangle(statement, readings, x, root(B))[:, free]
     return np.asarray(inverse @ inverse.T @ lower.T)
 
@@ -80,7 +82,7 @@ def _deletion(statement: DHStatement, readings: Readings, x: Array, free: Indice
     V = shape(rows.misfits(x))
     W = root(V)
     narrow = np.linalg.inv(W)
-    inverse = np.linalg.pinv(triangle(statement, readings, x)[:, free], rcond=1e-12)
+    inverse = np.linalg.pinv(triangle(statement, readings, x)[:, free], rcond=constants.RANK)
     moved = inverse.T @ triangle(statement, readings, x, W)[:, free].T
     found = []
     for e, J in rows.jacobians(x):

@@ -30,7 +30,7 @@ from typing import Any, Self
 import numpy as np
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.dh_fit.constants import PARTNER, SLIGHT, WHOLE
+from plumbline.optim.dh_fit.constants import PARTNER, RANK, SLIGHT, WHOLE
 from plumbline.optim.dh_fit.statement import FRAME, DHStatement, Pass, Readings, Unknown
 
 
@@ -187,7 +187,7 @@ def shares(
     total = float(y @ y)
     if not total > 0.0:
         return np.zeros(len(links)), 0.0
-    inverse = np.linalg.pinv(X, rcond=1e-12)
+    inverse = np.linalg.pinv(X, rcond=RANK)
     b = inverse @ y
     gone = b**2 / np.maximum((inverse**2).sum(axis=1), 1e-300)
     return gone / total, float(1.0 - np.sum((y - X @ b) ** 2) / total)

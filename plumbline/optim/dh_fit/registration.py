@@ -31,7 +31,7 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import unskew
 from plumbline.optim.core.problem import Array
-from plumbline.optim.dh_fit.constants import COUNT, FLATTEST, MOST_STEPS, SPARE_STEPS
+from plumbline.optim.dh_fit.constants import COUNT, FLATTEST, MOST_STEPS, ORTHONORMAL, SPARE_STEPS
 
 
 def check_points(points: Array) -> None:
@@ -57,7 +57,7 @@ def steps_needed(robot: Array, camera: Array) -> int:
             "their order and the axes of the camera"
         )
     Y, steps = H, 0
-    while np.abs(Y.T @ Y - np.eye(3)).max() > 1e-14 and steps < MOST_STEPS:
+    while np.abs(Y.T @ Y - np.eye(3)).max() > ORTHONORMAL and steps < MOST_STEPS:
         scale = abs(np.linalg.det(Y)) ** (-1.0 / 3.0)
         Y, steps = (scale * Y + np.linalg.inv(Y).T / scale) / 2.0, steps + 1
     return steps + SPARE_STEPS

@@ -27,17 +27,7 @@ from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, Solver, Sqp, TrustRegion
 from plumbline.optim.core.solvers.solver import OfRows
-from plumbline.optim.dh_fit.constants import (
-    FACTOR,
-    FLOOR,
-    LEAST_DAMPING,
-    NARROWING,
-    NEAR,
-    NEWTON_DAMPING,
-    PATIENCE,
-    QUICK,
-    ROUGH,
-)
+from plumbline.optim.dh_fit import constants
 from plumbline.optim.dh_fit.losses import Loss, Norms, Squares
 from plumbline.optim.dh_fit.statement import DHStatement, LinkProblem, Pass, Readings, Sums
 
@@ -64,7 +54,7 @@ class GaussNewton(OfRows):
             some = np.linspace(0, len(readings) - 1, self.few).astype(int)
             passes.insert(0, Pass(statement, readings.select(some)))
         if isinstance(statement.loss, Norms):
-            x, spent, _ = self._descend(replace(passes[0], other=Squares()), x, ROUGH)
+            x, spent, _ = self._descend(replace(passes[0], other=Squares()), x, constants.ROUGH)
             x, more = self._soften(passes[0], x, statement.loss.smoothing)
             spent += more
         message = ""
@@ -76,9 +66,9 @@ class GaussNewton(OfRows):
     def _soften(self, rows: Pass, x: Array, smoothing: float) -> tuple[Array, int]:
         """First fits of norms whose corner is as wide as the misfits are, then narrower."""
         wide, spent = float(np.median(np.linalg.norm(rows.misfits(x), axis=1))), 0
-        while wide > NARROWING * smoothing:
-            x, more, _ = self._descend(replace(rows, other=Norms(wide)), x, ROUGH)
-            wide, spent = wide / NARROWING, spent + more
+        while wide > constants.NARROWING * smoothing:
+            x, more, _ = self._descend(replace(rows, other=Norms(wide)), x, constants.ROUGH)
+            wide, spent = wide / constants.NARROWING, spent + more
         return x, spent
 
     def _descend(self, rows: Pass, x: Array, tolerance: float) -> tuple[Array, int, str]:
@@ -94,22 +84,25 @@ class GaussNewton(OfRows):
                 p, promised = _bounded_step(here, S, *box, mu, rounds=4 * stated.size)
                 if promised <= tolerance * max(here.objective, 1e-300):
                     return x, step, "converged"
-            if curved and step >= rest and promised <= NEAR * here.objective:
+            if curved and step >= rest and promised <= constants.NEAR * here.objective:
                 better = _newton(rows, x, here, box)
                 if better is not None:
                     x, here = better
                     continue
-                rest = step + PATIENCE
+                rest = step + constants.PATIENCE
             trial = np.clip(x + S * p, lower, upper)
             there = rows.sums(trial)
             gain = (here.objective - there.objective) / promised
             if not gain > 0.0:
-                mu, curved = max(10.0 * mu, 1e-8), True
-                if mu > 1e10:
+                mu, curved = max(constants.EASED * mu, constants.FIRST_AGAIN), True
+                if mu > constants.HOPELESS:
                     return x, step, "no further descent"
                 continue
             x, here = trial, there
-            mu = max(mu / 10.0, LEAST_DAMPING) if gain > 0.5 else mu if gain > 0.1 else 5.0 * mu
+            if gain > constants.WELL:
+                mu = max(mu / constants.EASED, constants.LEAST_DAMPING)
+            elif not gain > constants.POORLY:
+                mu = constants.DEARER * mu
         return x, self.max_iterations, "iteration limit reached"
 
 
@@ -129,7 +122,7 @@ def promised_drop(statement: DHStatement, readings: Readings, x: Array) -> float
         return 0.0
     S, here = statement.scale, Pass(statement, readings).sums(x)
     box = ((statement.lower - x) / S, (statement.upper - x) / S)
-    return _bounded_step(here, S, *box, LEAST_DAMPING, rounds=4 * statement.size)[1]
+    return _bounded_step(here, S, *box, constants.LEAST_DAMPING, rounds=4 * statement.size)[1]
 
 
 def _newton(
@@ -139,22 +132,23 @@ def _newton(
     stated = rows.statement
     whole = Sums(here.objective, here.gradient, here.matrix + rows.curving(x))
     try:
-        p, promised = _bounded_step(whole, stated.scale, *box, NEWTON_DAMPING)
+        p, promised = _bounded_step(whole, stated.scale, *box, constants.NEWTON_DAMPING)
     except np.linalg.LinAlgError:
         return None
     if not promised > 0.0:
         return None
     trial = np.clip(x + stated.scale * p, stated.lower, stated.upper)
     there = rows.sums(trial)
-    return (trial, there) if here.objective - there.objective > 0.3 * promised else None
+    descends = here.objective - there.objective > constants.DESCENDS * promised
+    return (trial, there) if descends else None
 
 
 def _bounded_step(
-    here: Sums, scale: Array, low: Array, high: Array, mu: float, rounds: int = QUICK
+    here: Sums, scale: Array, low: Array, high: Array, mu: float, rounds: int = constants.QUICK
 ) -> tuple[Array, float]:
     """The damped step (P,) in units of the scales, and the drop of the objective it promises."""
     B, g = here.matrix * np.outer(scale, scale), here.gradient * scale
-    diagonal = np.maximum(np.diag(B), FLOOR * max(np.diag(B).max(initial=0.0), 1e-300))
+    diagonal = np.maximum(np.diag(B), constants.FLOOR * max(np.diag(B).max(initial=0.0), 1e-300))
     A = B + mu * np.diag(diagonal)
     p = np.zeros(len(g))
     held = ((low >= 0.0) & (g > 0.0)) | ((high <= 0.0) & (g < 0.0))
@@ -207,8 +201,8 @@ def _stages(statement: DHStatement, readings: Readings, x: Array) -> list[DHStat
         return []
     misfits = np.linalg.norm(Pass(statement, readings).misfits(x), axis=1)
     wide = 3.0 * float(misfits.max())
-    steps = int(np.ceil(np.log(max(wide / loss.smoothing, 1.0)) / np.log(FACTOR)))
-    widths = [min(loss.smoothing * FACTOR**k, wide) for k in range(steps, 0, -1)]
+    steps = int(np.ceil(np.log(max(wide / loss.smoothing, 1.0)) / np.log(constants.FACTOR)))
+    widths = [min(loss.smoothing * constants.FACTOR**k, wide) for k in range(steps, 0, -1)]
     return [replace(statement, loss=Norms(width)) for width in widths]
 
 

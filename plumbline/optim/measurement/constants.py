@@ -14,6 +14,7 @@ WIDE_BOUNDS = 1e3  # either side of the start, in units of typical size
 # Observation
 MASS_PER_METRE = 15.0  # [kg/m] of a link of which no mass is given, as of arms of 5 to 30 kg
 
+ONE_MOTION = 0.05  # of the spread of the rows, below which steps between them are a motion's
 # Parts
 LEAST_HALF = 1e-3  # [m]: a plane on which all beams meet one spot has no width, and none matters
 

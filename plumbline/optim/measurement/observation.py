@@ -22,7 +22,7 @@ from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.measurement.clock import along, rates
-from plumbline.optim.measurement.constants import MASS_PER_METRE
+from plumbline.optim.measurement.constants import MASS_PER_METRE, ONE_MOTION
 from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import (
     Nuisance,
@@ -222,7 +222,7 @@ def _is_one_motion(q: Array) -> bool:
     steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
     moved = steps[steps > SAME_POSTURE]  # a posture that is read again is no motion
     step = float(np.median(moved)) if len(moved) else 0.0
-    return bool(step < 0.05 * np.linalg.norm(q.std(axis=0)))
+    return bool(step < ONE_MOTION * np.linalg.norm(q.std(axis=0)))
 
 
 def names_of(effects: Sequence[Effect]) -> list[str]:

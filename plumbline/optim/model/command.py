@@ -123,9 +123,11 @@ def goals(pose: ArrayLike) -> tuple[Array, bool]:
     if (np.linalg.det(R) < 0.0).any():
         mend = "turn one of its axes round"
         raise fault("pose", "axes that are mirrored", "right-handed ones", mend)
-    if off > 1e-6:
+    if off > constants.ORTHONORMAL:
         mend = "give a rotation in its first three columns"
-        raise fault("pose", f"a rotation off by {off:.1e}", "at most 1e-06", mend)
+        raise fault(
+            "pose", f"a rotation off by {off:.1e}", f"at most {constants.ORTHONORMAL:.0e}", mend
+        )
     return T, True
 
 

@@ -20,6 +20,7 @@ STARTS = 12  # postures of the recording that are tried for a pose
 REACHED = 1e-6  # [m] from its goal within which a tip has arrived: far below any arm's noise
 SLACK = 1e-9  # [rad or m] beyond a limit that rounding makes
 
+ORTHONORMAL = 1e-6  # of a rotation that is asked for: six digits
 # Driven
 LOAD_ROUNDS = 2  # of rolling out: the loads of the first are those at the commands
 
@@ -72,6 +73,7 @@ LARGEST_MODEL = 64_000_000  # [byte]: a thousand unknowns take 10 MB, a URDF at 
 MOST_EFFECTS = 2_000  # 23 joints with 40 ripple orders each, twice over
 MOST_JOINTS = 64  # of one chain
 
+LONGEST_WORD = 500  # characters of a name in a stored model
 # Rows
 SAMPLES = 100  # rows of the recording that a model keeps: enough for a mean over its postures
 LARGEST = 1e9  # no angle, time or load of an arm is larger [SI]

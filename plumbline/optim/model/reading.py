@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, fault, one_line, shown
+from plumbline.kinematics.constants import LARGEST
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES
 from plumbline.kinematics.files import read_file, reason
@@ -21,7 +22,13 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.storing import effect_named
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.constants import LARGEST_MODEL, MOST_EFFECTS, MOST_JOINTS
+from plumbline.optim.model.constants import (
+    AGREES,
+    LARGEST_MODEL,
+    LONGEST_WORD,
+    MOST_EFFECTS,
+    MOST_JOINTS,
+)
 from plumbline.optim.model.fitted import Held, chain_of
 from plumbline.optim.model.rows import CONTEXT, SCALARS, VECTORS
 from plumbline.optim.model.stored import FORMAT, VERSION
@@ -142,7 +149,7 @@ def _field(where: str, value: object, of: Field[Any]) -> object:
 
 def number_of(where: str, value: object) -> float:
     """A finite number (PlumblineError: it is none)."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e12:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         raise fault(where, shown(value), "a finite number", SAVE_IT)
     return float(value)
 
@@ -250,7 +257,7 @@ def _lines(section: Section, key: str) -> list[list[float]]:
         ]
     except ValueError:
         raise section.fault(key, "numbers alone", SAVE_IT) from None
-    if not all(abs(v) <= 1e12 for row in rows for v in row):
+    if not all(abs(v) <= LARGEST for row in rows for v in row):
         raise section.fault(key, "finite numbers", SAVE_IT)
     return rows
 
@@ -258,7 +265,7 @@ def _lines(section: Section, key: str) -> list[list[float]]:
 def word_of(section: Section, key: str) -> str:
     """A word that must be there (PlumblineError: it is not)."""
     word = section.word(key)
-    if word is None or len(word) > 500:
+    if word is None or len(word) > LONGEST_WORD:
         raise section.fault(key, "a word in quotes", SAVE_IT)
     return one_line(word)
 
@@ -269,14 +276,14 @@ def array_of(section: Section, key: str, shape: tuple[int, ...]) -> Array:
         values = np.array(section.values.get(key), dtype=float)
     except (TypeError, ValueError, OverflowError):
         values = np.empty(0)
-    if values.shape != shape or not (np.abs(values) <= 1e12).all():
+    if values.shape != shape or not (np.abs(values) <= LARGEST).all():
         raise section.fault(key, f"finite numbers of shape {shape}", SAVE_IT)
     return values
 
 
 def _rotation(section: Section, key: str) -> Array:
     R = array_of(section, key, (3, 3))
-    if np.abs(R @ R.T - np.eye(3)).max() > 1e-9 or np.linalg.det(R) < 0.0:
+    if np.abs(R @ R.T - np.eye(3)).max() > AGREES or np.linalg.det(R) < 0.0:
         raise section.fault(key, "a rotation, orthonormal to 1e-9", SAVE_IT)
     return R
 

@@ -18,7 +18,13 @@ from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.pointing.aim import Aim, checked_angles
-from plumbline.optim.pointing.constants import LARGEST_RCM_ERROR, MAP_ROUNDS, STARTS, TRIES
+from plumbline.optim.pointing.constants import (
+    LARGEST_RCM_ERROR,
+    MAP_ROUNDS,
+    SAME_VALUE,
+    STARTS,
+    TRIES,
+)
 from plumbline.optim.pointing.judge import Angles, Found, judged, why_not
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import settled, solved, starts
@@ -167,7 +173,7 @@ def _best(task: NeedleTask, q: Array, found: Flags, rows: Array, count: int) -> 
         value = np.take_along_axis(sigma, top[:, None], axis=1)
         best[:, k] = np.where(value > 0.0, tries[np.arange(count), top], np.nan)
         # The same branch has the same singular values, wherever its free turn may be.
-        sigma[np.abs(sigma - value) < 1e-6] = -1.0
+        sigma[np.abs(sigma - value) < SAME_VALUE] = -1.0
     return best
 
 

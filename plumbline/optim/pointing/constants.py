@@ -28,6 +28,15 @@ WHY_STARTS = 16  # postures from which an angle out of reach is sought again; ef
 LARGEST_RCM_ERROR = 1e-5
 LARGEST_TURN = 1e-4  # [rad] the same of its direction: 0.05 mm of a needle of 0.5 m
 
+FIRST_DAMPING, MOST_DAMPING = 1e-2, 1e3  # of a step, of curvatures of about one: effort
+SOFTER, HARDER = 5.0, 4.0  # times, after a step that helped, and after one that did not: effort
+GAINS = 0.999  # of a sum of squares: a step that leaves more of it has stalled; effort
+SETTLINGS = 15  # steps towards the middle of the ranges; effort
+PULL = 0.5  # of the way there, and [rad] at most, in one of them; effort
+ALIKE = 0.1  # [rad] of every joint, within which two postures are one; branches are farther apart
+SAME_VALUE = 1e-6  # of a singular value: what two searches of one branch differ by; rounding
+ORTHONORMAL = 1e-6  # of a rotation that is given: six digits
+BEYOND = 1.001  # of the longest step: what a solver's tolerance leaves, and 1 mrad is no leap
 # Branches along a sweep
 ANCHORS = 3  # angles at which branches are sought; effort
 TRACK_STARTS = 48  # postures from which they are; effort

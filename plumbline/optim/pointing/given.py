@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
+from plumbline.optim.pointing.constants import ORTHONORMAL
 
 
 def number(value: object, name: str, *, above: float | None = None) -> float:
@@ -39,7 +40,7 @@ def rigid(matrix: ArrayLike, name: str) -> Array:
     T = array(matrix, name, (4, 4), "give a homogeneous matrix, translation in m")
     R = T[:3, :3]
     off = float(np.abs(R.T @ R - np.eye(3)).max())
-    if off > 1e-6 or np.linalg.det(R) < 0.0 or np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9:
+    if off > ORTHONORMAL or np.linalg.det(R) < 0.0 or np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9:
         what = "a mirror" if np.linalg.det(R) < 0.0 else f"off a rotation by {off:.1e}"
-        raise PlumblineError(f"{name}: {what}, 1e-06 allowed; give a rigid transform")
+        raise PlumblineError(f"{name}: {what}, {ORTHONORMAL:.0e} allowed; give a rigid transform")
     return T

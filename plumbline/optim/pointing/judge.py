@@ -216,7 +216,7 @@ def settled_status(
     for k, (kind, words) in zip(missing.tolist(), why, strict=True):
         if status[k] not in (Status.INSIDE, Status.BLOCKED):
             status[k], reasons[k] = kind, words
-    for k in np.flatnonzero(steps > 1.001 * options.longest_step).tolist():
+    for k in np.flatnonzero(steps > constants.BEYOND * options.longest_step).tolist():
         if status[k] == Status.SAFE:
             status[k] = Status.JUMP
             reasons[k] = f"a joint moves by {steps[k]:.2f}, at most {options.longest_step:g}"

@@ -37,7 +37,7 @@ def solved(arm: Bounded, q: Array, rows: Array) -> tuple[Array, Flags, Array]:
     """Postures (N, n) that hold the needle, which do (N,), and the sums of squares (N,)."""
     x = arm.clip(q)
     r, J = arm.task.seek(x, rows)
-    cost, mu = (r**2).sum(axis=1), np.full(len(x), 1e-2)
+    cost, mu = (r**2).sum(axis=1), np.full(len(x), constants.FIRST_DAMPING)
     stalled = np.zeros(len(x), dtype=int)
     for _ in range(constants.ITERATIONS):
         live = np.flatnonzero((cost > constants.ZERO) & (stalled < constants.STALLED))
@@ -47,9 +47,10 @@ def solved(arm: Bounded, q: Array, rows: Array) -> tuple[Array, Flags, Array]:
         r_new, J_new = arm.task.seek(trial, rows[live])
         cost_new = (r_new**2).sum(axis=1)
         better = cost_new < cost[live]
-        slow = cost_new > 0.999 * cost[live]
+        slow = cost_new > constants.GAINS * cost[live]
         stalled[live] = np.where(slow, stalled[live] + 1, 0)
-        mu[live] = np.clip(np.where(better, mu[live] / 5, mu[live] * 4), 1e-12, 1e3)
+        damped = np.where(better, mu[live] / constants.SOFTER, mu[live] * constants.HARDER)
+        mu[live] = np.clip(damped, 1e-12, constants.MOST_DAMPING)
         taken = live[better]
         x[taken], r[taken], J[taken] = trial[better], r_new[better], J_new[better]
         cost[taken] = cost_new[better]
@@ -71,13 +72,13 @@ def settled(arm: Bounded, q: Array, rows: Array) -> Array:
     """The same solutions (N, n), with what is left free moved towards the middle of the ranges."""
     task = arm.task
     first = x = unwound(arm, q)
-    for _ in range(15):
+    for _ in range(constants.SETTLINGS):
         r, J = task.seek(x, rows)
-        pull = 0.5 * (task.home - x) / task.steps
+        pull = constants.PULL * (task.home - x) / task.steps
         # Least motion from the pull back onto the task: only what the task leaves free remains.
         wanted = r + np.einsum("nij,nj->ni", J, pull)
         delta = pull + task.least_motion(J, wanted)
-        x = arm.clip(x + np.clip(delta, -0.5, 0.5) * task.steps)
+        x = arm.clip(x + np.clip(delta, -constants.PULL, constants.PULL) * task.steps)
     # At the edge of the reach the free turn has an end: stay with what was found there.
     kept = (task.seek(x, rows)[0] ** 2).sum(axis=1) <= constants.ZERO
     return np.where(kept[:, None], x, first)
@@ -97,7 +98,7 @@ def distinct(task: NeedleTask, q: Array) -> Indices:
     for i, posture in enumerate(q):
         gaps = (q[kept] - posture) / task.steps
         gaps = np.where(turning, np.abs((gaps + np.pi) % constants.TURN - np.pi), np.abs(gaps))
-        if not (gaps.max(axis=1, initial=0.0) < 0.1).any():
+        if not (gaps.max(axis=1, initial=0.0) < constants.ALIKE).any():
             kept.append(i)
     return np.array(kept, dtype=np.intp)
 

@@ -92,6 +92,7 @@ LEAST_EFFORT_NOISE = 1e-6  # of a joint's efforts: less than 20 bits resolve
 INERTIA_ROWS = 200  # postures over which an inertia is averaged (cost only)
 EFFORT_ROWS = 3000  # rows from which the efforts' noise is estimated (cost only)
 
+CHANGES = (0.2, 0.8)  # share of a model's larger efforts of one sign, between which it changes
 # Derivatives
 ORDER = 3  # of the polynomials of smoothed derivatives (Savitzky and Golay 1964)
 USUAL = 0.99  # of steps, which a motion in fifty rows at most leaves out
@@ -136,6 +137,7 @@ EVEN = 2.0  # ratio of these two steps: it neither stops nor sets off between th
 
 # Session
 ONE_ROBOT = 0.01  # of joints' placements, within which two models are one robot's [m] and [rad]
+SAME_GRAVITY = 0.1  # [m/s^2] by which one mounting's may differ: half a degree, and the earth's own
 NO_SOCKET = -1  # of a row that is in none
 
 # Set up

@@ -258,7 +258,8 @@ def refuse_strange(r: Recording, origin: Origin) -> None:
         mend = "if the joint has no drive or none is read, end at a [robot] tip_frame before it"
         raise fault(origin.at(f"effort{one + 1}"), found, "efforts that change", mend)
     large = np.abs(model) >= np.median(np.abs(model), axis=0)
-    changes = [0.2 < (model[large[:, j], j] > 0).mean() < 0.8 for j in range(r.chain.n)]
+    low, high = constants.CHANGES
+    changes = [low < (model[large[:, j], j] > 0).mean() < high for j in range(r.chain.n)]
     positive = (r.measured >= 0).mean(axis=0) >= constants.UNSIGNED
     bare = [j for j in range(r.chain.n) if changes[j] and positive[j] and r.measured[:, j].any()]
     if bare and len(bare) >= 0.5 * sum(changes):

@@ -29,7 +29,7 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.files import is_file, is_folder
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import loading
-from plumbline.optim.recording.constants import FIRST_ROW, NO_SOCKET, ONE_ROBOT
+from plumbline.optim.recording.constants import FIRST_ROW, NO_SOCKET, ONE_ROBOT, SAME_GRAVITY
 from plumbline.optim.recording.kinds import EFFORTS, MIXED, PLACES
 from plumbline.optim.recording.recording import CONTEXT, Recording, Session, hash_of
 from plumbline.optim.recording.settings import Section, read_settings
@@ -242,7 +242,7 @@ def _refuse_other(first: Recording, other: Recording) -> None:
     if not placed_alike(first.chain, other.chain):
         found = f"{other.robot.name} with joints placed elsewhere"
         raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
-    if not np.allclose(first.chain.gravity, other.chain.gravity, atol=0.1):
+    if not np.allclose(first.chain.gravity, other.chain.gravity, atol=SAME_GRAVITY):
         found, like = (str(np.round(r.chain.gravity, 2)) for r in (other, first))
         raise fault(f"{other.name}, gravity", found, like, "mounted otherwise: diagnose it alone")
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.optim.core.constants import GROWTH, KEPT, LEAST, MOST_TURN
+from plumbline.optim.core.constants import GROWTH, HOPELESS, KEPT, LEAST, MOST_TURN
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
@@ -55,7 +55,7 @@ class LevenbergMarquardt(OfRows):
             bent = bent or drop < KEPT * promise
             if not np.isfinite(candidate.square) or drop < 0:
                 mu, growth = mu * growth, growth * GROWTH
-                if mu > 1e8 or abs(drop) <= self.tolerance * gram.square:
+                if mu > HOPELESS or abs(drop) <= self.tolerance * gram.square:
                     message = "no further descent"
                     break
                 continue
