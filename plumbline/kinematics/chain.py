@@ -143,11 +143,9 @@ class Chain:
     def joint_frames(
         self, q: cs.SX, placements: Sequence[Transform] | None = None
     ) -> list[Transform]:
-        """``T_base_joint`` of every moved joint, and last ``T_base_tip`` (n + 1).
+        """``T_base_joint`` of every moved joint, and last ``T_base_tip`` (n + 1), at q (n,).
 
-        Args:
-            q: Joint coordinates (n,) [rad or m].
-            placements: Symbolic geometry in place of the nominal one (n + 1).
+        Placements (n + 1) are the nominal ones if not given.
         """
         placements = placements or self.placements
         frames: list[Transform] = []

@@ -32,11 +32,7 @@ class OddFileError(OSError):
 
 
 def read_file(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
-    """The bytes of a regular file.
-
-    Args:
-        path: The file, or a link to it.
-        largest: How long it may be [byte].
+    """The bytes of a regular file, or of one that a link leads to, of ``largest`` bytes at most.
 
     Raises:
         OSError: It is not there, may not be read, is no regular file, or is longer;

@@ -217,11 +217,8 @@ def weighed_urdf(
 ) -> str:
     """A URDF whose bodies weigh more, and whose joints have damping and friction.
 
-    Args:
-        text: The URDF.
-        more: Ten parameters more (10,) of the body behind a joint, in the joint's frame, by its
-            name: m, hx, hy, hz, Jxx, Jxy, Jyy, Jxz, Jyz, Jzz.
-        drives: ``damping`` [N m s/rad] and ``friction`` [N m] of joints by name; 0 where not given.
+    By a joint's name, ten parameters more (10,) of the body behind it, in its frame (m, hx, hy, hz,
+    Jxx, Jxy, Jyy, Jxz, Jyz, Jzz); and its ``damping`` [N m s/rad] and ``friction`` [N m].
     """
     root = _parsed(text)
     links = {str(link.get("name")): link for link in root.findall("link")}

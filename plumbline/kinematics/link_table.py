@@ -198,11 +198,7 @@ def _row(label: str, kind: str, values: Array, joint: Joint | None, *, parallel:
 
 
 def _joined(T: Array) -> tuple[Array, Array]:
-    """Row (5,) from the z axis of one frame to that of another, and the screw (4, 4) left over.
-
-    Args:
-        T: The second frame in the first (4, 4).
-    """
+    """Row (5,) from a z axis to that of a frame (4, 4), and the screw (4, 4) left over."""
     z, p = T[:3, 2], T[:3, 3]
     sine = float(np.hypot(z[0], z[1]))
     if sine < PARALLEL:

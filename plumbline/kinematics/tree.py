@@ -46,13 +46,9 @@ class Tree(Chain):
 
 
 def tree_of(robot: Robot, joints: int | None = None, tip_frame: str | None = None) -> Tree:
-    """The robot's joints, all of them or those that lead to the tip frame.
+    """The robot's joints: all where as many were recorded, else those that lead to the tip frame.
 
-    Args:
-        robot: The robot.
-        joints: How many joints were recorded: all of the robot's, else those to the tip, while all
-            others are held at neutral.
-        tip_frame: Name of the tip frame; the robot's own by default.
+    All others are held at neutral then. The tip frame is the robot's own by default.
 
     Raises:
         PlumblineError: There is no such frame, or a joint is neither revolute nor prismatic.

@@ -40,14 +40,9 @@ def rigid_match(source: Array, target: Array, *, scale: bool = False) -> Array:
     .. math:: \min_{R, t, s} \sum_i |q_i - s R p_i - t|^2
 
     Arun, Huang and Blostein (1987), IEEE PAMI 9(5); the sign and the scale by Umeyama (1991), IEEE
-    PAMI 13(4), eqs. 40-43. ``scipy.spatial.transform.Rotation.align_vectors`` finds the same within
-    1e-12 (2e-12 on clouds 1e4 times as long as wide), but one at a time, in twice the time, and
-    without shift or scale.
-
-    Args:
-        source: Points (..., n, 3) [m].
-        target: The same points in the other frame (..., n, 3) [m].
-        scale: Also fit s; the upper left block is then s R.
+    PAMI 13(4), eqs. 40-43; with a scale the upper left block is s R. SciPy's
+    ``Rotation.align_vectors`` finds the same within 1e-12 (2e-12 on clouds 1e4 times as long as
+    wide), but one at a time, in twice the time, and without shift or scale.
     """
     p, q = source.mean(axis=-2), target.mean(axis=-2)
     a, b = source - p[..., None, :], target - q[..., None, :]

@@ -114,15 +114,10 @@ def program(statement: Statement) -> cs.Function:
 def write(
     statement: Statement, folder: Path, example: Example, planner: RealTime | None = None
 ) -> None:
-    """Write the code of a step, and a small program that drives the model with it.
+    """Write the code of a step, and a small program that drives the model with it, into a folder.
 
-    ``cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm`` builds it.
-
-    Args:
-        statement: What is to be planned; its constants are built in.
-        folder: Where to; made if need be.
-        example: What the small program does.
-        planner: Options; :class:`.planning.BandedQp` must be its solver, and one pass.
+    ``cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm`` builds it; the statement's
+    constants are built in. The planner's solver must be :class:`.planning.BandedQp`, with one pass.
 
     Raises:
         PlumblineError: A planner that there is no code for, or more obstacles than slots.

@@ -298,9 +298,5 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def kind_of(path: str | Path) -> str:
-    """The kind of a stored answer.
-
-    Raises:
-        PlumblineError: It is none.
-    """
+    """The kind of a stored answer (PlumblineError: it is none)."""
     return str(_content(Path(path)).get("kind"))

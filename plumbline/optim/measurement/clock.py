@@ -30,9 +30,7 @@ def may_jitter(recording: Recording) -> bool:
 def rates(recording: Recording, lever: float) -> Array:
     """How fast what was measured moves at each row (N, m) [residual/s], by the rows about it.
 
-    Args:
-        recording: N rows. Without a clock one of them goes by from each to the next.
-        lever: What a turn counts for [m].
+    A turn counts for the lever [m]; without a clock one of the units goes by from row to row.
     """
     whole, place = recording.path
     rows = np.arange(len(whole))

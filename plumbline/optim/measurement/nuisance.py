@@ -88,9 +88,7 @@ class Nuisance:
 def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance:
     """Register a recording: the nuisances of its kind of observation, started near their place.
 
-    Args:
-        recording: N rows.
-        anchor: Where the frame was registered before; afresh if not given.
+    That is where the frame was registered before, if it was.
     """
     if recording.several:
         return _of_session(recording)

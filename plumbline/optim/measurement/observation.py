@@ -89,15 +89,11 @@ def build_model(
     weights: Array | None = None,
     ridge: Sequence[float] | None = None,
 ) -> Model:
-    """State the problem of a recording with these effects.
+    """State the problem of a recording of N rows with these effects.
 
-    Args:
-        recording: N rows.
-        effects: Effects to be fitted together with the nuisances.
-        nuisance: Nuisances registered before; registered afresh if not given.
-        weights: Weights of the rows (N,).
-        ridge: For each effect, how strongly its parameters are held near their null: the noise
-            over the width of their prior, in units of their scales. None: not at all.
+    Nuisances are registered afresh if not given; weights are of the rows (N,). ``ridge`` says of
+    each effect how strongly its parameters are held near their null: the noise over the width of
+    their prior, in units of their scales; None: not at all.
     """
     nuisance = nuisance or nuisances_of(recording)
     row = _Row.of(recording, effects)

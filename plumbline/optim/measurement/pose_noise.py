@@ -39,11 +39,9 @@ class Told(NamedTuple):
 
 
 def told_by(recording: Recording, left: Array) -> Told:
-    """The noise of poses by what a fit leaves.
+    """The noise of N poses by what a fit leaves (N, 6).
 
-    Args:
-        recording: N rows of poses.
-        left: Residuals (N, 6): places in the device's axes and turns in the tool's, by their lever.
+    Places are in the device's axes, turns in the tool's, by their lever.
     """
     own = _turned(recording, left, back=False)
     lever = float(np.sqrt(np.sum(own[:, :3] ** 2) / max(np.sum(own[:, 3:] ** 2), 1e-300)))

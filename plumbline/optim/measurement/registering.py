@@ -24,11 +24,7 @@ Turns = tuple[Array, Array]  # of the model's tips and as recorded (N, 3, 3) eac
 
 
 def registered(recording: Recording) -> Array:
-    """``T_device_world`` (4, 4) that carries the model's tips and turns nearest to the measured.
-
-    Args:
-        recording: N rows of tips or poses, whose tool may be always fitted.
-    """
+    """``T_device_world`` (4, 4) that carries the model's tips and turns nearest to the measured."""
     tips = recording.chain.tips(recording.q, recording.tool_offset)
     measured = recording.measured[:, :3]
     some = some_of(len(tips))

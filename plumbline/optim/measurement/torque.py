@@ -76,10 +76,8 @@ def moved(
 ) -> State:
     """The state with what moves the bodies, and what the drives read, joint by joint.
 
-    Args:
-        state: The chain, a :class:`Tree`, at a row's joints, velocities and accelerations.
-        effects: Effects with their parameters.
-        apply: Applies the effects of some stages in their order.
+    The chain is a :class:`Tree`, at a row's joints, velocities and accelerations; ``apply`` applies
+    the effects of some stages in their order.
     """
     chain, row = state.chain, state.row
     assert isinstance(chain, Tree)

@@ -205,11 +205,8 @@ MOVING = ("velocity", "acceleration")  # that follow with the multiplier alone
 def with_mimics(table: Table, robot: Robot, chain: Chain) -> Table:
     """The table with columns of the joints that follow others, where it holds the others alone.
 
-    Args:
-        table: Columns ``q1..qk``, one for each joint of the robot, or of its chain, that moves on
-            its own, in the model's order.
-        robot: The robot.
-        chain: Its chain; a table of as many columns as it has joints is of those.
+    It has ``q1..qk``, one for each joint of the robot, or of its chain, that moves on its own, in
+    the model's order; as many columns as the chain has joints are of those.
     """
     mimics = mimics_of(robot.urdf)
     whole = tuple(str(name) for name in robot.model.names)[1:]
@@ -281,13 +278,8 @@ def with_noise_shape(
 ) -> dict[str, Any]:
     """The context with ``noise_axes`` and ``noise_rows`` made into ``noise_std`` and its shape.
 
-    Args:
-        context: What a recording is made of; ``noise_axes`` (k,) and ``noise_rows`` (N,) are 1
-            sigma of an axis [m, or rad or m of a joint]. Given both, the axes' ratios count.
-        observation: Kind of observation.
-        rows: N.
-        joints: n, whose second encoders or efforts are the axes of their kinds.
-        origin: Where they were read.
+    They (k,) and (N,) are 1 sigma of an axis [m, or rad or m of a joint]; given both, the axes'
+    ratios count. The joints' second encoders or efforts are the axes of their kinds.
 
     Raises:
         PlumblineError: A number is not positive, or there are too few or too many.

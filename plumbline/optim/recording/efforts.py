@@ -126,10 +126,7 @@ def _run_by_run(r: Recording) -> Recording:
 def in_time(r: Recording, placed: Array | None, slow: Array) -> Recording:
     """All channels at one time, where velocities or efforts are read late; rows without any go.
 
-    Args:
-        r: A motion and its efforts.
-        placed: Velocities (N, n) that its positions tell by themselves, if they are asked.
-        slow: Noise of velocities (n,).
+    ``placed`` (N, n) are velocities by positions alone, if asked; ``slow`` (n,) their noise.
     """
     time, ones = r.time, np.ones(len(r))
     if time is None:
@@ -184,9 +181,7 @@ def without_saturated(r: Recording) -> Recording:
 def nominal_efforts(r: Recording, gravity: tuple[float, ...] | None = None) -> Array:
     """Efforts (N, n) [N m or N] that the model alone asks for, a recorded payload carried.
 
-    Args:
-        r: A motion.
-        gravity: Another gravity (3,) in the base frame [m/s^2].
+    Gravity (3,) is in the base frame [m/s^2], the recording's if not given.
     """
     return _under(r, gravity).torques(r.q, *motion_of(r)) + payload_efforts(r, gravity)
 

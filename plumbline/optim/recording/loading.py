@@ -139,13 +139,10 @@ def load_recording(
     known_effects: Iterable[str] | None = None,
     made: RobotFiles | None = None,
 ) -> Recording:
-    """Read and check a recording folder.
+    """Read and check a recording folder, which is never written to.
 
-    Args:
-        folder: The folder; it is never written to.
-        known_effects: Names that ``[fit] always`` may hold besides ``frame`` and ``tool``; those of
-            the library by default.
-        made: The robot, if its own settings are not to be asked for one.
+    ``[fit] always`` may hold ``frame``, ``tool`` and known effects, those of the library if not
+    given; the robot is made of the folder's own settings unless it is given.
 
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.

@@ -48,10 +48,7 @@ class _Touches:
 
 
 def fiducials_to_diagnose(source: Fiducials | str | Path) -> Recording:
-    """The touches of the markers; targets take no part.
-
-    Args:
-        source: Fiducials, or their folder, in which a marker may have several rows.
+    """The touches of the markers, several of each in a folder; targets take no part.
 
     Raises:
         PlumblineError: The folder cannot be used, or there are too few markers.
