@@ -25,13 +25,7 @@ def spread(points: Array) -> float:
 def misfit(source: Array, target: Array) -> float:
     """Median distance [m] of points (N, 3) after the best rigid match."""
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    return misfit_about_origin(a, b)
-
-
-def misfit_about_origin(source: Array, target: Array) -> float:
-    """Median distance of vectors (N, 3) after the best rotation."""
-    R = best_rotation(source, target)
-    return float(np.median(np.linalg.norm(target - source @ R.T, axis=1)))
+    return float(np.median(np.linalg.norm(b - a @ best_rotation(a, b).T, axis=1)))
 
 
 def rigid_match(source: Array, target: Array, *, scale: bool = False) -> Array:

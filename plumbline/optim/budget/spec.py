@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.errors import PlumblineError, did_you_mean, fault, listed, shown
+from plumbline.errors import PlumblineError, fault, listed, shown
 from plumbline.kinematics.files import is_file, read_file
 from plumbline.optim.budget.constants import MOST_LINKS, SAME_PLACE
 from plumbline.optim.budget.shares import Budget, add_up
@@ -147,7 +147,7 @@ def read_budget(path: str | Path) -> Budget:
     """
     file = Path(path)
     settings = read_settings_file(file)
-    _refuse_unknown(settings, ("link",))
+    settings.refuse_unknown(("link",))
     links = settings.values.get("link")
     if not isinstance(links, list) or not all(isinstance(link, dict) for link in links):
         raise settings.fault("link", "tables [[link]]", "write [[link]] before each link")
@@ -182,7 +182,7 @@ def _source(link: Section, file: Path) -> Source:
 
 def _plain(name: str, link: Section) -> Source:
     """A link by figures."""
-    _refuse_unknown(link, (*COMMON, *FIGURES, "dof"))
+    link.refuse_unknown((*COMMON, *FIGURES, "dof"))
     kind = next(key for key in FIGURES if key in link.values)
     other = [k for k in FIGURES if k in link.values and {k, kind} != {"mean", "std"} and k != kind]
     if other:
@@ -215,7 +215,7 @@ def _stored(name: str, link: Section, file: Path) -> Source:
         known = ", ".join(READABLE)
         raise fault(link.where("answer"), f"a {kind}", f"one of {known}", "name another file")
     keys, make = STORED[kind]
-    _refuse_unknown(link, ("answer", *COMMON, *keys))
+    link.refuse_unknown(("answer", *COMMON, *keys))
     source = _named(link, "answer", lambda: make(name, found, link))
     return replace(source, origin=link.word("origin") or f"{source.origin}, {named}")
 
@@ -284,11 +284,3 @@ def _named(link: Section, key: str, make: Callable[[], T]) -> T:
         if str(error).startswith(link.file):
             raise
         raise PlumblineError(f"{link.where(key)}: {error}") from None
-
-
-def _refuse_unknown(section: Section, known: tuple[str, ...]) -> None:
-    for key in section.values:
-        if key not in known:
-            near = did_you_mean(key, known)
-            expected = f"one of {', '.join(known)}"
-            raise fault(section.where(key), f"a key that nothing reads{near}", expected, "mend it")

@@ -196,15 +196,12 @@ class Fitted:
         values = np.array([u.nominal for u in known.unknowns])
         for name, k in place.items():
             values[at[name]] = self.x[k]
-        found = sums(known.unknowns, basis, known.triangle, self._triangle_at(values))
+        fitted = triangle(self.task.stated(self.task.asked), self.readings, values)
+        found = sums(known.unknowns, basis, known.triangle, fitted)
         free = [place[known.unknowns[k].name] for k in found.leading]
         covariance = self.covariance[np.ix_(free, free)]
         reach95 = ndtri(SIDES[1]) if self.agrees else stdtrit(max(self.freedom, 1), SIDES[1])
         return tuple(quantities(found, values, covariance, float(reach95)))
-
-    def _triangle_at(self, values: Array) -> Array:
-        """R (P, P) of all parameters that were asked for, at these values of them (P,)."""
-        return triangle(self.task.stated(self.task.asked), self.readings, values)
 
     @cached_property
     def shares(self) -> dict[str, float]:

@@ -209,7 +209,9 @@ def select(readings: Readings, marks: Marks, most: int | None = None) -> Selecti
     curve, left = [repeatability(found[0].beam, marks)], readings
     dropped: list[int] = []
     while most is None or len(dropped) < most:
-        left, name = _without_farthest(left, found[-1])
+        points = found[-1].beam.points(left.R, left.t, left.distance)
+        worst = int(np.argmax(np.abs(principal_plane(points).distances(points))))
+        name, left = int(left.row[worst]), left.select(np.arange(len(left)) != worst)
         try:
             found.append(closed_form(left))
         except PlumblineError:
@@ -220,9 +222,3 @@ def select(readings: Readings, marks: Marks, most: int | None = None) -> Selecti
     rest = readings.select(~np.isin(readings.row, dropped[:kept]))
     order = np.array(dropped, dtype=np.int64)
     return Selection(found[kept], found[0], np.array(curve), kept, order, rest)
-
-
-def _without_farthest(readings: Readings, found: SinglePlane) -> tuple[Readings, int]:
-    points = found.beam.points(readings.R, readings.t, readings.distance)
-    worst = int(np.argmax(np.abs(principal_plane(points).distances(points))))
-    return readings.select(np.arange(len(readings)) != worst), int(readings.row[worst])

@@ -16,7 +16,6 @@ from plumbline.errors import PlumblineError, fault, one_line, shown
 from plumbline.kinematics.constants import LARGEST
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES
-from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
@@ -33,7 +32,7 @@ from plumbline.optim.model.fitted import Held, chain_of
 from plumbline.optim.model.rows import CONTEXT, SCALARS, VECTORS
 from plumbline.optim.model.stored import FORMAT, VERSION
 from plumbline.optim.recording.kinds import KINDS
-from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.settings import Section, read_settings_file
 
 SAVE_IT = "save the model again"
 NUISANCE = re.compile(r"(frame|tool|socket)( \S+)? r?[xyz]")
@@ -52,12 +51,7 @@ def read(path: str | Path) -> dict[str, Any]:
 
 def settings_of(path: str | Path, form: str, version: int) -> Section:
     """What a file of TOML says (PlumblineError: it cannot be read, or is of another form)."""
-    try:
-        data = read_file(Path(path), LARGEST_MODEL)
-    except (OSError, ValueError) as error:
-        why = f"{path}: cannot be read ({reason(error)}); check the path"
-        raise PlumblineError(one_line(why)) from None
-    top = read_settings(Path(path).name, data)
+    top = read_settings_file(Path(path), LARGEST_MODEL)
     if top.values.get("format") != form:
         raise top.fault("format", f"{form!r}", "give what --model or save wrote")
     if top.values.get("version") != version:

@@ -93,7 +93,7 @@ class Mesh:
             said = " ".join(str(fault).split(str(file))[-1].split("Hint")[0].split())
             why = said.strip(" .:\"'")[:120] or "no surface that can be read"
             raise PlumblineError(f"mesh {file.name!r}: {why}; give an STL, OBJ or PLY") from None
-        faces = [list(map(int, _corners(model.tri_indices(k)))) for k in range(model.num_tris)]
+        faces = [[model.tri_indices(k)[i] for i in range(3)] for k in range(model.num_tris)]
         return cls(unit * np.array(model.vertices()).reshape(-1, 3), faces)
 
     @cached_property
@@ -156,10 +156,6 @@ class Mesh:
                 hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
             found[k] = t[hit].max(initial=0.0)
         return found
-
-
-def _corners(triangle: Any) -> tuple[int, int, int]:
-    return triangle[0], triangle[1], triangle[2]
 
 
 def _checked_vertices(vertices: ArrayLike) -> Array:

@@ -298,8 +298,8 @@ def open_session(folder: str | Path) -> SessionFile:
     """Read and check a ``session.toml``, refused if it cannot be used; nothing is written."""
     place = Path(folder)
     settings = read_settings(FILE, loading.read_bytes(place, FILE))
-    _refuse_unknown(settings, KEYS)
-    _refuse_unknown(settings.section("robot"), ROBOT)
+    settings.refuse_unknown(KEYS)
+    settings.section("robot").refuse_unknown(ROBOT)
     names = settings.words("recordings") or ()
     if not names:
         raise fault(
@@ -342,11 +342,3 @@ def _refuse_absent(settings: Section, place: Path, name: str) -> None:
     found, near = f"{shown(name)}, no folder in {place.name}", best_matches(name, there)
     where = settings.where("recordings")
     raise fault(where, found, "folders beside it", f"best matches: {near or 'none'}")
-
-
-def _refuse_unknown(section: Section, known: tuple[str, ...]) -> None:
-    """Refuse a key that nothing reads: what is meant to be shared must not be left unshared."""
-    for key in section.values:
-        if key not in known:
-            mend = f"best matches: {best_matches(key, known)}"
-            raise fault(section.where(key), f"the key {shown(key)}", f"{', '.join(known)}", mend)

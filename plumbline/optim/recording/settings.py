@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from plumbline.errors import PlumblineError, Spot, did_you_mean, fault, shown
+from plumbline.errors import PlumblineError, Spot, best_matches, did_you_mean, fault, shown
 from plumbline.kinematics.files import read_file, reason
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.table import Array, decode
@@ -89,11 +89,17 @@ class Section:
         extra = [key for key in self.values if key not in known]
         return tuple(f"{self.where(key)}: not used{did_you_mean(key, known)}" for key in extra)
 
+    def refuse_unknown(self, known: Sequence[str]) -> None:
+        """Refuse a key that nothing reads, where nothing may be left out unseen."""
+        for key in [key for key in self.values if key not in known]:
+            mend = f"best matches: {best_matches(key, known)}"
+            raise fault(self.where(key), f"the key {shown(key)}", ", ".join(known), mend)
 
-def read_settings_file(path: Path) -> Section:
+
+def read_settings_file(path: Path, largest: int = constants.LARGEST_SETTINGS) -> Section:
     """The settings of a TOML file (PlumblineError: it cannot be read, or is none)."""
     try:
-        data = read_file(path, constants.LARGEST_SETTINGS)
+        data = read_file(path, largest)
     except (OSError, ValueError) as error:
         found = f"a file that cannot be read ({reason(error)})"
         raise fault(str(path), found, "a TOML file", "check the path") from None

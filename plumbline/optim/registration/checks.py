@@ -58,7 +58,10 @@ def condition_of(points: Array) -> Condition:
     some = points[well_spread(points)]
     triples = some[list(combinations(range(len(some)), 3))]
     best = float(smallest_angles(triples).max())
-    return Condition(best, sine_at_first(points), spread, axes[0])
+    a, b = points[1] - points[0], points[2] - points[0]
+    lengths = np.linalg.norm(a) * np.linalg.norm(b)
+    sine = float(np.linalg.norm(np.cross(a, b)) / lengths) if lengths else 0.0
+    return Condition(best, sine, spread, axes[0])
 
 
 def well_spread(points: Array, count: int = constants.MANY) -> list[int]:
@@ -81,13 +84,6 @@ def smallest_angles(triples: Array) -> Array:
     beside = lengths[..., 1] * lengths[..., 2]
     sine = np.divide(area, beside, out=np.zeros_like(area), where=beside > 0)
     return np.degrees(np.arcsin(np.minimum(sine, 1.0)))
-
-
-def sine_at_first(points: Array) -> float:
-    """Sine of the angle at the first of the first three points (n, 3); 0 on a line."""
-    a, b = points[1] - points[0], points[2] - points[0]
-    lengths = np.linalg.norm(a) * np.linalg.norm(b)
-    return float(np.linalg.norm(np.cross(a, b)) / lengths) if lengths else 0.0
 
 
 @dataclass(frozen=True)

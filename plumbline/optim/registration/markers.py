@@ -118,11 +118,6 @@ class Markers:
         return self.freedoms > 0.0
 
     @property
-    def shape_known(self) -> bool:
-        """Whether anything was stated of the noise, if only its proportions."""
-        return self.known or bool(self.ct_cov.any())
-
-    @property
     def rows(self) -> Array:
         """One row a marker (n, 18): CT, robot, upper triangles of both covariances."""
         return rows_of(self.ct, self.robot, self.ct_cov, self.robot_cov)

@@ -138,7 +138,8 @@ def _judged(recording: Fiducials, name: str, markers: Markers, fit: Fit) -> Regi
     surprise = float(chdtrc(dof, square)) if markers.known else np.nan
     agrees = markers.known and surprise >= DOUBTFUL
     size, freedoms = _size(square, dof, markers.freedoms if agrees else 0.0)
-    unstated = None if markers.shape_known else Unstated.of(rest, fit.jacobian[:, kept])
+    some = markers.known or markers.ct_cov.any()  # was stated of the noise, if only its proportions
+    unstated = None if some else Unstated.of(rest, fit.jacobian[:, kept])
     if unstated is not None:
         size, covariance = unstated.size, unstated.covariance
         reading, unknown = np.diag(unstated.variances), unstated.unknown or _unknown(rest, False)

@@ -199,10 +199,7 @@ def bodies_of(held: Arm) -> tuple[list[pin.Inertia], Array]:
     state = efforts_of(fixed).bodies()
     weights = cs.evalf(cs.densify(state.inertial)).full()
     gravity = cs.evalf(cs.densify(state.gravity)).full()[:, 0]
-    return [_body(row, one) for row, one in zip(weights, own, strict=True)], gravity
-
-
-def _body(row: Array, own: pin.Inertia) -> pin.Inertia:
-    """From ten parameters; the robot's own where they are the same: a body may have no mass."""
-    same = np.array_equal(row, own.toDynamicParameters())
-    return own if same else pin.Inertia.FromDynamicParameters(row)
+    for k, (row, one) in enumerate(zip(weights, own, strict=True)):
+        if not np.array_equal(row, one.toDynamicParameters()):  # a body may have no mass
+            own[k] = pin.Inertia.FromDynamicParameters(row)
+    return own, gravity
