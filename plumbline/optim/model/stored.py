@@ -78,7 +78,8 @@ def _effects(model: Fitted) -> Iterator[list[str]]:
     first = 0
     known = list(model.parameters.values())
     for effect in model.effects:
-        own = {f.name: getattr(effect, f.name) for f in fields(effect)}
+        said = {f.name: getattr(effect, f.name) for f in fields(effect)}
+        own = {key: value for key, value in said.items() if value is not None}
         lines = [
             "[[effects]]",
             *pairs({"effect": effect.name, "form": type(effect).__name__} | own),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from plumbline.kinematics.effects import REGISTRY
+from plumbline.optim.model import Model
 from plumbline.optim.model import command as commands
 from tests.optim.model.test_commands import arm as bare
 
@@ -50,3 +51,11 @@ def test_a_joint_that_rests_while_others_move_arrives(bare):
     arm, q = lagging(bare, (2, 1e-3, 1e-3)), path(60)
     q[20:40, 1] = q[19, 1]
     assert arm.joint_command(q).reached.all()
+
+
+def test_play_that_began_nobody_knows_where_is_stored(bare, tmp_path):
+    arm, q = lagging(bare, (2, 1e-3, 1e-3)), path(60)
+    arm.save(tmp_path / "arm.toml")
+    again = Model.load(tmp_path / "arm.toml")
+    assert again.effects == arm.effects
+    np.testing.assert_array_equal(again.tip(q), arm.tip(q))
