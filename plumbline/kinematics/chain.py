@@ -183,11 +183,7 @@ class Chain:
         return cs.Function("placement", [q], [cs.densify(cs.vertcat(cs.vec(T.R), T.t))])
 
     def placement(self, q: ArrayLike) -> Array:
-        """``T_base_tip`` (N, 4, 4) [m] at postures q (N, n), or at a single one (n,).
-
-        Raises:
-            PlumblineError: A posture has another number of joints, or is no list of numbers.
-        """
+        """``T_base_tip`` (N, 4, 4) [m] at postures (N, n) or (n,) (PlumblineError: of others)."""
         postures = self.postures(q)
         return by_columns(over_rows(self._placement, postures)[0][:, 0])
 
@@ -206,11 +202,7 @@ class Chain:
         return postures
 
     def tips(self, q: ArrayLike, tool_offset: ArrayLike) -> Array:
-        """Tips (N, 3) in the base frame [m] at postures (N, n), of a tip (3,) in the tip frame [m].
-
-        Raises:
-            PlumblineError: A posture has another number of joints.
-        """
+        """Tips (N, 3) in the base [m] at postures (N, n), of a tip (3,) in the tip frame [m]."""
         T_base_tip = self.placement(q)
         tool = np.asarray(tool_offset, dtype=float)
         return np.asarray(T_base_tip[:, :3, :3] @ tool + T_base_tip[:, :3, 3])

@@ -36,11 +36,7 @@ class DHRow:
 
     @classmethod
     def parse(cls, row: Mapping[str, object], number: int) -> Self:
-        """From a table of names and numbers; ``number`` counts from 1, for the error message.
-
-        Raises:
-            PlumblineError: An unknown key, a value that is no finite number, or an unknown kind.
-        """
+        """From a table; ``number`` counts from 1, for the error (PlumblineError: it is no row)."""
         unknown = sorted(set(row) - set(cls.__dataclass_fields__))
         if unknown:
             known = ", ".join(cls.__dataclass_fields__)

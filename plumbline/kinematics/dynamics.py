@@ -152,11 +152,7 @@ class Dynamics:
         return cs.Function("regressor", [row], [cs.densify(cs.jacobian(tau, own))])
 
     def torques(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """Torques (N, n) [N m or N] at rows of q, v and a, each (N, n).
-
-        Raises:
-            PlumblineError: Other numbers of joints or of rows.
-        """
+        """Torques (N, n) [N m or N] at rows of q, v and a, each (N, n) (PlumblineError: others)."""
         return over_rows(self.torque_function, self._rows(q, v, a))[0][:, 0]
 
     def _rows(self, *parts: ArrayLike) -> Array:

@@ -32,13 +32,7 @@ class OddFileError(OSError):
 
 
 def read_file(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
-    """The bytes of a regular file, or of one that a link leads to, of ``largest`` bytes at most.
-
-    Raises:
-        OSError: It is not there, may not be read, is no regular file, or is longer;
-            ``strerror`` says which.
-        ValueError: No system has files of that name.
-    """
+    """The bytes of a regular file, ``largest`` at most (OSError, its ``strerror``; ValueError)."""
     _refuse_odd(os.stat(path), largest)  # before it is opened: opening a device may act on it
     with open(os.open(path, os.O_RDONLY | NOT_BLOCKING | BINARY), "rb") as file:
         _refuse_odd(os.fstat(file.fileno()), largest)
@@ -69,13 +63,10 @@ def reason(error: Exception) -> str:
 
 
 def write_whole(path: str | Path, data: str | bytes) -> None:
-    """Write a file so that it is there whole or not at all; text as UTF-8.
+    """Write a file so that it is there whole or not at all (OSError); text as UTF-8.
 
     What was there stays if anything fails. A link stays a link: the file that it leads to is
     written. A device or a pipe is written to as it is.
-
-    Raises:
-        OSError: It cannot be written.
     """
     content = data.encode("utf-8", "replace") if isinstance(data, str) else data
     target = Path(os.path.realpath(path))
@@ -95,11 +86,7 @@ def write_whole(path: str | Path, data: str | bytes) -> None:
 
 
 def new_file(path: str | Path, text: str, *, overwrite: bool) -> None:
-    """Write a file of text, whole or not at all.
-
-    Raises:
-        PlumblineError: There is one already, or it cannot be written.
-    """
+    """Write a file of text, whole or not at all (PlumblineError: not, or there is one already)."""
     target = Path(path)
     if target.exists() and not overwrite:
         raise fault(str(target), "a file", "a new one", "name another, or overwrite=True")
@@ -110,11 +97,7 @@ def new_file(path: str | Path, text: str, *, overwrite: bool) -> None:
 
 
 def check_writable(path: str | Path) -> None:
-    """See whether a file can be written, by making another one beside it for a moment.
-
-    Raises:
-        OSError: It cannot be.
-    """
+    """See whether a file can be written, by making another beside it for a moment (OSError)."""
     target = Path(os.path.realpath(path))
     if target.exists() and not os.access(target, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))

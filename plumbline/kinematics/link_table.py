@@ -130,11 +130,7 @@ def row_matrix(row: LinkRow) -> Array:
 
 
 def link_table(robot: Robot, chain: Chain) -> LinkTable:
-    """The table of one chain of a robot: its own DH rows, or rows drawn from its axes.
-
-    Raises:
-        PlumblineError: A joint's axis is not finite, or the rows do not give the chain back.
-    """
+    """The table of a robot's chain (PlumblineError): its own DH rows, or drawn from its axes."""
     table = _own_rows(robot, chain) if robot.dh is not None else drawn_rows(chain)
     nominal = [joint.T_parent_joint for joint in chain.joints] + [chain.T_last_tip]
     found = zip(nominal, table.placements(), strict=True)

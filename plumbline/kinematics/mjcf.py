@@ -30,11 +30,7 @@ FLATTEN = (
 
 
 def model_from_mjcf(text: str, where: str, most_joints: int) -> tuple[pin.Model, Array | None]:
-    """A Pinocchio model, and the gravity (3,) [m/s^2] that the file states, if it does.
-
-    Raises:
-        PlumblineError: It is no MJCF, includes other files, has too many joints, or cannot be read.
-    """
+    """A Pinocchio model (PlumblineError: none), and the file's gravity (3,) [m/s^2], if any."""
     root = _parsed(text, where, most_joints)
     for element in root.iter():
         if "axisangle" in element.attrib:

@@ -46,11 +46,7 @@ SUFFIX = "_robot"
 
 
 def descriptions() -> dict[str, Path]:
-    """URDF files by the name of their robot.
-
-    Raises:
-        PlumblineError: The package is not installed; the message names the extra that brings it.
-    """
+    """URDF files by the name of their robot (PlumblineError: the package is not installed)."""
     try:
         found = distribution(PACKAGE)
     except PackageNotFoundError:
@@ -297,11 +293,7 @@ def _unheard() -> Iterator[None]:
 
 
 def refuse_xacro(text: str, where: str) -> None:
-    """Refuse what a URDF is yet to be made of.
-
-    Raises:
-        PlumblineError: It is xacro; the message has the command that expands it.
-    """
+    """Refuse what a URDF is yet to be made of: xacro; the message has the command for it."""
     if XACRO.search(COMMENT.sub("", text)):
         name = "FILE" if where == "URDF text" else where
         raise PlumblineError(

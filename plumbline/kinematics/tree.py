@@ -49,9 +49,6 @@ def tree_of(robot: Robot, joints: int | None = None, tip_frame: str | None = Non
     """The robot's joints: all where as many were recorded, else those that lead to the tip frame.
 
     All others are held at neutral then. The tip frame is the robot's own by default.
-
-    Raises:
-        PlumblineError: There is no such frame, or a joint is neither revolute nor prismatic.
     """
     chain = robot.chain(tip_frame)
     movable = robot.model.njoints - 1

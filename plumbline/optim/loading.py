@@ -68,20 +68,12 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
 
 
 def load_model(path: str | Path) -> Model | Drives:
-    """What ``--model`` wrote: the model of an arm, or a robot's drives.
-
-    Raises:
-        PlumblineError: No such file, or neither.
-    """
+    """What ``--model`` wrote: a model of an arm, or a robot's drives (PlumblineError: neither)."""
     return Drives.load(path) if is_drives(path) else Model.load(path)
 
 
 def load_to_diagnose(path: str | Path) -> Recording:
-    """Read and check a folder of rows that ``diagnose`` takes: ranges and fiducials among them.
-
-    Raises:
-        PlumblineError: It cannot be used.
-    """
+    """A folder of rows that ``diagnose`` takes, ranges and fiducials too (PlumblineError)."""
     kind = open_folder(path).settings.word("observation")
     if kind == "plane_range":
         return ranges_to_diagnose(load_ranges(path))
@@ -95,12 +87,9 @@ def load_part(
     robot: RobotFiles | None = None,
     known_effects: Iterable[str] | None = None,
 ) -> Any:
-    """Read and check one of several recordings of any kind that ``diagnose`` takes.
+    """One of several recordings of any kind that ``diagnose`` takes, checked (PlumblineError).
 
     Errors call it by ``name``, or as the folder is given; ``robot`` is for one that names none.
-
-    Raises:
-        PlumblineError: It cannot be used; the line names the folder.
     """
     place = Path(folder)
     try:
@@ -121,11 +110,7 @@ def load_part(
 def parts_of_session(
     stated: session.SessionFile, *, known_effects: Iterable[str] | None = None
 ) -> list[Any]:
-    """The recordings of a session's folder, each with the session's robot if it names none.
-
-    Raises:
-        PlumblineError: One cannot be used; the line names its folder.
-    """
+    """The recordings of a session's folder, each with the session's robot if it names none."""
     effects = None if known_effects is None else tuple(known_effects)
     parts = [
         load_part(stated.place / name, name=name, robot=stated.robot, known_effects=effects)

@@ -203,11 +203,7 @@ class Source:
 
 
 def size_of(where: str, length: float) -> float:
-    """A length that someone wrote down as the size of an error [m].
-
-    Raises:
-        PlumblineError: It is none, or so large that it was not meant in m.
-    """
+    """A length that someone wrote down as the size of an error [m] (PlumblineError: it is none)."""
     if not (np.isfinite(length) and length >= 0.0):
         raise fault(where, f"{length}", "a length of at least 0", "give it in m")
     if length > COARSEST:

@@ -61,11 +61,7 @@ class Targets:
     dof: float  # freedoms of the noise's size
 
     def source(self, name: str, target: str | ArrayLike) -> Source:
-        """The link at a target, by its label or by its place in CT (3,) [m].
-
-        Raises:
-            PlumblineError: The answer tells no such target, or no error of it.
-        """
+        """The link at a target, by its label or its place in CT (3,) [m] (PlumblineError)."""
         one = self._at(target)
         if one["unknown"]:
             mend = "register more markers"
@@ -96,11 +92,7 @@ class Targets:
 
 
 def told(path: Path) -> Beam | Targets | None:
-    """What a command wrote into a file; None where it is anything else.
-
-    Raises:
-        PlumblineError: It is of a command, but its figures are damaged.
-    """
+    """What a command wrote into a file (PlumblineError: damaged); None if it is anything else."""
     try:
         content = json.loads(read_file(path, LARGEST_ANSWER))
     except (OSError, ValueError, RecursionError):

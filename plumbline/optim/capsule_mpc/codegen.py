@@ -114,13 +114,10 @@ def program(statement: Statement) -> cs.Function:
 def write(
     statement: Statement, folder: Path, example: Example, planner: RealTime | None = None
 ) -> None:
-    """Write the code of a step, and a small program that drives the model with it, into a folder.
+    """Write the code of a step, and a program that drives the model with it, or refuse a planner.
 
     ``cc -O3 -o main main.c capsule_step.c program.c banded_qp.c -lm`` builds it; the statement's
     constants are built in. The planner's solver must be :class:`.planning.BandedQp`, with one pass.
-
-    Raises:
-        PlumblineError: A planner that there is no code for, or more obstacles than slots.
     """
     own = planner or RealTime()
     if not isinstance(own.solver, BandedQp) or own.passes != 1:

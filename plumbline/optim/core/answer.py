@@ -48,13 +48,7 @@ def plain(value: Any) -> Any:
 
 
 def restored(data: Any, kind: type[T]) -> T:
-    """A value of a type again, from what :func:`stored` made of it.
-
-    Raises:
-        KeyError: A field is missing.
-        TypeError: Data of another shape than the type.
-        PlumblineError: A value that the type cannot hold.
-    """
+    """A value of a type again, from what :func:`stored` made of it (KeyError, TypeError)."""
     try:
         found: T = _converter(_number).structure(data, kind)
     except cattrs.BaseValidationError as error:

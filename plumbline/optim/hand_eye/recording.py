@@ -48,11 +48,7 @@ class Flange:
 def open_ranges(
     folder: str | Path, observation: str, lacking: str, columns: tuple[str, ...] = ()
 ) -> tuple[Folder, Flange, Array]:
-    """A folder of a range finder's readings: what it holds, the flange, and the ranges (N,) [m].
-
-    Raises:
-        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
-    """
+    """A folder of a range finder (PlumblineError): what it holds, flange, and ranges (N,) [m]."""
     opened = open_folder(folder)
     opened.must_be(observation, lacking)
     table = opened.table

@@ -42,13 +42,7 @@ register(Effect, StoredEffect.of, lambda data: restored(data, StoredEffect).effe
 
 
 def effect_named(name: str, form: str = "") -> type[Effect]:
-    """The library's effect, else the last one that was defined under that name.
-
-    ``form`` is its class, where there may be several.
-
-    Raises:
-        PlumblineError: There is none.
-    """
+    """The library's effect, else the last one defined under that name, of a class ``form``."""
     if form.startswith(NAMED) and form not in {k.__name__ for k in _defined(Effect)}:
         confined_kind(effect_named(name, form.removeprefix(NAMED)))
     known: list[type[Effect]] = [k for k in _defined(Effect) if getattr(k, "name", "") == name]
@@ -90,11 +84,7 @@ class StoredFit:
         return cls(solution.x, weights, model.ridge, anchor, solution.iterations, solution.message)
 
     def again(self, recording: Recording, effects: Sequence[Effect]) -> tuple[Model, Solution]:
-        """The model of the rows of the fit and its effects, and where its fit ended.
-
-        Raises:
-            PlumblineError: They have another number of unknowns.
-        """
+        """The model of the rows of the fit and its effects, and where its fit ended."""
         nuisance = nuisances_of(recording, self.anchor)
         model = build_model(
             recording, effects, nuisance=nuisance, weights=self.weights, ridge=self.ridge

@@ -126,11 +126,7 @@ class Driven:
         return found
 
     def tried(self, other: MotionRecording) -> Applied:
-        """How they do on another motion, nothing fitted again.
-
-        Raises:
-            PlumblineError: It is another kind of command, or of another number of joints.
-        """
+        """How they do on another motion, of the same kind and joints; nothing is fitted again."""
         before, after = self.gaps(other)
         seen = np.isfinite(before)
         outside = np.zeros((len(other), len(self.joints)), dtype=bool)
@@ -146,11 +142,7 @@ class Driven:
         return Applied(other.name, len(other), self.unit, *both, promised, (), (), rows, shares, ())
 
     def gaps(self, other: MotionRecording) -> tuple[Array, Array]:
-        """Root mean squares (n,) on another motion, ideal and with the causes [rad]; NaN at rest.
-
-        Raises:
-            PlumblineError: It is another kind of command, or of another number of joints.
-        """
+        """Root mean squares (n,) on another motion, ideal and with causes [rad]; NaN at rest."""
         n = len(self.joints)
         both = (other.law, self.law)
         alike = other.law == self.law or all(x.known for x in both) or all(x.ideal for x in both)

@@ -59,13 +59,10 @@ def completed(
     effects: Sequence[Effect],
     used: Collection[str] = CONTEXT,
 ) -> dict[str, Array]:
-    """All columns that any effect may read (N, k), what was not given as it usually is.
+    """All columns that any effect may read (N, k), what was not given as it usually is, or refused.
 
     Some effects derive columns of their own from the path of the rows; else what is not ``used``
     and takes long is left out.
-
-    Raises:
-        PlumblineError: A name that is no context, a wrong shape or no finite number.
     """
     rows, n = q.shape
     for name in given:

@@ -188,11 +188,7 @@ def chain_to(
     observation: str = "",
     joints: int | None = None,
 ) -> Chain:
-    """The robot's chain to a frame; where efforts of joints are measured, with all of its limbs.
-
-    Raises:
-        PlumblineError: There is none; the line begins with ``where``.
-    """
+    """The robot's chain to a frame (PlumblineError: none); of efforts, with all of its limbs."""
     try:
         if observation == "joint_torque":
             return tree_of(robot, joints, tip_frame)

@@ -72,11 +72,7 @@ def moves(r: Recording, origin: Origin) -> Iterator[str]:
 
 
 def tips_leave_a_plane(r: Recording, origin: Origin) -> Iterator[str]:
-    """No coordinate of tips is the same in every row, unless all of them lie in a plane.
-
-    Raises:
-        PlumblineError: One is, and the model's tips are off every plane by more than any noise.
-    """
+    """Refuse tips of which one coordinate never changes, where no plane holds the model's."""
     if not r.kind.device:
         return
     still = np.flatnonzero(np.ptp(r.measured[:, :3], axis=0) == 0.0)

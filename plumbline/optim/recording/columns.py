@@ -85,12 +85,7 @@ def numbered(names: Iterable[str], prefix: str) -> set[int]:
 
 
 def joint_columns(table: Table, robot: Robot, chain: Chain) -> Joints:
-    """The columns of the chain's joints.
-
-    Raises:
-        PlumblineError: A number is missing, or there are neither as many as the chain has joints
-            nor as many as the robot has.
-    """
+    """The columns of the chain's joints (PlumblineError: others than it, or the robot, has)."""
     there = numbered(table.columns, "q")
     movable = [str(name) for name in robot.model.names][1:]
     if 0 in there:
@@ -249,11 +244,7 @@ def _cells(
 
 
 def coupled(values: Array, numbers: Sequence[int], settings: Section) -> Array:
-    """Readings or velocities (N, n) of joints, by their numbers in the file, and what others add.
-
-    Raises:
-        PlumblineError: An entry ``[joint, by, gain]`` of ``[robot] couplings`` is no coupling.
-    """
+    """Readings or velocities (N, n) of joints, by their numbers in the file, and what others."""
     section = settings.section("robot")
     found = values.copy()
     entries = section.values.get("couplings", [])
@@ -280,9 +271,6 @@ def with_noise_shape(
 
     They (k,) and (N,) are 1 sigma of an axis [m, or rad or m of a joint]; given both, the axes'
     ratios count. The joints' second encoders or efforts are the axes of their kinds.
-
-    Raises:
-        PlumblineError: A number is not positive, or there are too few or too many.
     """
     axes, each = context.pop("noise_axes", None), context.pop("noise_rows", None)
     if axes is None and each is None:

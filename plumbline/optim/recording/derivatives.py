@@ -37,9 +37,6 @@ def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin:
     """Velocities, smoothed, and accelerations from the same windows, of readings (N, n) [rad or m].
 
     Velocities (N, n) are derived from the readings where there are none; time is (N,) [s].
-
-    Raises:
-        PlumblineError: There is no clock, or a run is too short for a window.
     """
     if time is None:
         expected = "columns acceleration1..n, or time to derive them from"

@@ -73,11 +73,7 @@ def by_joint(section: Section, key: str, joints: int) -> Array:
 
 
 def with_motion(r: Recording, origin: Origin) -> Recording:
-    """With velocities, accelerations, senses of turning and the efforts' noise.
-
-    Raises:
-        PlumblineError: There is nothing to derive them from, or the robot has no masses.
-    """
+    """With velocities, accelerations, senses of turning and the efforts' noise (PlumblineError)."""
     if not r.chain.has_masses:
         mend = "give a URDF with <inertial>, or record another kind of observation"
         raise fault(origin.key("[robot]"), "a robot without masses", "masses, for torques", mend)
@@ -208,11 +204,7 @@ def motion_of(r: Recording) -> tuple[Array, Array]:
 
 
 def refuse_other_rates(r: Recording, origin: Origin) -> None:
-    """Refuse rates that are many times, or a small part of, what the column that they rate does.
-
-    Raises:
-        PlumblineError: They are: degrees, or a clock that is not in seconds.
-    """
+    """Refuse rates that are many times, or a small part of, what the column that they rate does."""
     step = np.diff(r.time if r.time is not None else [])[:, None]
     for name, rate, place in (
         ("velocity", r.velocity, r.q), ("acceleration", r.acceleration, r.velocity),
@@ -241,9 +233,6 @@ def refuse_strange(r: Recording, origin: Origin) -> None:
     """Refuse efforts of another joint, against their joint, without signs, or of another set-up.
 
     One that nothing drives, or that is not read, is fitted best by bodies of no mass.
-
-    Raises:
-        PlumblineError: They are, are one throughout, or never change sign where the model's do.
     """
     if len(r) < constants.FEWEST_EFFORTS:
         return
@@ -270,9 +259,6 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     """Refuse efforts that another mounting or another unit explains far better, given friction.
 
     A rotor makes a multiple of what moves the bodies, never of what holds their weight.
-
-    Raises:
-        PlumblineError: It names the gravity, or the factor, that mends them.
     """
     r = r.select(some_of(len(r), constants.INERTIA_ROWS))
     read, model = r.measured, nominal_efforts(r)

@@ -182,11 +182,7 @@ def load_recording(
 
 
 def read_bytes(folder: Path, name: str, largest: int | None = None) -> bytes:
-    """A file of a recording: a regular one, of a size [byte] bounded by its name or as given.
-
-    Raises:
-        PlumblineError: It is not there or cannot be read.
-    """
+    """A regular file of a recording (PlumblineError), of a size [byte] by its name or as given."""
     try:
         return read_file(folder / name, largest or LARGEST.get(name, LARGEST_FILE))
     except FileNotFoundError:
@@ -289,11 +285,7 @@ def _unused(settings: Section) -> tuple[str, ...]:
 
 
 def read_robot(settings: Section, folder: Path) -> RobotFiles:
-    """The robot named in ``[robot]``, mounted as its gravity says.
-
-    Raises:
-        PlumblineError: There is none, or it cannot be built.
-    """
+    """The robot named in ``[robot]``, mounted as its gravity says (PlumblineError: none)."""
     section = settings.section("robot")
     given = [key for key in SOURCES_OF_ROBOT if key in section.values]
     if len(given) != 1:

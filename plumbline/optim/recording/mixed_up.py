@@ -34,9 +34,6 @@ def refuse_mixed_up(
 
     What each joint was told, or its model foretells, and what was read of it are (N, n);
     ``letters`` are what their columns are called, and readings may follow ``latest`` rows late.
-
-    Raises:
-        PlumblineError: It names the columns and what they run with.
     """
     c = _cosines(expected, read)
     told, name = letters

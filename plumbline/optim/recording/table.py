@@ -193,12 +193,7 @@ def decode(file: str, data: bytes) -> str:
 
 
 def read_table(file: str, data: bytes) -> Table:
-    """The columns of a CSV file, given its bytes.
-
-    Raises:
-        PlumblineError: The file is no text, has no rows, is not separated by commas, or has a
-            doubled column or a row of another length than its header.
-    """
+    """The columns of a CSV file, given its bytes (PlumblineError: a row or a name is off)."""
     text = decode(file, data)
     rows, lines = _split(file, text)
     header = [name.strip() for name in rows[0]] if rows else []
@@ -212,11 +207,7 @@ def read_table(file: str, data: bytes) -> Table:
 
 
 def cut_short(file: str, text: str, row: int, column: Sequence[str]) -> tuple[str, ...]:
-    """A note on a last row without a line end: its last cell may be half of a number.
-
-    Raises:
-        PlumblineError: It has fewer decimals than any other of its column.
-    """
+    """A note on a last row without a line end; refused if its last cell is surely half a number."""
     if text.endswith(("\n", "\r")) or not column:
         return ()
     *others, cell = (cell.strip() for cell in column)

@@ -48,11 +48,7 @@ class _Touches:
 
 
 def fiducials_to_diagnose(source: Fiducials | str | Path) -> Recording:
-    """The touches of the markers, several of each in a folder; targets take no part.
-
-    Raises:
-        PlumblineError: The folder cannot be used, or there are too few markers.
-    """
+    """The touches of the markers, several of each in a folder; targets take no part."""
     if isinstance(source, Fiducials):
         m = source.markers
         digest = source.sha256 or hash_of(m.ct.tobytes(), m.robot.tobytes())

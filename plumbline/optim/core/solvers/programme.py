@@ -70,13 +70,7 @@ class Programmed(ABC):
     def solve(
         self, problem: Problem, start: ArrayLike, multipliers: tuple[Array, Array] | None = None
     ) -> Solution:
-        """Solve from a start (P,), clipped into the bounds.
-
-        There may be multipliers of bounds (P,) and constraints (c,) to start from.
-
-        Raises:
-            PlumblineError: It has a part that the solver cannot take, or CasADi lacks the solver.
-        """
+        """Solve from a start (P,), or refuse; multipliers of bounds (P,) and constraints (c,)."""
         refuse(self, problem)
         p, function = problem, compiled(self, problem)
         first = np.clip(np.asarray(start, dtype=float), p.lower, p.upper)
@@ -114,11 +108,7 @@ class _Built:
 
 
 def compiled(solver: Programmed, problem: Problem) -> cs.Function:
-    """CasADi's solver of a statement, built at the first call.
-
-    Raises:
-        PlumblineError: CasADi lacks the solver.
-    """
+    """CasADi's solver of a statement, built at the first call (PlumblineError: CasADi lacks it)."""
     if not cs.has_nlpsol(solver.plugin):
         raise PlumblineError(f"solver: {solver.plugin!r} is not in this CasADi; take 'ipopt'")
     return _compiled(_Built.of(solver, problem))

@@ -16,12 +16,7 @@ TOOL = "calibrated_tool"
 
 
 def urdf(arm: Arm) -> exported.Exported:
-    """The model as URDF, read again by Pinocchio.
-
-    Raises:
-        PlumblineError: Read again, it does not stand where the model has it; or it has limbs, and
-            came as MJCF.
-    """
+    """The model as URDF, read again by Pinocchio (PlumblineError: it stands otherwise)."""
     if arm.robot.urdf is None:
         exported.must_be_one_arm(arm, "URDF of a robot from MJCF")
     fixed, held = geometry.fixed_part(arm), geometry.held_by(arm, geometry.URDF, gravity=False)
