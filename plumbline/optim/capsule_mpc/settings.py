@@ -113,17 +113,11 @@ def check_shaft(shaft: Any) -> None:
 
 @dataclass(frozen=True)
 class Confidence:
-    """The coefficient along the horizon: ``max(least, first - fall * i)``.
+    """The coefficient along the horizon: ``max(least, first - fall * i)``."""
 
-    Attributes:
-        first: At the present step, in (0, 1].
-        fall: Loss a step.
-        least: Never less than this, in (0, first].
-    """
-
-    first: float = 1.0
-    fall: float = 0.02
-    least: float = 0.5
+    first: float = 1.0  #: at the present step, in (0, 1]
+    fall: float = 0.02  #: loss a step
+    least: float = 0.5  #: never less than this, in (0, first]
 
     def __post_init__(self) -> None:
         if not (0.0 < self.least <= self.first <= 1.0 and self.fall >= 0.0):
@@ -145,20 +139,13 @@ class Confidence:
 
 @dataclass(frozen=True)
 class Noise:
-    """The stated noise of the plant.
+    """The stated noise of the plant."""
 
-    Attributes:
-        measured: 1 sigma per axis of a measured point [m].
-        step: 1 sigma per axis that every step adds [m].
-        epsilon: Probability that one pair at one step is nearer than it should be.
-        feedback: Steps after which feedback has seen an error.
-        bias: Distance by which a command may miss systematically: lag, delay, gain, deadband [m].
-    """
-
-    measured: float = 0.0
-    step: float = 0.0
-    epsilon: float = 1e-3
-    feedback: int = 3
+    measured: float = 0.0  #: 1 sigma per axis of a measured point [m]
+    step: float = 0.0  #: 1 sigma per axis that every step adds [m]
+    epsilon: float = 1e-3  #: probability that one pair at one step is nearer than it should be
+    feedback: int = 3  #: steps after which feedback has seen an error
+    #: distance by which a command may miss systematically: lag, delay, gain, deadband [m]
     bias: float = 0.0
 
     def __post_init__(self) -> None:
@@ -179,35 +166,25 @@ class Noise:
 
 @dataclass(frozen=True)
 class Settings:
-    r"""The control problem apart from what moves in it.
+    """The control problem apart from what moves in it."""
 
-    Attributes:
-        p: Steps of the horizon.
-        dt: One step [s].
-        safe: Least clearance d_s of any two capsules [m].
-        form: ``"planes"`` (the default), or the patent's ``"scalar"``.
-        confidence: The coefficient along the horizon.
-        noise: What distances are tightened for.
-        penalty: Cost of slack [m], beside squared distances [m^2] from the goals; above any
-            multiplier, slack is zero where that can be.
-        effort: Cost e of a squared step ``|x(k+1) - x(k)|^2``, beside the tracking cost of 1. None
-            for :math:`0.7 \sqrt c`; see the module.
-        smooth: Cost c of a squared change of a step, ``|x(k+1) - 2 x(k) + x(k-1)|^2``, the first
-            against the step that was last commanded. None for
-            :math:`\min(\tau / dt,\, 0.53\, p)^4`.
-        hold: Cost of a squared distance by which ``held`` is not zero, beside one from the goals,
-            where a solver has no equations.
-    """
-
-    p: int = 10
-    dt: float = 0.02
-    safe: float = 0.002
-    form: str = "planes"
-    confidence: Confidence = Confidence()
-    noise: Noise = Noise()
+    p: int = 10  #: steps of the horizon
+    dt: float = 0.02  #: one step [s]
+    safe: float = 0.002  #: least clearance d_s of any two capsules [m]
+    form: str = "planes"  #: ``"planes"`` (the default), or the patent's ``"scalar"``
+    confidence: Confidence = Confidence()  #: the coefficient along the horizon
+    noise: Noise = Noise()  #: what distances are tightened for
+    #: cost of slack [m], beside squared distances [m^2] from the goals; above any multiplier, slack
+    #: is zero where that can be
     penalty: float = 100.0
+    #: cost e of a squared step ``|x(k+1) - x(k)|^2``, beside the tracking cost of 1. None for
+    #: :math:`0.7 \sqrt c`; see the module.
     effort: float | None = None
+    #: cost c of a squared change of a step, ``|x(k+1) - 2 x(k) + x(k-1)|^2``, the first against the
+    #: step that was last commanded. None for :math:`\min(\tau / dt,\, 0.53\, p)^4`.
     smooth: float | None = None
+    #: cost of a squared distance by which ``held`` is not zero, beside one from the goals, where a
+    #: solver has no equations
     hold: float = 1e5
 
     @property

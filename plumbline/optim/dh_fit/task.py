@@ -31,27 +31,19 @@ CHOICES = ("identifiable", "all")
 
 @dataclass(frozen=True)
 class DHOptions:
-    """What is to be fitted, and how.
+    """What is to be fitted, and how."""
 
-    Attributes:
-        loss: What a misfit costs.
-        frame: ``joint``: the camera's frame is six free unknowns on all readings.
-            ``registration``: it follows from four points, as published.
-        parameters: ``identifiable``: a largest set that the poses can tell, the others at their
-            nominal values. ``all``: every one, as published.
-        hayati: Whether parallel axes get a tilt.
-        delta_length: Half-width of the bounds of d and a [m].
-        delta_angle: Half-width of the bounds of alpha, theta and beta [rad].
-        solver: What solves it.
-    """
-
-    loss: Loss = field(default_factory=Norms)
+    loss: Loss = field(default_factory=Norms)  #: what a misfit costs
+    #: ``joint``: the camera's frame is six free unknowns on all readings. ``registration``: it
+    #: follows from four points, as published.
     frame: str = "joint"
+    #: ``identifiable``: a largest set that the poses can tell, the others at their nominal values.
+    #: ``all``: every one, as published.
     parameters: str = "identifiable"
-    hayati: bool = True
-    delta_length: float = DELTA_LENGTH
-    delta_angle: float = DELTA_ANGLE
-    solver: Solver = field(default_factory=GaussNewton)
+    hayati: bool = True  #: whether parallel axes get a tilt
+    delta_length: float = DELTA_LENGTH  #: half-width of the bounds of d and a [m]
+    delta_angle: float = DELTA_ANGLE  #: half-width of the bounds of alpha, theta and beta [rad]
+    solver: Solver = field(default_factory=GaussNewton)  #: what solves it
 
     def __post_init__(self) -> None:
         for name, known in (("frame", FRAMES), ("parameters", CHOICES)):

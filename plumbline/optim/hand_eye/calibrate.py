@@ -36,27 +36,21 @@ from plumbline.optim.hand_eye.start import refuse_misread, robust_start
 class HandEyeOptions:
     """What is fitted besides the beam, what is gross, and how many next poses are looked for.
 
-    Attributes:
-        shapes: Smooth shapes a board may take; 0 takes boards as flat.
-        arm: Smooth shapes the arm's error may take; 0 takes the arm as its model.
-        bias: Standard deviation [m] of kappa, the bias of slanted beams over 1 / cos - 1, that no
-            readings on planes can show; 0 takes them as unbiased, None takes what the recording
-            states, or else 0.4 mm.
-        gross: Errors beyond so many sigmas are gross.
-        poses: How many next poses to look for, 0 to 50.
-        seed: Of their candidates.
-        solver: What solves the statement in the end.
-
     Raises:
         PlumblineError: A value out of its range.
     """
 
-    shapes: int = constants.SHAPES
+    shapes: int = constants.SHAPES  #: smooth shapes a board may take; 0 takes boards as flat
+    #: smooth shapes the arm's error may take; 0 takes the arm as its model
     arm: int = constants.ARM_SHAPES
+    #: standard deviation [m] of kappa, the bias of slanted beams over 1 / cos - 1, that no readings
+    #: on planes can show; 0 takes them as unbiased, None takes what the recording states, or else
+    #: 0.4 mm
     bias: float | None = None
-    gross: float = constants.GROSS
-    poses: int = constants.POSES
-    seed: int = 0
+    gross: float = constants.GROSS  #: errors beyond so many sigmas are gross
+    poses: int = constants.POSES  #: how many next poses to look for, 0 to 50
+    seed: int = 0  #: of their candidates
+    #: what solves the statement in the end
     solver: Solver = field(default_factory=LevenbergMarquardt)
 
     def __post_init__(self) -> None:

@@ -52,14 +52,11 @@ class Laid:
 
 @dataclass(frozen=True, eq=False)
 class ScanOptions:
-    """With which beam a scan is rebuilt.
+    """With which beam a scan is rebuilt."""
 
-    Attributes:
-        beam: The answer of a calibration, or a beam; None takes that of the recording.
-        covariance: Of a beam's (r [m], v), (6, 6); none takes the beam as exact. An answer has one.
-    """
-
+    #: the answer of a calibration, or a beam; None takes that of the recording
     beam: HandEye | Beam | None = None
+    #: of a beam's (r [m], v), (6, 6); none takes the beam as exact. An answer has one.
     covariance: Array | None = None
 
     def chosen(self, recording: ScanRecording) -> tuple[Beam, Array]:

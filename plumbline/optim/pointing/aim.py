@@ -30,19 +30,13 @@ from plumbline.optim.recording import storing as storing
 
 @dataclass(frozen=True)
 class Needle:
-    """A rigid needle on a flange.
+    """A rigid needle on a flange."""
 
-    Attributes:
-        length: From the flange to the needle's tip, l [m].
-        standoff: From the tip to the lesion, r [m].
-        axis: Unit direction (3,) of the needle in the flange's frame.
-        radius: Its radius [m].
-    """
-
-    length: float
-    standoff: float
+    length: float  #: from the flange to the needle's tip, l [m]
+    standoff: float  #: from the tip to the lesion, r [m]
+    #: unit direction (3,) of the needle in the flange's frame
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    radius: float = 1.0e-3
+    radius: float = 1.0e-3  #: its radius [m]
 
     def __post_init__(self) -> None:
         for name in ("length", "standoff", "radius"):
@@ -135,25 +129,17 @@ def checked_angles(theta: ArrayLike, beta: ArrayLike) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """An arm with a needle, and the lesion that its tool centre point shall stay on.
+    """An arm with a needle, and the lesion that its tool centre point shall stay on."""
 
-    Attributes:
-        chain: The arm, from its base to the flange that carries the needle.
-        T_robot_ct: From CT to robot base coordinates (4, 4) [m].
-        lesion: In CT coordinates (3,) [m].
-        needle: Its length, stand-off and direction in the flange's frame.
-        body: What the lesion lies in, the skin; None if the needle need not come into anything.
-        arm_radius: Radius of the capsules that stand for the arm's links [m].
-        scene: Organs, vessels and bones in CT, table and stands in the robot's frame. With neither
-            body nor scene collisions do not matter; with either the needle must miss its own arm.
-    """
-
-    chain: Chain
-    T_robot_ct: Array
-    lesion: Array
-    needle: Needle
+    chain: Chain  #: the arm, from its base to the flange that carries the needle
+    T_robot_ct: Array  #: from CT to robot base coordinates (4, 4) [m]
+    lesion: Array  #: in CT coordinates (3,) [m]
+    needle: Needle  #: its length, stand-off and direction in the flange's frame
+    #: what the lesion lies in, the skin; None if the needle need not come into anything
     body: Body | None = None
-    arm_radius: float = 0.045
+    arm_radius: float = 0.045  #: radius of the capsules that stand for the arm's links [m]
+    #: organs, vessels and bones in CT, table and stands in the robot's frame. With neither body nor
+    #: scene collisions do not matter; with either the needle must miss its own arm.
     scene: Scene | None = None
 
     def __init__(

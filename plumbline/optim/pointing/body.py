@@ -42,15 +42,10 @@ class Body(Shape, Protocol):
 
 @dataclass(frozen=True)
 class Box:
-    """A box whose edges lie along the CT's axes.
+    """A box whose edges lie along the CT's axes."""
 
-    Attributes:
-        lower: Its least corner (3,) [m].
-        upper: Its largest corner (3,) [m].
-    """
-
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
+    lower: tuple[float, float, float]  #: its least corner (3,) [m]
+    upper: tuple[float, float, float]  #: its largest corner (3,) [m]
 
     def __post_init__(self) -> None:
         low = array(self.lower, "box lower", (3,), "give a corner in m")
@@ -87,19 +82,12 @@ class Box:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A round body, such as a trunk lying along one axis.
+    """A round body, such as a trunk lying along one axis."""
 
-    Attributes:
-        centre: Its middle in CT coordinates (3,) [m].
-        radius: [m].
-        length: [m].
-        axis: Direction of its axis in CT (3,).
-    """
-
-    centre: tuple[float, float, float]
-    radius: float
-    length: float
-    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    centre: tuple[float, float, float]  #: its middle in CT coordinates (3,) [m]
+    radius: float  #: [m]
+    length: float  #: [m]
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)  #: direction of its axis in CT (3,)
 
     def __post_init__(self) -> None:
         array(self.centre, "cylinder centre", (3,), "give CT coordinates in m")
@@ -149,15 +137,10 @@ def turning_z_to(direction: Array) -> Array:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball.
+    """A ball."""
 
-    Attributes:
-        centre: Its middle (3,) [m].
-        radius: [m].
-    """
-
-    centre: tuple[float, float, float]
-    radius: float
+    centre: tuple[float, float, float]  #: its middle (3,) [m]
+    radius: float  #: [m]
 
     def __post_init__(self) -> None:
         array(self.centre, "sphere centre", (3,), "give its coordinates in m")
@@ -180,17 +163,11 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Capsule:
-    """All that lies within a radius of a segment: a piece of a vessel or of a long bone.
+    """All that lies within a radius of a segment: a piece of a vessel or of a long bone."""
 
-    Attributes:
-        start: One end of the segment (3,) [m].
-        end: The other (3,) [m].
-        radius: [m].
-    """
-
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    radius: float
+    start: tuple[float, float, float]  #: one end of the segment (3,) [m]
+    end: tuple[float, float, float]  #: the other (3,) [m]
+    radius: float  #: [m]
 
     def __post_init__(self) -> None:
         a = array(self.start, "capsule start", (3,), "give its coordinates in m")
@@ -227,14 +204,10 @@ class Capsule:
 
 @dataclass(frozen=True)
 class HalfSpace:
-    """All that lies behind a plane: a table, a floor, a wall.
+    """All that lies behind a plane: a table, a floor, a wall."""
 
-    Attributes:
-        point: Of the plane (3,) [m].
-        normal: Direction (3,) away from what is solid; upwards unless stated.
-    """
-
-    point: tuple[float, float, float]
+    point: tuple[float, float, float]  #: of the plane (3,) [m]
+    #: direction (3,) away from what is solid; upwards unless stated
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:

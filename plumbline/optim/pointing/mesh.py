@@ -217,19 +217,12 @@ RESERVED = ("body", "needle", "needle path")
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A named shape.
+    """A named shape."""
 
-    Attributes:
-        name: What answers call it, such as "aorta".
-        shape: Box, Cylinder, Sphere, Capsule, HalfSpace or Mesh.
-        margin: Least clearance from it [m]; None takes the one of the options.
-        enter: Whether the needle may be driven through it.
-    """
-
-    name: str
-    shape: Shape
-    margin: float | None = None
-    enter: bool = False
+    name: str  #: what answers call it, such as "aorta"
+    shape: Shape  #: Box, Cylinder, Sphere, Capsule, HalfSpace or Mesh
+    margin: float | None = None  #: least clearance from it [m]; None takes the one of the options
+    enter: bool = False  #: whether the needle may be driven through it
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip() or "\n" in self.name:
@@ -261,15 +254,10 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Named solids around a needle.
+    """Named solids around a needle."""
 
-    Attributes:
-        anatomy: What the CT shows, in CT coordinates [m].
-        room: Table, gantry, stands, in the robot's base frame [m].
-    """
-
-    anatomy: tuple[Solid, ...] = ()
-    room: tuple[Solid, ...] = ()
+    anatomy: tuple[Solid, ...] = ()  #: what the CT shows, in CT coordinates [m]
+    room: tuple[Solid, ...] = ()  #: table, gantry, stands, in the robot's base frame [m]
 
     def __init__(self, anatomy: Iterable[Solid] = (), room: Iterable[Solid] = ()) -> None:
         """Check that names are told apart.

@@ -13,25 +13,18 @@ from plumbline.optim.pointing.task import Bounded, NeedleTask
 
 @dataclass(frozen=True)
 class PointingOptions:
-    """Limits that a plan has to keep.
+    """Limits that a plan has to keep."""
 
-    Attributes:
-        least_singular_value: Of the needle's task [rad/rad].
-        least_clearance: Of arm and needle from the body, and of the tip in front of it [m].
-        longest_step: Largest motion of a joint between neighbouring angles [rad]; of one that
-            slides, as a share of the arm's length.
-        limit_margin: What is kept free of each end of a joint's range [rad].
-        branches: How many branches of the inverse kinematics are planned in full.
-        weights: What the path is chosen for.
-        solver: What solves for the path; it must take bounds, constraints and an objective.
-    """
-
-    least_singular_value: float = 0.02
+    least_singular_value: float = 0.02  #: of the needle's task [rad/rad]
+    #: of arm and needle from the body, and of the tip in front of it [m]
     least_clearance: float = 2e-3
+    #: largest motion of a joint between neighbouring angles [rad]; of one that slides, as a share
+    #: of the arm's length
     longest_step: float = 0.3
-    limit_margin: float = 0.01
-    branches: int = 1
-    weights: SweepWeights = field(default_factory=SweepWeights)
+    limit_margin: float = 0.01  #: what is kept free of each end of a joint's range [rad]
+    branches: int = 1  #: how many branches of the inverse kinematics are planned in full
+    weights: SweepWeights = field(default_factory=SweepWeights)  #: what the path is chosen for
+    #: what solves for the path; it must take bounds, constraints and an objective
     solver: Solver = IPOPT
 
     def __post_init__(self) -> None:

@@ -143,12 +143,9 @@ def best_fit(markers: Markers) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class Kabsch:
-    """All markers weigh the same, along all axes.
+    """All markers weigh the same, along all axes."""
 
-    Attributes:
-        scale: Also find the scale; rigid bodies have none, but a CT's pitch may be wrong.
-    """
-
+    #: also find the scale; rigid bodies have none, but a CT's pitch may be wrong
     scale: bool = False
 
     name: ClassVar[str] = "kabsch"

@@ -28,18 +28,13 @@ UPPER = np.triu_indices(3)
 
 @dataclass(frozen=True, eq=False)
 class MarkerNoise:
-    """Covariances of the readings of one marker, or of each.
+    """Covariances of the readings of one marker, or of each."""
 
-    Attributes:
-        ct: In CT, along CT's axes, (3, 3) or (n, 3, 3) [m^2].
-        robot: By the robot, along the robot's axes, (3, 3) or (n, 3, 3) [m^2].
-        freedoms: How well their size is known, as so many readings that it was estimated from; inf
-            where it is exact, 0 where only their proportions are known, and the size is estimated
-            from what the markers leave over alone.
-    """
-
-    ct: Array
-    robot: Array
+    ct: Array  #: in CT, along CT's axes, (3, 3) or (n, 3, 3) [m^2]
+    robot: Array  #: by the robot, along the robot's axes, (3, 3) or (n, 3, 3) [m^2]
+    #: how well their size is known, as so many readings that it was estimated from; inf where it is
+    #: exact, 0 where only their proportions are known, and the size is estimated from what the
+    #: markers leave over alone
     freedoms: float = STATED
 
     @classmethod

@@ -49,17 +49,15 @@ METHODS: Mapping[str, Method] = {
 class RegistrationOptions:
     """By which method, and how well markers were read.
 
-    Attributes:
-        method: A method such as ``ThreePoint((0, 2, 1))``, or the name of one: ``robust``, the
-            weighted fit of the markers that agree; ``anisotropic``, ``kabsch``, ``three-point``,
-            ``best-triple`` (for the recording's first target) or ``combined``.
-        noise: How well markers were read; None takes what the recording states.
-
     Raises:
         PlumblineError: There is no such method.
     """
 
+    #: a method such as ``ThreePoint((0, 2, 1))``, or the name of one: ``robust``, the weighted fit
+    #: of the markers that agree; ``anisotropic``, ``kabsch``, ``three-point``, ``best-triple`` (for
+    #: the recording's first target) or ``combined``
     method: Method | str = "robust"
+    #: how well markers were read; None takes what the recording states
     noise: MarkerNoise | None = None
 
     def __post_init__(self) -> None:

@@ -129,12 +129,9 @@ def in_chunks(function: cs.Function, rows: Array) -> Array:
 
 @dataclass(frozen=True)
 class ThreePoint:
-    """The three-point frame as a method.
+    """The three-point frame as a method."""
 
-    Attributes:
-        triple: Which three markers (from 0), in the order M1, M2, M3; all others only check it.
-    """
-
+    #: which three markers (from 0), in the order M1, M2, M3; all others only check it
     triple: tuple[int, int, int] = (0, 1, 2)
 
     name: ClassVar[str] = "three-point"
