@@ -318,11 +318,7 @@ class EndsInstrument(_Shaft):
         return (cs.fmax(within[0], within[3]),)
 
     def state(self, tip: Point | Array) -> Array:
-        """Both ends (6,) [m] of a shaft through the trocar with its tip at a point [m].
-
-        Raises:
-            PlumblineError: The instrument has no trocar, so its direction is not given by its tip.
-        """
+        """Both ends (6,) [m] of a shaft with its tip at a point; refused without a trocar."""
         if self.trocar is None:
             raise PlumblineError("state of a free capsule: a tip alone found, both ends expected")
         inside = np.asarray(tip, dtype=float) - self.trocar

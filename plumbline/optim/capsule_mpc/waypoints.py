@@ -221,11 +221,7 @@ class Guide:
     """References step by step; it remembers the detours that are under way."""
 
     def __init__(self, statement: Statement, patience: Patience = Patience()) -> None:
-        """For a statement whose bodies are instruments by their tips, no others.
-
-        Raises:
-            PlumblineError: Other bodies.
-        """
+        """For a statement of instruments by their tips; other bodies are refused."""
         bodies = [body for body in statement.bodies if isinstance(body, TipInstrument)]
         if len(bodies) != len(statement.bodies):
             raise PlumblineError("guide: found other bodies, expected TipInstrument only")

@@ -237,10 +237,7 @@ class Judgement:
 
 
 def judged(solution: Solution, fit: str = "the fit") -> Judged:
-    """Judge where a solver ended, by the problem's own statement; ``fit`` begins the sentence.
-
-    Active constraints hold against the point's gradient as well as they can.
-    """
+    """Judge where a solver ended, by the problem's own statement; ``fit`` begins the sentence."""
     by_residual = solution.problem.has_objective
     if not np.isfinite(solution.x).all():
         return (JudgedByResidual if by_residual else Judged)(fit, False, float("nan"))

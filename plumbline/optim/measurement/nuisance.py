@@ -86,10 +86,7 @@ class Nuisance:
 
 
 def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance:
-    """Register a recording: the nuisances of its kind of observation, started near their place.
-
-    That is where the frame was registered before, if it was.
-    """
+    """The nuisances of a recording's kind of observation, started near their place."""
     if recording.several:
         return _of_session(recording)
     if recording.kind.joints:

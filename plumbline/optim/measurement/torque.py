@@ -63,10 +63,7 @@ def torque_residual(
     effects: Applied,
     apply: Callable[[State, Applied, Sequence[Stage]], State],
 ) -> cs.SX:
-    """Weighed residual (n,) of one row, from the chain at the readings with nothing applied yet.
-
-    ``apply`` applies the effects of some stages in their order.
-    """
+    """Weighed residual (n,) of one row; ``apply`` applies the effects of some stages in order."""
     torque = moved(state, effects, apply).torque
     return constant(effort_weights(recording)) * (torque - state.row["measured"])
 

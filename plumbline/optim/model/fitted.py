@@ -235,10 +235,7 @@ class Fitted:
         )
 
     def asked(self, k: int) -> Self:
-        """The model with one of its effects alone, of the usual size: to see what such a one does.
-
-        The value that was found may be nought, which does nothing.
-        """
+        """The model with one of its effects alone, of the usual size: to see what it does."""
         alone = self.of([k])
         usual = [p.null + p.scale for e in alone.effects for p in e.parameters]
         return replace(alone, values=np.array(usual, dtype=float))

@@ -137,10 +137,7 @@ class Mesh:
         return inside
 
     def depth(self, point: Array, towards: Array) -> Array:
-        """How far (N,) [m] the last crossing lies from a point along directions; below 0 outside.
-
-        Ray and triangle after Moeller and Trumbore (1997).
-        """
+        """How far (N,) [m] the last crossing lies (Moeller, Trumbore 1997); below 0 outside."""
         if not self.contains(point)[0]:
             return np.full(len(towards), -1.0)
         a, b, c = np.moveaxis(self.vertices[self.triangles], 1, 0)
@@ -260,11 +257,7 @@ class Scene:
     room: tuple[Solid, ...] = ()  #: table, gantry, stands, in the robot's base frame [m]
 
     def __init__(self, anatomy: Iterable[Solid] = (), room: Iterable[Solid] = ()) -> None:
-        """Check that names are told apart.
-
-        Raises:
-            PlumblineError: A name twice, or something that is no solid.
-        """
+        """Refuse a name twice, or something that is no solid."""
         for field, given in (("anatomy", anatomy), ("room", room)):
             listed = [given] if isinstance(given, Solid) or not np.iterable(given) else given
             solids = tuple(listed)

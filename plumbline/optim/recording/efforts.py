@@ -175,10 +175,7 @@ def without_saturated(r: Recording) -> Recording:
 
 
 def nominal_efforts(r: Recording, gravity: tuple[float, ...] | None = None) -> Array:
-    """Efforts (N, n) [N m or N] that the model alone asks for, a recorded payload carried.
-
-    Gravity (3,) is in the base frame [m/s^2], the recording's if not given.
-    """
+    """Efforts (N, n) [N m or N] of the model alone and a recorded payload, in a gravity (3,)."""
     return _under(r, gravity).torques(r.q, *motion_of(r)) + payload_efforts(r, gravity)
 
 

@@ -166,10 +166,7 @@ def drives_of(arm: Arm, names: Mapping[str, str]) -> dict[int, dict[str, float]]
 
 
 def held_by(arm: Arm, names: Mapping[str, str], *, gravity: bool) -> Arm:
-    """The arm with those of its effects on efforts that a format holds, by its attributes' names.
-
-    ``gravity``: whether it says where gravity points.
-    """
+    """The arm with those effects on efforts that a format's attributes, and ``gravity``, hold."""
     kept = [k for k, e in enumerate(arm.effects)
             if attribute_of(e, names) or _on_bodies(arm, k, gravity=gravity)]  # fmt: skip
     return arm.of(kept)
