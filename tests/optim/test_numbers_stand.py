@@ -50,6 +50,7 @@ STAND = {
         "NEARBY": 0.1, "LEVEL": 0.95, "SIDES": (0.025000000000000022, 0.975), "NEAR": 1e-06,
         "GROWTH": 2.0, "LEAST": 0.1, "KEPT": 0.5, "MOST_TURN": 0.75, "LEAST_COST": 1e-30,
         "SAMPLE": 500,
+        "UNTOLD": 1e-12, "LEAST_DAMPING": 1e-14, "BARELY": 0.005, "SURE": 1e-09,
     },
     "dh_fit": {
         "EASED": 10.0, "DEARER": 5.0, "WELL": 0.5, "POORLY": 0.1, "FIRST_AGAIN": 1e-08, "HOPELESS":
@@ -66,6 +67,7 @@ STAND = {
         "LEAST_SHAPE": 0.0001, "LEAST_LEFT": 0.1, "COUNT": 4, "FLATTEST": 0.001, "SPARE_STEPS": 2,
         "MOST_STEPS": 40, "CANDIDATES": 400, "TARGETS": 60, "SWEEPS": 8, "TRIES": 200,
         "VAGUE": 1e-08, "AGREES": 1e-09, "POSTURES": 20,
+        "BETTER": (1e-12, 1e-15), "LOST": 1e-14, "UNSEEN": 1e-09,
     },
     "hand_eye": {
         "LONGEST": 20.0, "LARGEST_NOISE": 0.1, "LARGEST_ANGLE": 12.0, "SAME_TURN": 0.002,
@@ -95,6 +97,8 @@ STAND = {
         "BIAS": 2, "BEAM": 5, "NUISANCE_RANK": 1e-10, "NOTHING": 1e-12, "LEAST": 1e-12,
         "LEAST_SIGMA": 1e-09, "SCAN_STEP": 1e-06, "LEAST_SPAN": 1e-09, "SHOWN": 4.0,
         "FINEST_NORMAL": 0.001, "SLIDE": 0.3, "MILLIMETRES": 1000.0,
+        "KNOWN": 1e-13, "RESTED": 1e-06, "BOARD_PERCENT": 98.0, "LEAST_BOARD": 1e-06,
+        "VANISHING": 1e-12, "SCIPY_TOLERANCE": 1e-11,
     },
     "measurement": {
         "ONE_MOTION": 0.05,
@@ -114,6 +118,7 @@ STAND = {
         "NEAR_DAMPING": 0.001, "NEAR_STEPS": 12, "PLACED": 1e-09, "STILL": 1e-08, "FARTHEST": 0.1,
         "LAG_ROUNDS": 8, "NARROWEST": 1e-06, "LARGEST_MODEL": 64000000, "MOST_EFFECTS": 2000,
         "MOST_JOINTS": 64, "SAMPLES": 100, "LARGEST": 1000000000.0,
+        "UNTOLD": 1e-10, "ONE_WITH": 1e-09, "NO_TURN": 1e-06, "HEAD": 10000,
     },
     "pointing": {
         "FIRST_DAMPING": 0.01, "MOST_DAMPING": 1000.0, "SOFTER": 5.0, "HARDER": 4.0, "GAINS": 0.999,
@@ -129,6 +134,7 @@ STAND = {
         "LARGEST_FILE": 200000000, "CHUNK": 2000000, "LEAST_VOLUME": 1e-12, "SHORTEST": 1e-06,
         "SAMPLES": 64, "ROUNDING": 1e-09, "STILL": 1e-09, "RESOLUTION": 0.0001, "SLOTS": 16,
         "NEAR": 0.03, "SPARE": 0.0003, "PENALTY": 100.0, "ROUNDS": 4, "PATIENCE": 2, "NEAREST": 3,
+        "ANGLE_ROUNDING": 1e-12, "LEAST_DAMPING": 1e-12,
     },
     "recording": {
         "CHANGES": (0.2, 0.8), "SAME_GRAVITY": 0.1,

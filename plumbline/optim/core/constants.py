@@ -11,6 +11,8 @@ LEAST_RESIDUAL = 1e-9  # [the residual's unit] below lies rounding, which no ste
 # Of the largest curvature: below, a direction is not told by the rows. Sixty places known to
 # 0.05 mm tell it to 0.6 m there, such as an upright tool's length beside the frame's height.
 SINGULAR = 1e-10
+# Of the largest diagonal entry, what that of an unknown counts as which nothing tells; rounding.
+UNTOLD = 1e-12
 LISTED = 4  # unknowns at a bound that a line names
 
 NO_CURVATURE = 1e-13  # of a scaled matrix, times its size: an eigenvalue below is rounding's
@@ -23,6 +25,9 @@ NEARBY = 0.1  # of a step, for differences along it (Transtrum and Sethna 2012, 
 LEVEL = 0.95  # of every interval here; the field's habit
 SIDES = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # quantiles between which it lies
 
+BARELY = 0.005  # of a share, from 0 or 1, within which it would read 0 or 100 %
+SURE = 1e-9  # of a probability, from 0 or 1: no data make it more
+
 # Solution
 NEAR = 1e-6  # of a scale or a constraint's size, within which an unknown stands at its bound
 
@@ -32,6 +37,7 @@ LEAST = 0.1  # of the damping that stays where a step keeps its promise; Nielsen
 KEPT = 0.5  # of a step's promise; who keeps less goes along a valley that bends
 MOST_TURN = 0.75  # of a step, twice its turn (Transtrum and Sethna 2012, eq. 15)
 
+LEAST_DAMPING = 1e-14  # below it the damping does not fall; rounding
 HOPELESS = 1e8  # damping at which no step is seen to help any more
 # Programme
 LEAST_COST = 1e-30  # of a row: below it F_0 is rounding

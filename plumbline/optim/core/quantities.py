@@ -25,7 +25,7 @@ from typing import Self
 import numpy as np
 import scipy
 
-from plumbline.optim.core.constants import LEVEL
+from plumbline.optim.core.constants import BARELY, LEVEL, SURE
 
 # Factor and name of the unit that is shown for an SI unit.
 SHOWN = {
@@ -95,16 +95,16 @@ def percent(share: float) -> str:
     """``98 %``; what is not quite certain never reads 0 or 100."""
     if not math.isfinite(share):
         return "unknown"
-    if 0.995 <= share < 1.0:
+    if 1.0 - BARELY <= share < 1.0:
         return "> 99 %"
-    if 0.0 < share < 0.005:
+    if 0.0 < share < BARELY:
         return "< 1 %"
     return f"{100.0 * share:.0f} %"
 
 
 def chance(probability: float) -> str:
     """``98 %`` of a probability, which the arithmetic may round to 0 or 1 but no data make so."""
-    return percent(min(max(probability, 1e-9), 1.0 - 1e-9))
+    return percent(min(max(probability, SURE), 1.0 - SURE))
 
 
 def counted(count: int, noun: str) -> str:

@@ -67,6 +67,8 @@ FEWEST_FREEDOM = 15  # degrees of freedom below which the noise itself is hardly
 FEWEST_ROWS = 20  # with misfits from which a shape is taken; of fewer it is a sphere
 SHAPE_ROUNDS = 30  # of Tyler's iteration: 60 rows of axes 1 : 2 : 4 to 4e-10
 LEAST_SHAPE = 1e-4  # keeps noise without a third direction from one of no size in it
+LOST = 1e-14  # of the largest singular value: a direction that nothing tells; rounding
+UNSEEN = 1e-9  # of the largest singular value, or [m/rad] of a column: nothing is seen; rounding
 LEAST_LEFT = 0.1  # of V: a row of which the fit leaves less sets its own misfit
 
 # Registration points
@@ -79,6 +81,7 @@ MOST_STEPS = 40  # Newton iterations at most; 200 draws of points not flat took 
 CANDIDATES = 400  # random reachable poses that a design is chosen from
 TARGETS = 60  # of the space, over which the expected error is taken
 SWEEPS = 8  # exchanges of every pose at most; effort
+BETTER = (1e-12, 1e-15)  # of a score, and beside it, what an exchange is to gain; rounding
 TRIES = 200  # times as many draws as candidates are wanted before a space is refused
 VAGUE = 1e-8  # prior precision of the frame, in units of the links'
 

@@ -26,7 +26,7 @@ import numpy as np
 from plumbline.kinematics.link_table import LinkTable
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import enumerated
-from plumbline.optim.dh_fit.constants import ABSENT, DEPENDENT, MOST_POSES, PARTNER
+from plumbline.optim.dh_fit.constants import ABSENT, DEPENDENT, LOST, MOST_POSES, PARTNER
 from plumbline.optim.dh_fit.losses import Squares
 from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings, Unknown, state
 from plumbline.optim.rigid import some_of
@@ -177,7 +177,7 @@ def _weakest(
     R: Array, kept: Sequence[int], unknowns: Sequence[Unknown], noise: float
 ) -> int | None:
     """The kept parameter of a row that the data know least of, if its bounds know more."""
-    inverse = np.linalg.pinv(R[:, list(kept)], rcond=1e-14)
+    inverse = np.linalg.pinv(R[:, list(kept)], rcond=LOST)
     spread = noise * np.linalg.norm(inverse, axis=1)
     ratios = [
         s * np.sqrt(3.0) * unknowns[k].scale / unknowns[k].delta if unknowns[k].cell else 0.0

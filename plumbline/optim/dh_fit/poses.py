@@ -88,7 +88,8 @@ class Candidates:
                 others = chosen[:k] + chosen[k + 1 :]
                 better, current = self._next(others, gain), chosen[k]
                 scores = gain(self, self.covariance(others))
-                if scores[better] > scores[current] * (1 + 1e-12) + 1e-15:
+                share, least = constants.BETTER
+                if scores[better] > scores[current] * (1 + share) + least:
                     chosen[k] = better
             if chosen == before:
                 break

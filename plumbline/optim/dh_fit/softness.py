@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.link_table import LinkTable, row_matrix
 from plumbline.optim.core.problem import Array, Indices
-from plumbline.optim.dh_fit.constants import LEAST_SOFT, MOST_SOFT, MOST_SOFT_ROWS, RANK
+from plumbline.optim.dh_fit.constants import LEAST_SOFT, MOST_SOFT, MOST_SOFT_ROWS, RANK, UNSEEN
 from plumbline.optim.dh_fit.gross_rows import root
 from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings
 from plumbline.optim.rigid import some_of
@@ -64,7 +64,7 @@ def _size(J: Array, G: Array, e: Array) -> float:
     """Root of E[tau^2] [rad], all in units of the noise."""
     Q = np.linalg.qr(J)[0]
     U, s, _ = np.linalg.svd(G - Q @ (Q.T @ G), full_matrices=False)
-    seen = s > 1e-9 * max(s.max(initial=0.0), 1e-300)
+    seen = s > UNSEEN * max(s.max(initial=0.0), 1e-300)
     z, variance = U[:, seen].T @ e, 1.0 + np.outer(SIZES, s[seen]) ** 2
     log = -0.5 * (np.log(variance) + z**2 / variance).sum(axis=1)
     weight = np.exp(log - log.max())
@@ -83,7 +83,7 @@ def turns(links: LinkTable, q: Array, tips: Array, gravity: Array) -> Array:
             torque = (axes[j] * np.cross(point - origins[j], down)).sum(axis=1) / reach
             columns.append(moved * torque[:, None])
     G = np.stack(columns, axis=2) if columns else np.zeros((len(q), 3, 0))
-    return np.asarray(G[:, :, np.abs(G).max(axis=(0, 1)) > 1e-9])
+    return np.asarray(G[:, :, np.abs(G).max(axis=(0, 1)) > UNSEEN])
 
 
 def joints(links: LinkTable, q: Array) -> tuple[list[Array], list[Array], list[bool], Array]:

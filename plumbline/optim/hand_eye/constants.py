@@ -112,6 +112,7 @@ SCIPY_SCALE = 0.1e-3  # [m]: beyond it they bend; finder and arm of the paper to
 DESIGN_DAMPING = 1e-6  # [1 or m^2] of a step to a pose: it stays finite at a singular posture
 
 # Direct
+SCIPY_TOLERANCE = 1e-11  # of SciPy's cost, step and slope
 # r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
 SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)
 FIXED = 14  # numbers of a row that do not depend on planes and shapes: R', t', d, 1
@@ -119,15 +120,20 @@ BOW, ARM, BIAS = 0, 1, 2  # kinds of the prior's rows
 
 # Reweighting
 BEAM = 5  # first unknowns of the statement: r and the slope of v
-NUISANCE_RANK = 1e-10  # of the largest singular value: nuisances that no row shows
+NUISANCE_RANK = 1e-10  # of the largest singular value: what no row shows
+KNOWN = 1e-13  # of the largest eigenvalue: what is less is rounding's
+RESTED = 1e-6  # of the scales, a step after which residuals and slopes are not taken anew
 NOTHING = 1e-12  # singular value [scaled] below which nothing is known: an error of 10^10 m
 LEAST = 1e-12  # of the largest square: no reading is exact
+VANISHING = 1e-12  # [m, m^2] keeps quotients by what has no extent finite; rounding
 LEAST_SIGMA = 1e-9  # [m]: perfect data shall not divide by zero
 
 # Scan
 SCAN_STEP = 1e-6  # of r [m] and v: derivatives of angles by differences
 
 # Shapes
+BOARD_PERCENT = 98.0  # of squared distances: a board's, which no gross reading's place stretches
+LEAST_BOARD = 1e-6  # [m] of its size: readings at one place have no shape
 LEAST_SPAN = 1e-9  # of a column [1 or m]: below, no reading has it
 
 # Surface

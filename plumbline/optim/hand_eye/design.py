@@ -54,7 +54,7 @@ def reach(chain: Chain, near: Array, T: Array) -> tuple[Array, Flags]:
         gram = J @ np.swapaxes(J, 1, 2) + constants.DESIGN_DAMPING * np.eye(6)
         step = np.einsum("nij,ni->nj", J, np.linalg.solve(gram, e[..., None])[..., 0])
         size = np.linalg.norm(step, axis=1, keepdims=True)
-        q = q + step * np.minimum(1.0, constants.LONGEST_STEP / np.maximum(size, 1e-12))
+        q = q + step / np.maximum(1.0, size / constants.LONGEST_STEP)
     error, _ = over_rows(_error(chain), np.hstack([q, goals]))
     arrived = np.abs(error[:, 0]).max(axis=1) < constants.ARRIVED
     return q, arrived & np.all((q >= chain.lower) & (q <= chain.upper), axis=1)

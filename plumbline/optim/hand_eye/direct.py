@@ -32,7 +32,15 @@ import scipy
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array, Indices, Integers, Problem
-from plumbline.optim.hand_eye.constants import ARM, BIAS, BOW, FIXED, SCIPY_SCALE, SIZES
+from plumbline.optim.hand_eye.constants import (
+    ARM,
+    BIAS,
+    BOW,
+    FIXED,
+    SCIPY_SCALE,
+    SCIPY_TOLERANCE,
+    SIZES,
+)
 from plumbline.optim.hand_eye.readings import Beam, Frames, Plane, Readings, marks_of_planes, unit
 
 
@@ -207,11 +215,11 @@ def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam
         points = Beam(x[:3], v).points(at.R, at.t, at.distance)
         return np.asarray(np.sum(normals[index] * points, axis=1) + x[5 + 2 * count :][index])
 
-    scale = symbols(count, 0).scale()
+    scale, least = symbols(count, 0).scale(), SCIPY_TOLERANCE
     first = np.concatenate([frames.of_beam(start), np.zeros(3 * count)])
     found = scipy.optimize.least_squares(
         residuals, first, jac="2-point", x_scale=scale,
-        ftol=1e-11, xtol=1e-11, gtol=1e-11, loss=loss, f_scale=SCIPY_SCALE,
+        ftol=least, xtol=least, gtol=least, loss=loss, f_scale=SCIPY_SCALE,
     )  # fmt: skip
     return frames.beam(found.x)
 

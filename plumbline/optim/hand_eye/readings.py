@@ -40,6 +40,7 @@ from plumbline.optim.hand_eye.constants import (
     SAME_TURN,
     SKEWED,
     THREES,
+    VANISHING,
 )
 from plumbline.optim.rigid import basis
 
@@ -236,7 +237,7 @@ def least_median_plane(points: Array) -> Plane:
     a, b, c = points[rng.integers(0, len(points), (3, THREES))]
     normals = np.cross(b - a, c - a)
     size = np.linalg.norm(normals, axis=1)
-    wide = size > 1e-12
+    wide = size > VANISHING
     if not wide.any():
         return principal_plane(points)
     normals, a = normals[wide] / size[wide, None], a[wide]

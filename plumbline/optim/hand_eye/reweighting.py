@@ -136,7 +136,7 @@ def likely_fit(
         e, J = rows_at(mapped, x)
         before = x
         x, variance, spreads, settled = _turns(problem, (x, e, J), incidence, variance, spreads)
-        if settled and np.max(np.abs(x - before) / problem.scale) < 1e-6:
+        if settled and np.max(np.abs(x - before) / problem.scale) < constants.RESTED:
             break
     e, J = rows_at(mapped, x)
     w = _weights(variance, incidence, spreads[kinds])
@@ -204,13 +204,15 @@ def _step(problem: Problem, J: Array, e: Array, w: Array) -> Array:
     """Gauss and Newton's step (P,); the shortest one where the rows leave it open."""
     root = np.sqrt(w)
     A = J * root[:, None] * problem.scale
-    return np.asarray(-problem.scale * np.linalg.lstsq(A, root * e, rcond=1e-10)[0])
+    return np.asarray(
+        -problem.scale * np.linalg.lstsq(A, root * e, rcond=constants.NUISANCE_RANK)[0]
+    )
 
 
 def _inverse(problem: Problem, J: Array, w: Array) -> Array:
     """Covariance (P, P) of the unknowns within what the rows determine: nothing else moves them."""
     A = J * np.sqrt(w)[:, None] * problem.scale
     values, vectors = np.linalg.eigh(A.T @ A)
-    known = values > 1e-13 * values[-1]
+    known = values > constants.KNOWN * values[-1]
     root = vectors[:, known] / np.sqrt(values[known]) * problem.scale[:, None]
     return np.asarray(root @ root.T)

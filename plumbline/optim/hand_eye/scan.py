@@ -207,7 +207,9 @@ def _own_variance(one: _Face, two: _Face) -> float:
     total = 0.0
     for own, other in ((one, two), (two, one)):
         lever = (own.axes @ other.normal) / sine
-        total += float(np.sum(own.sigma**2 / np.maximum(own.scatter, 1e-12) * lever**2))
+        total += float(
+            np.sum(own.sigma**2 / np.maximum(own.scatter, constants.VANISHING) * lever**2)
+        )
     return total
 
 
@@ -222,7 +224,7 @@ def _laid(r: ScanRecording, points: Array, covariance: Array) -> tuple[Laid, Jud
     scale = np.repeat([1.0 / reach, 1.0], 3)  # so that all six are lengths at the edge
     _, sizes, Vt = np.linalg.svd(A * scale, full_matrices=False)
     sigma = float(np.sqrt(np.sum(fit.distances**2) / max(len(points) - 6, 1)))
-    edge = sigma / max(float(sizes[-1]), 1e-12)
+    edge = sigma / max(float(sizes[-1]), constants.VANISHING)
     _refuse_open(open_motions(points, fit, r.surface), edge)
     root = scale[:, None] * Vt.T / sizes
     # The beam's error moves every point by R (dr + d dv): what of it the motion takes up.

@@ -41,10 +41,10 @@ def shapes(readings: Readings, frames: Frames, points: Array, count: int) -> Arr
 def _shapes(places: Array, count: int) -> Array:
     """Shapes of one board at places (N, 2) on it [m]."""
     squared = np.sum((places[:, None] - places[None]) ** 2, axis=2)
-    # From the middle half's spread: a gross reading's place must not stretch the board.
-    reach = constants.BOARD_REACH * float(np.sqrt(np.percentile(squared, 98.0)))
-    kernel = np.exp(-squared / (2.0 * max(reach, 1e-6) ** 2))
-    plane = np.column_stack([np.ones(len(places)), places / max(reach, 1e-6)])
+    reach = constants.BOARD_REACH * float(np.sqrt(np.percentile(squared, constants.BOARD_PERCENT)))
+    reach = max(reach, constants.LEAST_BOARD)
+    kernel = np.exp(-squared / (2.0 * reach**2))
+    plane = np.column_stack([np.ones(len(places)), places / reach])
     Q, _ = np.linalg.qr(plane)
     free = np.eye(len(places)) - Q @ Q.T
     values, vectors = np.linalg.eigh(free @ kernel @ free)

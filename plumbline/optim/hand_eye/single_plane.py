@@ -30,7 +30,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.problem import Array, Integers
 from plumbline.optim.hand_eye.accuracy import Marks, repeatability
-from plumbline.optim.hand_eye.constants import ALIKE, FLAT, LEAST_GROUP, LEAST_GROUPS
+from plumbline.optim.hand_eye.constants import ALIKE, FLAT, LEAST_GROUP, LEAST_GROUPS, LEAST_SPAN
 from plumbline.optim.hand_eye.readings import Beam, Readings, principal_plane
 
 
@@ -179,7 +179,7 @@ def _origin(groups: list[Readings], normal: Array, v: Array) -> Array:
         right.append(values)
     A = np.concatenate(rows)
     sizes = np.linalg.svd(A, compute_uv=False) if len(A) >= 3 else np.zeros(1)
-    if len(A) < 3 or sizes[-1] < ALIKE * max(sizes[0], 1e-9) or sizes[0] < ALIKE:
+    if len(A) < 3 or sizes[-1] < ALIKE * max(sizes[0], LEAST_SPAN) or sizes[0] < ALIKE:
         raise PlumblineError(
             f"no rotation that shows r: {len(A) + len(groups)} readings see the plane from "
             "directions that leave it open; turn the flange by 10 deg or more, about two axes"

@@ -218,7 +218,7 @@ def _walk(
         back = np.zeros_like(at) if wanted is None else wanted - at
         step = _step(arm, at[rows], miss[rows], J[rows], back[rows], more[rows])
         size = np.abs(step).max(axis=1, keepdims=True, initial=0.0)
-        step *= np.minimum(1.0, constants.LONGEST / np.maximum(size, 1e-12))
+        step /= np.maximum(1.0, size / constants.LONGEST)
         q[rows] = _within(arm, at[rows] + step)
         moved = np.abs(q - at)[rows].max(axis=1, initial=0.0) > constants.SETTLED
         if not moved.any():

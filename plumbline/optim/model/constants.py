@@ -6,6 +6,7 @@ CHANGED = 4.0  # standard errors from which a cause counts as changed: 6e-5 by c
 WORTH = 0.1  # share of the gap that a change must explain: less may be anything
 NAMED = 3  # of many changes or lacks; JSON, and the head of a file, name all
 STILL_HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows, other noise
+UNTOLD = 1e-10  # of the largest eigenvalue: a change that no row tells; rounding
 
 # Command
 FIRST_STEPS = 12  # towards both: what stays of the place is for the steps that follow
@@ -33,6 +34,7 @@ SPAN = 20.0  # [s] of commands that the size of what a file lacks is judged by
 SAMPLE = 0.02  # [s] of such commands: 50 a second, as hobby servos take them
 
 # Exported
+ONE_WITH = 1e-9  # of the largest singular value: frame and tool move the tips as others do
 AGREES = 1e-9  # of a placement read again [m, or a rotation's entry]: beyond what text loses
 
 # Geometry
@@ -69,6 +71,8 @@ LAG_ROUNDS = 8  # of lags told anew (cost only)
 NARROWEST = 1e-6  # of its width: a play that is undone whole has none left (rounding of its path)
 
 # Reading
+NO_TURN = 1e-6  # [rad] of a rotation vector: the series' next term is rounding
+HEAD = 10_000  # [byte] of a file of drives, within which it says so
 LARGEST_MODEL = 64_000_000  # [byte]: a thousand unknowns take 10 MB, a URDF at most 16
 MOST_EFFECTS = 2_000  # 23 joints with 40 ripple orders each, twice over
 MOST_JOINTS = 64  # of one chain

@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.findings import Gap
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals
 from plumbline.optim.model import reading
-from plumbline.optim.model.constants import LARGEST_MODEL
+from plumbline.optim.model.constants import HEAD, LARGEST_MODEL
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.export.drives_mjcf import drives_mjcf
 from plumbline.optim.model.export.exported import Exported
@@ -39,7 +39,7 @@ VERSION = 1
 def is_drives(path: str | Path) -> bool:
     """Whether a file of TOML holds drives; no for what cannot be read."""
     try:
-        return f'format = "{FORMAT}"'.encode() in read_file(Path(path), LARGEST_MODEL)[:10_000]
+        return f'format = "{FORMAT}"'.encode() in read_file(Path(path), LARGEST_MODEL)[:HEAD]
     except (OSError, ValueError):
         return False
 

@@ -27,6 +27,7 @@ from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import counted, measured, quantity
 from plumbline.optim.measurement.observation import loaded_chain, names_of
+from plumbline.optim.model.constants import NO_TURN
 from plumbline.optim.model.rows import Columns
 from plumbline.optim.recording.kinds import EFFORTS
 
@@ -105,7 +106,7 @@ def left_jacobian(phi: Array) -> Array:
     """The left Jacobian (3, 3) of a rotation vector (3,) [rad]."""
     angle = float(np.linalg.norm(phi))
     hat = _cross(phi)
-    if angle < 1e-6:
+    if angle < NO_TURN:
         return np.eye(3) + hat / 2
     a = (1 - np.cos(angle)) / angle**2
     b = (angle - np.sin(angle)) / angle**3

@@ -22,7 +22,13 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.body import Body
-from plumbline.optim.pointing.constants import LARGEST, LEAST_JOINTS, RIGHT_ANGLE
+from plumbline.optim.pointing.constants import (
+    ANGLE_ROUNDING,
+    LARGEST,
+    LEAST_JOINTS,
+    RIGHT_ANGLE,
+    ROUNDING,
+)
 from plumbline.optim.pointing.given import array, number, rigid
 from plumbline.optim.pointing.mesh import Scene
 from plumbline.optim.recording import storing as storing
@@ -49,7 +55,7 @@ class Needle:
             )
         axis = array(self.axis, "needle axis", (3,), "give a direction in the flange's frame")
         size = float(np.linalg.norm(axis))
-        if size < 1e-9:
+        if size < ROUNDING:
             raise PlumblineError(
                 "needle axis = 0 0 0: a direction expected; (0, 0, 1) is the flange's z"
             )
@@ -117,7 +123,7 @@ def checked_angles(theta: ArrayLike, beta: ArrayLike) -> tuple[Array, Array]:
         ("theta", thetas, 0.0, RIGHT_ANGLE),
         ("beta", betas, -2 * np.pi, 2 * np.pi),
     ):
-        wrong = ~((values >= low - 1e-12) & (values <= high + 1e-12))
+        wrong = ~((values >= low - ANGLE_ROUNDING) & (values <= high + ANGLE_ROUNDING))
         if wrong.any():
             value = float(values[wrong].flat[0])
             raise PlumblineError(

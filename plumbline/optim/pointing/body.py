@@ -14,7 +14,7 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
-from plumbline.optim.pointing.constants import LEAST_SIZE, MM, PARALLEL
+from plumbline.optim.pointing.constants import LEAST_SIZE, MM, PARALLEL, ROUNDING
 from plumbline.optim.pointing.given import array, number
 
 
@@ -94,7 +94,7 @@ class Cylinder:
         number(self.radius, "cylinder radius [m]", above=0.0)
         number(self.length, "cylinder length [m]", above=0.0)
         axis = array(self.axis, "cylinder axis", (3,), "give a direction in CT")
-        if np.linalg.norm(axis) < 1e-9:
+        if np.linalg.norm(axis) < ROUNDING:
             raise PlumblineError("cylinder axis = 0 0 0: a direction expected; give one")
 
     @property
@@ -129,7 +129,7 @@ class Cylinder:
 def turning_z_to(direction: Array) -> Array:
     """A rotation (3, 3) that takes z to a direction (3,)."""
     x, y, z = direction / np.linalg.norm(direction)
-    if z < -1.0 + 1e-9:
+    if z < -1.0 + ROUNDING:
         return np.diag([1.0, -1.0, -1.0])
     c = 1.0 / (1.0 + z)
     return np.array([[1 - c * x * x, -c * x * y, x], [-c * x * y, 1 - c * y * y, y], [-x, -y, z]])

@@ -28,6 +28,7 @@ WHY_STARTS = 16  # postures from which an angle out of reach is sought again; ef
 LARGEST_RCM_ERROR = 1e-5
 LARGEST_TURN = 1e-4  # [rad] the same of its direction: 0.05 mm of a needle of 0.5 m
 
+LEAST_DAMPING = 1e-12  # below it the damping does not fall; rounding
 FIRST_DAMPING, MOST_DAMPING = 1e-2, 1e3  # of a step, of curvatures of about one: effort
 SOFTER, HARDER = 5.0, 4.0  # times, after a step that helped, and after one that did not: effort
 GAINS = 0.999  # of a sum of squares: a step that leaves more of it has stalled; effort
@@ -59,7 +60,8 @@ CHUNK = 2_000_000  # pairs of a point and a triangle that are worked on at once:
 LEAST_VOLUME = 1e-12  # [m^3] a cube of 0.1 mm
 SHORTEST = 1e-6  # [m] capsules shorter than this are the ends of others
 SAMPLES = 64  # postures that show which links the flange never leaves
-ROUNDING = 1e-9  # [m] a bound in metres may be that much off one in millimetres
+ROUNDING = 1e-9  # [m, 1] a bound in metres may be that much off one in millimetres; of a direction
+ANGLE_ROUNDING = 1e-12  # [rad] by which an angle that is asked may be off its range
 STILL = 1e-9  # [m] what moves less is the arm's mounting; rounding
 RESOLUTION = 1e-4  # [m] what a clearance between angles is told to
 

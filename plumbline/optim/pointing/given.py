@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array
-from plumbline.optim.pointing.constants import ORTHONORMAL
+from plumbline.optim.pointing.constants import ORTHONORMAL, ROUNDING
 
 
 def number(value: object, name: str, *, above: float | None = None) -> float:
@@ -40,7 +40,7 @@ def rigid(matrix: ArrayLike, name: str) -> Array:
     T = array(matrix, name, (4, 4), "give a homogeneous matrix, translation in m")
     R = T[:3, :3]
     off = float(np.abs(R.T @ R - np.eye(3)).max())
-    if off > ORTHONORMAL or np.linalg.det(R) < 0.0 or np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9:
+    if off > ORTHONORMAL or np.linalg.det(R) < 0.0 or np.abs(T[3] - [0, 0, 0, 1]).max() > ROUNDING:
         what = "a mirror" if np.linalg.det(R) < 0.0 else f"off a rotation by {off:.1e}"
         raise PlumblineError(f"{name}: {what}, {ORTHONORMAL:.0e} allowed; give a rigid transform")
     return T

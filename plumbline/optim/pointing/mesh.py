@@ -31,7 +31,15 @@ from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.answer import register_kinds
 from plumbline.optim.core.problem import Array, Flags, Integers
 from plumbline.optim.pointing.body import Body, Box, Capsule, Cylinder, HalfSpace, Shape, Sphere
-from plumbline.optim.pointing.constants import CHUNK, LARGEST, LARGEST_FILE, LEAST_VOLUME, MM, POINT
+from plumbline.optim.pointing.constants import (
+    CHUNK,
+    LARGEST,
+    LARGEST_FILE,
+    LEAST_VOLUME,
+    MM,
+    POINT,
+    ROUNDING,
+)
 from plumbline.optim.pointing.given import array, number
 
 
@@ -150,8 +158,8 @@ class Mesh:
             det = np.vecdot(first, p)
             with np.errstate(divide="ignore", invalid="ignore"):
                 u, v, t = np.vecdot(back, p) / det, (across @ d) / det, t_part / det
-                hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
-            found[k] = t[hit].max(initial=0.0)
+                inside = np.minimum(np.minimum(u, v), 1 - u - v) >= -ROUNDING
+            found[k] = t[inside & (t > 0)].max(initial=0.0)
         return found
 
 

@@ -50,7 +50,7 @@ def solved(arm: Bounded, q: Array, rows: Array) -> tuple[Array, Flags, Array]:
         slow = cost_new > constants.GAINS * cost[live]
         stalled[live] = np.where(slow, stalled[live] + 1, 0)
         damped = np.where(better, mu[live] / constants.SOFTER, mu[live] * constants.HARDER)
-        mu[live] = np.clip(damped, 1e-12, constants.MOST_DAMPING)
+        mu[live] = np.clip(damped, constants.LEAST_DAMPING, constants.MOST_DAMPING)
         taken = live[better]
         x[taken], r[taken], J[taken] = trial[better], r_new[better], J_new[better]
         cost[taken] = cost_new[better]
@@ -186,7 +186,7 @@ def _newton(arm: Bounded, q: Array, rows: Array) -> tuple[Array, Flags]:
             break
         delta = task.least_motion(J, r)
         size = np.abs(delta).max(axis=1, keepdims=True)
-        delta = delta * np.minimum(1.0, constants.LONGEST_STEP / np.maximum(size, 1e-12))
+        delta = delta / np.maximum(1.0, size / constants.LONGEST_STEP)
         x = arm.clip(x + delta * task.steps)
     return x, held
 

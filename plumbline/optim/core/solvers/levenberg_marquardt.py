@@ -13,7 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.optim.core.constants import GROWTH, HOPELESS, KEPT, LEAST, MOST_TURN
+from plumbline.optim.core.constants import (
+    GROWTH,
+    HOPELESS,
+    KEPT,
+    LEAST,
+    LEAST_DAMPING,
+    MOST_TURN,
+    UNTOLD,
+)
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Problem
@@ -67,7 +75,7 @@ class LevenbergMarquardt(OfRows):
             # Where half of what was promised was gained the damping stays (Nielsen 1999): in a
             # valley that bends each other step had been too long for nothing.
             relief = max(LEAST, 1.0 - (2.0 * drop / promise - 1.0) ** 3)
-            mu, growth = max(mu * relief, 1e-14), GROWTH
+            mu, growth = max(mu * relief, LEAST_DAMPING), GROWTH
         return Solution(problem, x, steps, message).judged_by(gram)
 
 
@@ -90,7 +98,7 @@ def _step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:
     S = problem.scale
     G, g = gram.matrix * np.outer(S, S), gram.vector * S
     low, high = (problem.lower - x) / S, (problem.upper - x) / S
-    diagonal = np.maximum(np.diag(G), 1e-12 * max(np.diag(G).max(initial=0.0), 1e-300))
+    diagonal = np.maximum(np.diag(G), UNTOLD * max(np.diag(G).max(initial=0.0), 1e-300))
     A = G + mu * np.diag(diagonal)
     delta = np.zeros(len(x))
     free = ~(((low >= 0) & (g > 0)) | ((high <= 0) & (g < 0)))

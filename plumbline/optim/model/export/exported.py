@@ -21,7 +21,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model.arm import MOTION, Arm
-from plumbline.optim.model.constants import AGREES, NAMED, REST
+from plumbline.optim.model.constants import AGREES, NAMED, ONE_WITH, REST
 from plumbline.optim.model.statement import acts_on_places
 from plumbline.optim.recording.kinds import EFFORTS
 
@@ -118,7 +118,7 @@ def apart(one: Arm, other: Arm) -> float:
         columns[:, :, 3 + k] = np.cross(axis, centred)
     columns[:, :, 6:] = T[:, :3, :3]
     flat = columns.reshape(-1, 9)
-    left = gap.ravel() - flat @ np.linalg.lstsq(flat, gap.ravel(), rcond=1e-9)[0]
+    left = gap.ravel() - flat @ np.linalg.lstsq(flat, gap.ravel(), rcond=ONE_WITH)[0]
     return float(np.sqrt(np.sum(left**2) / len(q)))
 
 

@@ -21,7 +21,7 @@ from plumbline.kinematics.link_export import dh_toml
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.constants import MOST_POINTS, SHAKEN, SLIDE_STEP
+from plumbline.optim.model.constants import MOST_POINTS, SAME_CONSTANT, SHAKEN, SLIDE_STEP
 from plumbline.optim.model.export import exported
 from plumbline.optim.model.export.geometry import corrected_table, fixed_part, fixed_pose, tool_of
 from plumbline.optim.model.statement import acts_on_places
@@ -62,7 +62,8 @@ def _is_own(arm: Arm, effect: Effect) -> bool:
     others = np.arange(arm.chain.n) != joint - 1
     moved = np.where(others, q + SHAKEN, q)
     change = made(moved).full() - made(q).full()
-    return bool(np.abs(change).max() < 1e-12 and np.abs(made(q).full()[others]).max() < 1e-12)
+    still = np.append(change, made(q).full()[others])
+    return bool(np.abs(still).max() < SAME_CONSTANT)
 
 
 def _parameters(arm: Arm) -> Iterator[tuple[object, ...]]:
