@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.errors import best_matches, fault, shown
+from plumbline.errors import best_matches, fault
 from plumbline.experiments.sweep import recorded, simulated
 from plumbline.kinematics.files import is_folder
 from plumbline.optim.recording.settings import Section, read_settings_file
@@ -33,12 +33,12 @@ def read_spec(path: Path) -> Spec:
     settings = read_settings_file(path)
     if "reality" in settings.values:
         return _of_reality(path, settings)
-    refuse_unknown(settings, ("recording", "vary"))
+    settings.refuse_unknown(("recording", "vary"))
     named, vary = settings.word("recording"), settings.section("vary")
     if named is None or not is_folder(path.parent / named):
         mend = "name it from where this file lies, or write reality = ... in its place"
         raise settings.fault("recording", "the folder of a recording", mend)
-    refuse_unknown(vary, recorded.VARIED)
+    vary.refuse_unknown(recorded.VARIED)
     given = [vary.values.get(key, [0]) for key in recorded.VARIED]
     _refuse_many(path, [len(values) if isinstance(values, list) else 1 for values in given])
     return Spec(path.parent / named, recorded.combinations(vary))
@@ -46,13 +46,13 @@ def read_spec(path: Path) -> Spec:
 
 def _of_reality(path: Path, settings: Section) -> Spec:
     """A reality that is made up anew for every case, and what is asked of it."""
-    refuse_unknown(settings, ("reality", "method", "vary", "random"))
+    settings.refuse_unknown(("reality", "method", "vary", "random"))
     reality = _one_of(settings, "reality", tuple(simulated.REALITIES))
     method = _one_of(settings, "method", simulated.REALITIES[reality].methods)
     vary, random = settings.section("vary"), settings.section("random")
     factors = simulated.factors_of(reality, method)
-    refuse_unknown(vary, tuple(factors))
-    refuse_unknown(random, ("cases", "seed", *factors))
+    vary.refuse_unknown(tuple(factors))
+    random.refuse_unknown(("cases", "seed", *factors))
     grid = {name: _values(vary, name, factors[name]) for name in vary.values}
     drawn, seed = _whole(random, "cases", 1), _whole(random, "seed", 0)
     _refuse_many(path, [len(values) for values in grid.values()] + [drawn])
@@ -98,11 +98,3 @@ def _refuse_many(path: Path, counts: Sequence[int]) -> None:
     if np.prod([float(count) for count in counts]) > MOST_CASES:
         found = " x ".join(map(str, counts))
         raise fault(f"{path.name}, [vary]", f"{found} cases", f"at most {MOST_CASES}", "list fewer")
-
-
-def refuse_unknown(section: Section, known: Sequence[str]) -> None:
-    """Refuse a key that nothing reads."""
-    odd = next((key for key in section.values if key not in known), None)
-    if odd is not None:
-        near = best_matches(odd, known)
-        raise fault(section.where(odd), shown(odd), ", ".join(known), f"best matches: {near}")

@@ -225,7 +225,7 @@ def test_the_command_tells_what_to_mend_and_replaces_nothing_but_its_own(spec, t
         ('[[link]]\nname = "a"\nanswer = "markers.json"', "a place in CT"),
         ('[[link]]\nname = "a"\nanswer = "markers.json"\ntarget = "b"', "expected one of none"),
         ('[[link]]\nname = "a"\nanswer = "beam.json"\nrange = 350', "found 350, expected a range"),
-        ('[[link]]\nname = "a"\nanswer = "markers.json"\nrms = 1.0', "nothing reads"),
+        ('[[link]]\nname = "a"\nanswer = "markers.json"\nrms = 1.0', "found the key 'rms'"),
         ("[[link]\n", "broken TOML"),
         ("\x00", "chain.toml"),
     ],
