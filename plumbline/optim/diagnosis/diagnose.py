@@ -32,10 +32,11 @@ from plumbline.optim.diagnosis.posterior.search import (
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.predict.negligible import worth_while
-from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain, with_terms
+from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain
 from plumbline.optim.diagnosis.verdict.judge import in_own_unit, judge
 from plumbline.optim.diagnosis.verdict.lack_of_fit import is_quieter, lack_of_fit
 from plumbline.optim.diagnosis.verdict.parts import left_open
+from plumbline.optim.diagnosis.verdict.terms import with_terms
 from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.correlated import copied
 from plumbline.optim.measurement.nuisance import nuisances_of
@@ -191,11 +192,7 @@ def _explained(
     before, about = np.inf, selected
     for left in reversed(range(1 if task.long else prior.ROUNDS)):
         told = explain(about, options.seed, options.unlisted)
-        terms = worth_while(about, told.terms, told.named)
-        fitted = with_terms(about, terms, task, bad, tried=told.terms)
-        wrong = foretold_wrongly(fitted)
-        if told.compared:
-            wrong *= told.compared / len(task.recording)
+        fitted, wrong = _fitted(about, told, task, bad)
         if wrong < before:
             selected, explanation = fitted, told
         if not left or wrong < prior.NO_EVIDENCE or not wrong <= 0.5 * before:
@@ -206,6 +203,24 @@ def _explained(
         selected = with_terms(selected, rest, task, bad)
     selected = replace(selected, barred=_barred(selected, explanation), states=explanation.states)
     return Explained(options, task, selected, bad, explanation)
+
+
+def _fitted(
+    about: SelectedModel, told: Explanation, task: Task, bad: Flags
+) -> tuple[SelectedModel, float]:
+    """The model of what is worth while, and by how much the linear problem errs about it [nats].
+
+    What chains came to is taken if it is better by more than that.
+    """
+    compared = told.compared / len(task.recording) if told.compared else 1.0
+    for terms, better in ((told.theirs, told.better), (told.terms, np.inf)):
+        if better > 0.0:
+            kept = worth_while(about, terms, told.named)
+            fitted = with_terms(about, kept, task, bad, tried=terms)
+            wrong = compared * foretold_wrongly(fitted)
+            if wrong < better:
+                break
+    return fitted, wrong
 
 
 def _idle(selected: SelectedModel) -> list[SelectedTerm]:

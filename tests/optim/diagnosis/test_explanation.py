@@ -38,17 +38,10 @@ from plumbline.optim.diagnosis.predict.held_out import evaluate
 from plumbline.optim.diagnosis.prior import MOST_COMPARED_ROWS, PART_OF_UNLISTED
 from plumbline.optim.diagnosis.verdict import explanation as explanation_module
 from plumbline.optim.diagnosis.verdict import judge as judge_module
-from plumbline.optim.diagnosis.verdict.explanation import (
-    Explanation,
-    _joined,
-    _of_many,
-    _terms,
-    _told,
-    explain,
-    with_terms,
-)
+from plumbline.optim.diagnosis.verdict.explanation import Explanation, _told, explain
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
+from plumbline.optim.diagnosis.verdict.terms import _joined, of_many, terms_of, with_terms
 from tests.explained import searched
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -94,7 +87,7 @@ def test_of_many_causes_a_long_recording_keeps_what_all_its_rows_have_told():
         term=lambda index: lacked if index == 4 else None,
     )
     found = {
-        rows: _of_many(
+        rows: of_many(
             SimpleNamespace(
                 chosen=(terms[0], terms[2]),
                 selection=SimpleNamespace(
@@ -278,7 +271,7 @@ def test_what_is_named_is_fitted_as_the_best_state_has_it():
     selected = SimpleNamespace(selection=SimpleNamespace(candidates=candidates), chosen=chosen)
 
     def named(*keys):
-        return [(t.index, t.scale) for t in _terms(selected, alt, found, frozenset(keys))]
+        return [(t.index, t.scale) for t in terms_of(selected, alt, found, frozenset(keys))]
 
     assert named(SCALE) == [(0, 1.0)]
     assert named(SCALE, OFFSET) == [(0, 1.0), (1, 3.0)]
@@ -293,7 +286,7 @@ def test_what_the_library_lacks_is_fitted_by_what_the_search_took_for_it(lacking
     found = replace(found, states=((3.0, (SelectedTerm(lacking, 1.0),)), *found.states))
     selection = SimpleNamespace(candidates=alt.problem.candidates[:2])
     selected = SimpleNamespace(selection=selection, chosen=(SelectedTerm(1, 9.0),))
-    terms = _terms(selected, alt, found, frozenset())
+    terms = terms_of(selected, alt, found, frozenset())
     assert [(t.index, t.scale) for t in terms] == fitted
 
 

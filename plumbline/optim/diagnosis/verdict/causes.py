@@ -11,7 +11,7 @@ The held-out gap as the causes go into the model one by one: the staircase of a 
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -202,7 +202,7 @@ def _cause(
         stage=str(effect.stage),
         element=key[1],
         probability=told.probabilities.get(key, 0.0),
-        parameters=_parameters(selected, key, noise, told, least),
+        parameters=_parameters(selected, key, instead, noise, told, least),
         before=stairs.figure([k for k in stairs.keys if k != key and k not in instead]),
         after=stairs.figure(stairs.keys),
         confounded_with=tuple(alike),
@@ -239,11 +239,17 @@ def _of(selected: SelectedModel, keys: Sequence[Key]) -> list[SelectedTerm]:
 
 
 def _parameters(
-    selected: SelectedModel, key: Key, noise: NoiseLevel, told: Explanation, least: Array | float
+    selected: SelectedModel,
+    key: Key,
+    instead: Collection[Key],
+    noise: NoiseLevel,
+    told: Explanation,
+    least: Array | float,
 ) -> dict[str, Estimate]:
     """Estimates by name; variants of one cause are told apart by what sets them apart."""
     sigma = noise.sigma * max(noise.ratio, 1.0)
-    std, free = selected.best.std(sigma), _std_by_rows(selected, sigma)
+    free = _std_by_rows(selected, sigma)
+    x, std = _without(selected, instead, sigma)
     std = np.hypot(np.maximum(std, least), _between(selected, told))
     stuck = set(selected.best.at_bound())
     terms = [t for t in selected.model.terms if (t.effect.name, t.effect.element) == key]
@@ -262,7 +268,7 @@ def _parameters(
         ):
             name = selected.best.problem.names[column]
             determined = free[column] < width.get(term.effect, np.inf) * p.scale
-            value, error = float(selected.best.x[column]), float(std[column])
+            value, error = float(x[column]), float(std[column])
             unit = term.effect.unit_of(p, selected.model.recording.chain)
             # At its null it is no part of the cause, and nothing holds the others back.
             rests = name in stuck and abs(value - p.null) > NEAR * p.scale
@@ -270,6 +276,27 @@ def _parameters(
             said += " (2)" * (said in out)  # an overtone, and that order once more
             out[said] = Estimate(value, error, unit, rests, p.doc, bool(determined))
     return out
+
+
+def _without(selected: SelectedModel, keys: Collection[Key], sigma: float) -> tuple[Array, Array]:
+    """Values and standard errors (P,) with these causes at nothing, by the last normal equations.
+
+    What is fitted unnamed, in case it is there instead of a cause, would share that cause's values.
+    """
+    best, matrix = selected.best, selected.best.gram.matrix
+    x, std = best.x.copy(), best.std(sigma)
+    for term in selected.model.terms:
+        if (term.effect.name, term.effect.element) in keys:
+            x[term.columns] = [p.null for p in term.effect.parameters]
+    gone = x != best.x
+    held = set(best.at_bound())
+    free = ~gone & [name not in held for name in best.problem.names]
+    rest = np.ix_(free, free)
+    S = 1 / np.sqrt(np.diag(matrix)[free])
+    pull = matrix[np.ix_(free, gone)] @ (best.x - x)[gone]
+    x[free] += S * np.linalg.lstsq(matrix[rest] * np.outer(S, S), S * pull, rcond=1e-13)[0]
+    std[free] = standard_errors(matrix[np.ix_(~gone, ~gone)], sigma)[free[~gone]]
+    return np.clip(x, best.problem.lower, best.problem.upper), std
 
 
 def _between(selected: SelectedModel, told: Explanation) -> Array:

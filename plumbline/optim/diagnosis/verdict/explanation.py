@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from plumbline.optim.core.problem import Array, Flags
+from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     Alternatives,
     Unlisted,
@@ -18,12 +18,11 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import Correlation, correlation_of
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, sample
-from plumbline.optim.diagnosis.posterior.joint_problem import moved_by
+from plumbline.optim.diagnosis.posterior.joint_problem import moved_by, stated
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, fit, ridge_of
-from plumbline.optim.diagnosis.posterior.selection import restricted
+from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.slots import added_evidence
 from plumbline.optim.diagnosis.posterior.spread import spread
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
@@ -38,9 +37,15 @@ from plumbline.optim.diagnosis.prior import (
     SETTLED,
     UNLISTED,
 )
+from plumbline.optim.diagnosis.verdict.terms import (
+    begins_of,
+    better_by_all_rows,
+    of_many,
+    place_of,
+    terms_of,
+)
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
 from plumbline.optim.measurement.clock import may_jitter, rates
-from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import as_measured
 from plumbline.optim.measurement.torque import stated_noise
@@ -63,6 +68,9 @@ class Explanation:
     lacked_at: Mapping[Place, float] = field(default_factory=dict)
     # the most probable terms of the library that hold what is named
     terms: tuple[SelectedTerm, ...] = ()
+    # those that chains came to, and by how much all rows make them more probable than these [nats]
+    theirs: tuple[SelectedTerm, ...] = ()
+    better: float = 0.0
     # sets of terms of the library, with the log of their weight, best first
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
     # such sets as many causes were in from sweep to sweep, all of one weight
@@ -134,21 +142,27 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     alt = alternatives(selected.pool, chosen, unlisted, seed)
     gross = frozenset(alt.gross_rows.values())
     many, worth = len(selected.selection.keys(chosen)) > MANY_CAUSES, 1.0
+    theirs: tuple[SelectedTerm, ...] = ()
+    begins, better = begins_of(selected), 0.0
     if many:
         # At their widest: what they are off by is nobody's, and must not be taken for noise.
         rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(gross)]
-        state = best_near(alt.problem, [*chosen, *rows])
+        ends = [best_near(alt.problem, [*begin, *rows]) for begin in begins]
+        state = max(ends, key=lambda end: stated(alt.problem, end))
         worth = _worth(selected, alt, state)
         found = coarsened(alt.problem, state, worth, seed)
         told = _told(alt, found)
-        terms = _of_many(selected, alt, state, found.states[0][1], told.named)
+        terms = of_many(selected, alt, state, found.states[0][1], told.named)
+        theirs, better = better_by_all_rows(selected, alt, terms, found, told.named)
         drawn = [(1.0, terms) for _, terms in found.states]
     else:
         path = frozenset(c.index for c in chosen)
         starts = [path | gross, gross, *([frozenset[int]()] if gross else [])]
+        wide = (best_near(alt.problem, begin) for begin in begins[1:])
+        starts += [frozenset(t.index for t in end) for end in wide]
         found = sample(alt.problem, starts, seed)
         state, told = found.states[0][1], _told(alt, found)
-        terms = _terms(selected, alt, found, told.named)
+        terms = terms_of(selected, alt, found, told.named)
         logs = ((log - found.states[0][0], terms) for log, terms in found.states)
         drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
     states = () if many else tuple(_of_library(alt, found))
@@ -158,6 +172,8 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     return replace(
         told,
         terms=terms,
+        theirs=theirs,
+        better=better,
         states=states,
         swept=swept,
         prior=unlisted,
@@ -261,7 +277,7 @@ def _lacked_at(alt: Alternatives, found: Sampled) -> dict[Place, float]:
     for _, state in found.states:
         own: dict[Place, list[int]] = {}
         for term in _unlisted(alt, state):
-            own.setdefault(_place(alt, term.index), []).append(term.index)
+            own.setdefault(place_of(alt, term.index), []).append(term.index)
         if own:
             moved = moved_by(
                 alt.problem, [t.index for t in state if not alt.problem.gross[t.index]]
@@ -284,112 +300,3 @@ def _conditional(
         return otherwise
     none = marginals[3]
     return float(none[1]) if len(none) > 1 else 0.0
-
-
-def _of_many(
-    selected: SelectedModel,
-    alt: Alternatives,
-    state: Sequence[SelectedTerm],
-    agreed: Sequence[SelectedTerm],
-    named: frozenset[Key],
-) -> tuple[SelectedTerm, ...]:
-    """Terms of a state of many causes.
-
-    Of a long recording only some rows are compared, so what these do not show stays as all rows
-    have it. What is named with it is of the state that blocks of rows agree on.
-    """
-    long = len(selected.pool.model.recording) > MOST_COMPARED_ROWS
-    terms = selected.chosen if long else _fitted(selected, alt, state)
-    untold = named - selected.selection.keys(terms)
-    keys = [c.key for c in selected.selection.candidates]
-    more = [t for t in agreed if t.index < alt.library and keys[t.index] in untold]
-    return _joined(alt, terms, more, long=long)
-
-
-def _fitted(
-    selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm]
-) -> tuple[SelectedTerm, ...]:
-    """Listed terms of a state, and confounded ones, which are fitted, not named.
-
-    Where something that the library lacks is more probable at a place, the effect that the search
-    took for it still foretells better than nothing does.
-    """
-    mine = tuple(t for t in state if t.index < alt.library)
-    key = [c.key for c in selected.selection.candidates]
-    held = {key[t.index] for t in mine}
-    lacked = {_place(alt, t.index) for t in state if isinstance(alt.term(t.index), Unlisted)}
-    confounded = (t for t in selected.chosen if _place(alt, t.index) in lacked)
-    return (*mine, *(t for t in confounded if key[t.index] not in held))
-
-
-def _joined(
-    alt: Alternatives, terms: Sequence[SelectedTerm], more: Sequence[SelectedTerm], *, long: bool
-) -> tuple[SelectedTerm, ...]:
-    """Terms, and more that blocks of rows agree on, in place of what the search took for these.
-
-    Of a long recording besides: all rows have told the terms, and what is more but some of them.
-    """
-    held = {_dependence(alt, t.index) for t in more}
-    return (*(t for t in terms if long or _dependence(alt, t.index) not in held), *more)
-
-
-def _place(alt: Alternatives, index: int) -> Place:
-    return alt.places[int(alt.problem.labels[1][index])]
-
-
-def _dependence(alt: Alternatives, index: int) -> tuple[str, int | None, str]:
-    return alt.mechanisms[int(alt.problem.labels[0][index])][:3]
-
-
-def _terms(
-    selected: SelectedModel, alt: Alternatives, found: Sampled, named: frozenset[Key]
-) -> tuple[SelectedTerm, ...]:
-    """Terms of the best state that holds all that is named."""
-    candidates = selected.selection.candidates
-    for _, state in (*found.states, (0.0, selected.chosen)):
-        if named <= {candidates[t.index].key for t in state if t.index < alt.library}:
-            return _fitted(selected, alt, state)
-    mine = [t for t in selected.chosen if candidates[t.index].key in named]
-    missing = named - {candidates[t.index].key for t in mine}
-    first = {c.key: i for i, c in reversed(list(enumerate(candidates)))}
-    return (*mine, *(SelectedTerm(first[key], 1.0) for key in sorted(missing, key=str)))
-
-
-def with_terms(
-    selected: SelectedModel,
-    terms: Sequence[SelectedTerm],
-    task: Task,
-    bad: Flags,
-    tried: Sequence[SelectedTerm] = (),
-) -> SelectedModel:
-    """The model of these terms, fitted; causes that it lacks of those tried are excluded from it.
-
-    Args:
-        selected: Where a search ended; what it chose has been tried.
-        terms: The terms.
-        task: What was searched: its rows (N) are fitted again.
-        bad: Which of them are taken for gross errors (N,).
-        tried: Terms that have been tried with them.
-    """
-    candidates = selected.selection.candidates
-    named = {candidates[t.index].key for t in terms}
-    gone = {candidates[t.index].key for t in (*selected.chosen, *tried)} - named
-    excluded = (selected.excluded | gone) - named
-    banned: Flags = np.array([c.key in excluded for c in candidates], dtype=bool)
-    selection = restricted(selected.pool.selection, selected.pool.selection.allowed & ~banned)
-    if {t.index for t in terms} == {t.index for t in selected.chosen}:
-        return replace(selected, selection=selection, excluded=frozenset(excluded))
-    effects = [*selected.fixed, *(candidates[t.index].effect for t in terms)]
-    ridge = ridge_of(selection, terms, selected.fixed)
-    model, best = fit(
-        task.recording, effects, selected.model.nuisance, trust(task.recording, bad),
-        task.refitting, selected.best.by_name, ridge,
-    )  # fmt: skip
-    return replace(
-        selected,
-        model=model,
-        best=best,
-        selection=selection,
-        chosen=tuple(terms),
-        excluded=frozenset(excluded),
-    )
