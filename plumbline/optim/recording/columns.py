@@ -30,9 +30,8 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.linkage import Mimic, mimics_of
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.constants import LARGEST, TIP_AXES
-from plumbline.optim.recording.efforts import torque_constants
 from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
-from plumbline.optim.recording.settings import Section
+from plumbline.optim.recording.settings import Section, torque_constants
 from plumbline.optim.recording.table import Array, Origin, Table, as_integers
 
 JOINTWISE = ("direction", "velocity", "acceleration", "effort")

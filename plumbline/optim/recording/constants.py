@@ -89,6 +89,9 @@ AT_ITS_END, ENDS_WITHIN, ENDS_OFF = 10, 3.5, 0.05
 UNSIGNED = 0.98  # share of efforts of one sign where the model's change it: no signs were recorded
 FEWEST_EFFORTS = 20  # rows from which the signs of efforts say anything
 LEAST_EFFORT_NOISE = 1e-6  # of a joint's efforts: less than 20 bits resolve
+# Times a stated noise by which efforts scatter from row to row: one is known to a sixth, and what
+# is up to a few times as large is told beside causes.
+BELIED = 3.0
 INERTIA_ROWS = 200  # postures over which an inertia is averaged (cost only)
 EFFORT_ROWS = 3000  # rows from which the efforts' noise is estimated (cost only)
 

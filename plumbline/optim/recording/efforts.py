@@ -28,48 +28,18 @@ from plumbline.kinematics.dynamics import Dynamics
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.tree import dynamics_of_chain, laden
-from plumbline.optim.core.quantities import counted
+from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by, likeliest
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
-from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Array, Origin
 from plumbline.optim.rigid import some_of
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
-UNITS = ("N m", "A")
 RATES = ("velocity", "acceleration")
-
-
-def torque_constants(settings: Section, joints: int) -> Array:
-    """What makes newton metres of the recorded efforts, joint by joint (n,); refused if unknown."""
-    motion = settings.section("motion")
-    unit = motion.word("effort_unit") or UNITS[0]
-    if unit not in UNITS:
-        raise motion.fault("effort_unit", '"N m" or "A"', "convert the efforts, or name their unit")
-    given = "torque_constant" in motion.values
-    if unit == "A" and not given:
-        mend = "write torque_constant = [...] in N m/A at the joint, one number a joint"
-        raise fault(motion.where("effort_unit"), '"A" without torque_constant', "both", mend)
-    if not given:
-        return np.ones(joints)
-    return by_joint(motion, "torque_constant", joints)
-
-
-def by_joint(section: Section, key: str, joints: int) -> Array:
-    """A number for all joints, or one for each (n,), refused if not all are above zero."""
-    value = section.values.get(key)
-    given = value if isinstance(value, list) else [value]
-    numbers = [v for v in given if isinstance(v, int | float) and not isinstance(v, bool)]
-    listed = [float(v) for v in numbers if 0.0 < v < constants.LARGEST]
-    good = len(listed) == len(given)
-    if not good or len(listed) not in (1, joints):
-        expected = f"a number above zero, or {joints} of them"
-        raise section.fault(key, expected, "give one for all joints, or one a joint")
-    return np.broadcast_to(np.array(listed), (joints,)).copy()
 
 
 def with_motion(r: Recording, origin: Origin) -> Recording:
@@ -100,10 +70,10 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
     )  # fmt: skip
     r = without_saturated(in_time(r, placed, slow))
     refuse_strange(r, origin)
-    noise = _noise_by_joint(r, shaken, origin)
+    noise, said = _scattered(r, _noise_by_joint(r, shaken, origin))
     stated = r.noise_by_joint is not None or r.noise_std is not None
     whole = float(np.sqrt(np.mean(noise**2))) if stated else None
-    return replace(r, noise_by_joint=noise, noise_std=whole)
+    return replace(r, noise_by_joint=noise, noise_std=whole, notes=(*r.notes, *said))
 
 
 def _run_by_run(r: Recording) -> Recording:
@@ -329,6 +299,29 @@ def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:
     rows = np.arange(len(r)) if r.held_out is None else np.flatnonzero(~r.held_out)
     rows = rows[some_of(len(rows), constants.EFFORT_ROWS)]
     return np.array([_left_over(r, rows, X, j) for j, X in enumerate(_designs(r, rows))])
+
+
+def _scattered(r: Recording, noise: Array) -> tuple[Array, list[str]]:
+    """Noise (n,) as efforts scatter from row to row where that is far more than stated; notes.
+
+    Third differences of what a generous straight-line fit leaves know nothing of what is smooth.
+    """
+    stated = r.noise_by_joint is not None or r.noise_std is not None
+    rows = np.arange(len(r)) if r.held_out is None else np.flatnonzero(~r.held_out)
+    rows = rows[: constants.EFFORT_ROWS]
+    if not stated or r.time is None or len(rows) < constants.FEWEST_EFFORTS:
+        return noise, []
+    left = r.measured[rows] - nominal_efforts(r.select(rows))
+    rest = [y - X @ (X.T @ y) for y, X in zip(left.T, _designs(r, rows), strict=True)]
+    rough = np.median(np.abs(np.diff(rest, 3)), axis=1) / constants.THIRD_DIFFERENCE
+    belied = rough > constants.BELIED * noise
+    said = [
+        f"efforts of joint {j + 1} scatter by {quantity(rough[j], 'N m' if turns else 'N')} from "
+        f"row to row, {rough[j] / noise[j]:.3g} times the stated noise: taken for their noise"
+        for j, turns in enumerate(r.chain.turning)
+        if belied[j]
+    ]
+    return np.where(belied, rough, noise), said
 
 
 def _shaken_torques(r: Recording, shaken: Array) -> Array:

@@ -29,10 +29,9 @@ from plumbline.optim.recording.columns import (
     with_mimics,
 )
 from plumbline.optim.recording.constants import LARGEST_SETTINGS, LARGEST_TWIST
-from plumbline.optim.recording.efforts import by_joint, torque_constants
 from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.recording import Recording, hash_of
-from plumbline.optim.recording.settings import Section, read_settings
+from plumbline.optim.recording.settings import Section, by_joint, read_settings, torque_constants
 from plumbline.optim.recording.table import Array, Origin, Table, decode, read_table
 from plumbline.optim.recording.urdf import check_urdf
 

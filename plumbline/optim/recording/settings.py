@@ -18,6 +18,7 @@ from plumbline.optim.recording import constants
 from plumbline.optim.recording.table import Array, decode
 
 PARTED = re.compile(r"[=,\[\]{}]")
+UNITS = ("N m", "A")  # of efforts
 QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 
 
@@ -172,3 +173,31 @@ def _has_key(line: str, key: str) -> bool:
         if begun.startswith(named) and begun[len(named) :].lstrip()[:1] in ("=", "."):
             return True
     return False
+
+
+def torque_constants(settings: Section, joints: int) -> Array:
+    """What makes newton metres of the recorded efforts, joint by joint (n,); refused if unknown."""
+    motion = settings.section("motion")
+    unit = motion.word("effort_unit") or UNITS[0]
+    if unit not in UNITS:
+        raise motion.fault("effort_unit", '"N m" or "A"', "convert the efforts, or name their unit")
+    given = "torque_constant" in motion.values
+    if unit == "A" and not given:
+        mend = "write torque_constant = [...] in N m/A at the joint, one number a joint"
+        raise fault(motion.where("effort_unit"), '"A" without torque_constant', "both", mend)
+    if not given:
+        return np.ones(joints)
+    return by_joint(motion, "torque_constant", joints)
+
+
+def by_joint(section: Section, key: str, joints: int) -> Array:
+    """A number for all joints, or one for each (n,), refused if not all are above zero."""
+    value = section.values.get(key)
+    given = value if isinstance(value, list) else [value]
+    numbers = [v for v in given if isinstance(v, int | float) and not isinstance(v, bool)]
+    listed = [float(v) for v in numbers if 0.0 < v < constants.LARGEST]
+    good = len(listed) == len(given)
+    if not good or len(listed) not in (1, joints):
+        expected = f"a number above zero, or {joints} of them"
+        raise section.fault(key, expected, "give one for all joints, or one a joint")
+    return np.broadcast_to(np.array(listed), (joints,)).copy()

@@ -11,7 +11,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
-from plumbline.optim.recording.constants import AT_ITS_END, ENDS_OFF, ENDS_WITHIN, LATEST
+from plumbline.optim.recording.constants import AT_ITS_END, BELIED, ENDS_OFF, ENDS_WITHIN, LATEST
 from plumbline.optim.recording.efforts import nominal_efforts, without_saturated
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.table import Origin
@@ -35,7 +35,9 @@ def motion(time=TIME):
     return tuple(x.sum(axis=1) for x in waves)
 
 
-def recorded(robot, *, efforts=0.0, velocities=0.0, changed=lambda tau: tau, noise=NOISE):
+def recorded(
+    robot, *, efforts=0.0, velocities=0.0, changed=lambda tau: tau, noise=NOISE, stated=None
+):
     """A log whose channels are read so late [s]; ``changed`` makes what is read of torques."""
     q, v, a = motion()
     tau = tree_of(robot).dynamics.torques(q, v, a)
@@ -44,7 +46,7 @@ def recorded(robot, *, efforts=0.0, velocities=0.0, changed=lambda tau: tau, noi
     kept = slice(20, -20)  # what is late is known before the first row and after the last
     return build_recording(
         observation="joint_torque", robot=robot, time=TIME[kept], q=q[kept], velocity=slow[kept],
-        measured=read[kept], noise_by_joint=np.full(4, noise),
+        measured=read[kept], noise_by_joint=np.full(4, stated or noise),
     )  # fmt: skip
 
 
@@ -172,3 +174,16 @@ def test_logs_of_efforts_back_to_back_are_motions_of_their_own(robot):
     assert np.abs(rec.acceleration).max() < 1.2 * np.abs(motion()[2]).max()
     assert diagnose(rec).verdict.causes == ()
     assert not any("elsewhere" in note for note in whole.notes)
+
+
+@pytest.mark.parametrize(("times", "seen"), [(2.0, False), (4.0, True), (100.0, True)])
+def test_efforts_that_scatter_by_far_more_than_is_stated_tell_their_noise(robot, times, seen):
+    """Friction of a joint hides in what would else be told of every reading's noise."""
+    dry = 0.3 * np.sign(motion()[1]) * (np.arange(4) == 3)
+    rec = recorded(robot, stated=NOISE / times, changed=lambda tau: tau + dry)
+    assert BELIED == 3.0
+    assert any(note.startswith("efforts of joint 4 scatter by 0.02") for note in rec.notes) is seen
+    assert bool(rec.noise_by_joint[3] == pytest.approx(NOISE, rel=0.15)) is seen
+    if times > BELIED:
+        found = [(c.effect, c.element) for c in diagnose(rec).verdict.causes]
+        assert found == [("coulomb_friction", 4)]
