@@ -160,6 +160,7 @@ STAND = {
         "NO_SOCKET": -1, "PLAUSIBLE": 0.01, "ASKED": 0.1, "MENDED": 0.1, "FEWEST_POSTURES": 10,
         "MOST_SIGNS": 7, "ONE_SET_UP": 0.001, "IN_A_SOCKET": 4, "SOCKET_STARTS": 20,
         "LISTED_SET_UPS": 3, "LEVER": 0.3, "FRAME_STEPS": 8, "UNTOLD": 0.001, "MOST_NAMED": 30,
+        "AGAIN": 6, "BELIED": 3.0,
         "SLIDE": 0.3333333333333333,
     },
     "registration": {
