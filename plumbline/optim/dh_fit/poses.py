@@ -74,6 +74,10 @@ class Candidates:
         A = self.slopes[np.asarray(rows, dtype=int)].reshape(-1, self.prior.shape[0])
         return np.asarray(np.linalg.inv(self.prior + A.T @ A))
 
+    def random(self, count: int, rng: np.random.Generator) -> Design:
+        """A design of poses drawn blindly."""
+        return self.design(rng.choice(len(self.q), count, replace=False))
+
     def best(self, count: int, criterion: Criterion | str = Criterion.DETERMINANT) -> Design:
         """The best design found of so many poses."""
         if not 1 <= count <= len(self.q):

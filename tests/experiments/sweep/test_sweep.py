@@ -159,7 +159,7 @@ def test_cases_stand_in_their_order_whichever_is_done_first(spec, quick, monkeyp
     [
         ('"bench"', '"nowhere"', "row 1, recording: found 'nowhere'"),
         ("recording", "folder", "row 1, folder"),
-        ("seed", "seeds", "[vary] seeds: found 'seeds', expected seed, held_out"),
+        ("seed", "seeds", "[vary] seeds: found the key 'seeds', expected seed, held_out"),
         ("[0, 7]", "[-1]", "row 3, [vary] seed"),
         ("[0, 7]", "[]", "row 3, [vary] seed"),
         ("[0, 7]", '"all"', "row 3, [vary] seed"),

@@ -115,7 +115,7 @@ def test_nothing_is_reported_for_what_cannot_be_told(parameters):
 def test_chosen_poses_beat_random_ones_at_what_they_were_chosen_for():
     among = reachable(BH7, SPACE, noise=2e-4, candidates=150, targets=20)
     rng = np.random.default_rng(0)
-    blind = [among.design(rng.choice(len(among.q), 10, replace=False)) for _ in range(20)]
+    blind = [among.random(10, rng) for _ in range(20)]
     widest, safest = (among.best(10, c) for c in Criterion)
     assert widest.log_determinant > max(d.log_determinant for d in blind)
     assert safest.worst < min(d.worst for d in blind)

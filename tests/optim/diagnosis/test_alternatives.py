@@ -25,12 +25,12 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     rows_compared,
     spread_of_noise,
 )
-from plumbline.optim.diagnosis.discrepancy.dependences import FULLEST, Dependence, dependences
+from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
 from plumbline.optim.diagnosis.discrepancy.functions import nearness
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.parts import apart
-from plumbline.optim.diagnosis.prior import MOST_FAMILIES, REACHES, UNLISTED
+from plumbline.optim.diagnosis.prior import FULLEST, MOST_FAMILIES, REACHES, UNLISTED
 from plumbline.optim.measurement.observation import build_model
 from tests.explained import searched
 from tests.simulated_cases import faultless, recorded, with_fault

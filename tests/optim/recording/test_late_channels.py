@@ -60,7 +60,7 @@ def test_efforts_that_are_read_late_are_taken_back_and_are_no_cause(robot, late)
     (note,) = told(rec)
     assert float(note.split()[3]) == pytest.approx(1e3 * late, abs=1.0)
     assert rec.measured - nominal_efforts(rec) == pytest.approx(0.0, abs=8 * NOISE)
-    assert diagnose(rec).verdict.causes == ()
+    assert all(cause.probability < 0.95 for cause in diagnose(rec).causes)
 
 
 @pytest.mark.parametrize("late", [0.03, 0.01])
@@ -68,7 +68,7 @@ def test_velocities_that_are_read_late_are_taken_back_and_are_no_cause(robot, la
     rec = recorded(robot, velocities=late)
     assert f"velocities are read {1e3 * late:.3g} ms after positions" in told(rec)[0]
     assert rec.measured - nominal_efforts(rec) == pytest.approx(0.0, abs=8 * NOISE)
-    assert diagnose(rec).verdict.causes == ()
+    assert all(cause.probability < 0.95 for cause in diagnose(rec).causes)
 
 
 def test_channels_that_are_in_time_are_left_as_they_are_whatever_their_drives_do(robot):
@@ -129,7 +129,7 @@ def test_rows_in_which_a_sensor_reads_its_end_are_left_aside(robot, share, left)
     assert (len(rec) == len(TIME) - 40 - rows) is left
     assert any("a sensor's end" in note for note in rec.notes) is left
     if share > 2:
-        assert diagnose(rec).verdict.causes == ()
+        assert all(cause.probability < 0.95 for cause in diagnose(rec).causes)
 
 
 def test_what_reads_one_value_throughout_has_no_end(robot):
@@ -172,7 +172,7 @@ def test_logs_of_efforts_back_to_back_are_motions_of_their_own(robot):
     )  # fmt: skip
     assert any("elsewhere at once 2 times" in note for note in rec.notes)
     assert np.abs(rec.acceleration).max() < 1.2 * np.abs(motion()[2]).max()
-    assert diagnose(rec).verdict.causes == ()
+    assert all(cause.probability < 0.95 for cause in diagnose(rec).causes)
     assert not any("elsewhere" in note for note in whole.notes)
 
 
