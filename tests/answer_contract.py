@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
+from plumbline.optim.diagnosis.findings import Outcome, Verdict
+from plumbline.optim.diagnosis.prior import LEAST_NAMED
 
 
 def keeps_the_contract(answer: Answer, tmp_path) -> None:
@@ -30,6 +32,26 @@ def keeps_the_contract(answer: Answer, tmp_path) -> None:
     assert repr(again) == repr(answer)
     assert again.card() == answer.card()
     same(again.to_dict(), answer.to_dict())
+    if isinstance(verdict := getattr(answer, "verdict", answer), Verdict):
+        contradicts_nothing(verdict)
+
+
+def contradicts_nothing(verdict: Verdict) -> None:
+    """Raises an assertion where what earns its probability is neither a cause nor said why not.
+
+    So nothing is outside of the library that one of its effects has earned.
+    """
+    causes = verdict.causes
+    told = {
+        (c.effect, c.element) for c in (*causes, *(r for c in causes for r in c.confounded_with))
+    }
+    notes = " ".join(n for n in verdict.notes if "not named" in n)
+    for c in verdict.candidates:
+        if c.probability >= LEAST_NAMED and (c.effect, c.element) not in told:
+            assert c.effect in notes, c
+    if verdict.verdict == Outcome.OUTSIDE:
+        shrinks = verdict.gap.shrink_ci95[0] > 0.0  # by effects none of which is sure
+        assert shrinks or verdict.outside_probability >= LEAST_NAMED
 
 
 def same(left, right) -> None:

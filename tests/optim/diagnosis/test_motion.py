@@ -277,6 +277,21 @@ def test_a_noise_of_a_motion_that_is_stated_too_large_is_said_to_be():
     assert "a reading is left, 0.095 times noise_std, which hides" in " ".join(coarse.notes)
 
 
+def test_a_limit_that_one_window_reached_is_named_and_what_was_left_out_said_as_it_is():
+    """No other window tells of it: what earns its probability is neither outside nor no gap."""
+    t, u = multisine(60.0, size=0.2, fastest=0.3)
+    u[:, 0] += np.where((t > 31.0) & (t < 33.0), 0.5 * np.sin(2 * np.pi * (t - 31.0)), 0.0)
+    rng = np.random.default_rng(1)
+    way = follow(t, u[:, 0], 0 * t, Wrong(steepest=6.0), rng)
+    q = np.column_stack([way, u[:, 1]]) + rng.normal(0.0, 0.15, u.shape)
+    verdict = diagnose(build_motion(robot=arm(), time=t, command=u, q=q, noise_std=0.15)).verdict
+    assert [(c.effect, c.element) for c in verdict.causes] == [("acceleration_limit", 1)]
+    assert verdict.causes[0].probability > 0.9
+    assert verdict.gap.shrink_ci95[0] < 0.0
+    assert verdict.verdict == Outcome.PARTLY
+    assert "rows that were left out do not show" in verdict.meaning
+
+
 def test_an_effect_that_is_left_out_is_not_named():
     options = DiagnosisOptions(without=["actuation_play"])
     verdict = diagnose(recorded([{"play": 0.01}, {}], seed=2, seconds=40), options).verdict

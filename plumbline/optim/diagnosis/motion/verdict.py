@@ -30,7 +30,6 @@ from plumbline.optim.diagnosis.motion.constants import (
     CORRELATED,
     DRAWS,
     EXPLAINED,
-    LEAST_GAIN,
     NAMED,
     OWN_PAST,
 )
@@ -73,7 +72,8 @@ def verdict_of(found: Found) -> Verdict:
     missed = noise.source != "fit" and gap.after > EXPLAINED * noise.sigma
     beyond, judged = outside > NAMED or missed, _judgement(found.joints)
     stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
-    earned = noise.source != "fit" and judged.converged and not stuck
+    shown = gap.shrink_ci95[0] >= 0.0
+    earned = noise.source != "fit" and judged.converged and shown and not stuck
     kind = _kind(bool(causes), beyond, earned)
     where = _where(found) if causes else ()
     if kind == Outcome.OUTSIDE:
@@ -163,18 +163,16 @@ def _interval(before: Array, after: Array, seed: int) -> tuple[float, float]:
 
 
 def _causes(found: Found) -> tuple[Cause, ...]:
-    """Most important first: by the square that is left without them."""
+    """What earns its probability, most important first: by the square that is left without it.
+
+    What was left out need not show it: of a limit that one window reached no other window tells.
+    """
     made = []
     for joint, judged in zip(found.joints, found.judged, strict=True):
         for k, effect in enumerate(joint.fit.effects):
-            missed = judged.without[effect.name].sum() > (1 + LEAST_GAIN) * judged.after.sum()
-            if missed and _alike(joint, effect.name) >= NAMED:
-                made.append(
-                    (
-                        judged.without[effect.name].sum() - judged.after.sum(),
-                        _cause(found, joint, judged, k),
-                    )
-                )
+            if _alike(joint, effect.name) >= NAMED:
+                more = judged.without[effect.name].sum() - judged.after.sum()
+                made.append((more, _cause(found, joint, judged, k)))
     return tuple(cause for _, cause in sorted(made, key=lambda pair: -pair[0]))
 
 
