@@ -7,7 +7,7 @@ disturbs less. Clearances are coal's, at the steps. A second part lets horizon, 
 instruments grow; a third drives two seven-joint arms, with Pinocchio watching their trocars.
 
 HPIPM and piqp are driven through CasADi, which has no soft rows: every slack is a control there.
-What our own solver gains is measured against HPIPM with soft rows of its own (:mod:`.hpipm`).
+With soft rows of its own HPIPM is set beside ours by ``make compare``.
 """
 
 import os
@@ -24,7 +24,6 @@ import typer
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from plumbline.experiments.benches.hpipm import Race, Recording, gained, race
 from plumbline.experiments.console.measured import Found, as_command
 from plumbline.experiments.console.outputs import check_output
 from plumbline.experiments.mpc.arm_loop import run_arms
@@ -186,13 +185,6 @@ def _capsules(bodies: tuple[mpc.TipInstrument, ...], x: Array, seen: list[mpc.Ob
     return np.concatenate([np.stack(ends), np.array([[o.a, o.b] for o in seen]).reshape(-1, 2, 3)])
 
 
-def native_hpipm(p: int, count: int, steps: int) -> Race | None:
-    """HPIPM with its own soft rows and the banded solver, on the programs of a course."""
-    recorded = Recording([])
-    drive("recorded", mpc.RealTime(recorded), p, count, 2, steps)
-    return race(recorded.kept[::3])
-
-
 def percentiles(seconds: list[float], before: str) -> dict[str, float]:
     """Median, 99th percentile and maximum [ms]; the first is left out, nothing is warm yet."""
     found = 1e3 * np.percentile(seconds[1:], [50.0, 99.0, 100.0])
@@ -225,16 +217,10 @@ def measured(*, quick: bool) -> Found:
     tools = (2, 3) if quick else (2, 3, 4, 6)
     sizes = [*((p, 3, 2) for p in horizons), *((10, c, 2) for c in crowds)]
     sizes += [(10, 3, t) for t in tools]
-    races = [native_hpipm(p, count, steps) for p, count in SIZES]
-    times = {line["p"]: line["median"] for line in driven if line["solver"] == "banded"}
-    both = zip(SIZES, races, strict=True)
     return {
         "machine": machine(),
         "one course, times of a step [ms]": pd.DataFrame(driven),
         "growth": pd.DataFrame([drive("banded", mpc.RealTime(), *s, steps) for s in sizes]),
-        "HPIPM with native soft rows, the solver alone": {
-            f"p = {p}": gained(found, times[p]) for (p, _), found in both
-        },
         "two seven-joint arms": pd.DataFrame([arms(2 if quick else 6)]),
     }
 

@@ -4,8 +4,8 @@ The patent gives no figure. What it claims is checked: collisions are foreseen, 
 any number of obstacles. Random tasks of all families are run on a plant that differs from the model
 by stated noise, lag, delay, gain error and dead band, and judged at every millisecond; then, on
 tasks in which foresight should win, the horizon and one step on control barrier functions, with
-the same guide and without it. ``python -m plumbline.experiments.mpc.campaign`` runs ten thousand
-tasks, and ``python -m plumbline.experiments.mpc.foresight`` more of the comparison.
+the same guide and without it. ``plumbline sweep`` runs ten thousand tasks, and
+``python -m plumbline.experiments.mpc.foresight`` more of the comparison.
 """
 
 from dataclasses import replace

@@ -1,18 +1,9 @@
 """The campaign sees what it must: every millisecond, whole shafts, all depths, fast obstacles."""
 
-import json
-import signal
-import subprocess
-import sys
-
 import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
 
-from plumbline.errors import PlumblineError
-from plumbline.experiments.mpc import campaign as campaign_module
-from plumbline.experiments.mpc.campaign import COLUMNS, V_MAX, go_on, line_of, read, task
+from plumbline.experiments.mpc.campaign import V_MAX, task
 from plumbline.experiments.mpc.closed_loop import judged, known_delay, noise_for
 from plumbline.experiments.mpc.foresight import (
     FORESIGHT,
@@ -27,7 +18,7 @@ from plumbline.experiments.reality.instruments import Instruments, Mismatch, Pla
 from plumbline.experiments.reality.mpc_scenarios import BLOCKED, CLEAR, FAMILIES, draw
 from plumbline.experiments.reality.task import DEPTHS, Scenario, Swing
 from plumbline.experiments.reality.touch import AGREE, Touch, all_pairs, segment_distances
-from plumbline.optim.capsule_mpc import OneStep, RealTime
+from plumbline.optim.capsule_mpc import RealTime
 
 DT = 0.02  # [s] of a control step
 PLAIN = RealTime(compiled=False)
@@ -159,65 +150,11 @@ def test_shallow_shafts_do_not_pass_through_each_other_between_samples():
     assert min(run.clearance for run in found) > 0.0
 
 
-def test_both_controllers_do_the_same_tasks_and_say_who_did_them(tmp_path, monkeypatch):
-    quick = {"horizon": PLAIN, "one step": OneStep(compiled=False)}
-    monkeypatch.setattr(campaign_module, "CONTROLLERS", quick)
-    path = tmp_path / "tasks.csv"
-    lines = list(go_on(path, 1, 0))
-    assert [(line.number, line.controller) for line in lines] == [(0, "horizon"), (0, "one step")]
-    assert lines[0].seed == lines[1].seed
-    kept = path.read_text().splitlines()
-    path.write_text("\n".join(kept[:2]) + "\n")  # killed between two controllers
-    assert [line.controller for line in go_on(path, 1, 0)] == ["one step"]
-    assert read(path)[0] == lines[0]
-    found = campaign_module.figures(read(path))
-    assert found["horizon"]["min_clearance"] == lines[0].clearance
-    assert found["one step"]["contacts"] == (lines[1].clearance < 0.0)
-
-
-def test_two_campaigns_do_not_write_one_table(tmp_path):
-    path = tmp_path / "tasks.csv"
-    first = go_on(path, 2, 3, ["one step"])
-    kept = next(first)
-    with pytest.raises(PlumblineError, match=r"a campaign at work, .* wait for it"):
-        next(go_on(path, 2, 3, ["one step"]))
-    first.close()
-    assert [line.number for line in go_on(path, 2, 3, ["one step"])] == [kept.number + 1]
-
-
-def test_a_line_that_was_written_twice_counts_once(tmp_path):
-    path = tmp_path / "tasks.csv"
-    line = next(go_on(path, 1, 3, ["one step"]))
-    path.write_text(path.read_text() + path.read_text().splitlines()[1] + "\n")
-    assert read(path) == [line]
-
-
-def test_two_processes_write_what_one_does(tmp_path):
-    kept = []
-    for jobs in (1, 2):
-        path = tmp_path / f"{jobs}.csv"
-        list(go_on(path, 2, 3, ["one step"], jobs))
-        kept.append(
-            [(x.number, x.clearance, x.steps) for x in sorted(read(path), key=lambda x: x.number)]
-        )
-    assert kept[0] == kept[1]
-    assert len(kept[0]) == 2
-
-
-def test_a_table_with_other_columns_is_refused_in_one_line(tmp_path):
-    path = tmp_path / "old.csv"
-    path.write_text("number,family,seed\n0,crossing,0\n")
-    with pytest.raises(PlumblineError, match=r"other columns than number, .*; name another"):
-        read(path)
-
-
 def test_a_run_is_recorded_at_every_millisecond():
     found = task(0, 0, PLAIN, most=20)
     assert found.tips.shape[0] == 20 * found.steps + 1
-    line = line_of(0, "horizon", found)
-    assert tuple(vars(line)) == COLUMNS
-    assert line.clearance <= line.at_steps
-    assert line.height < 0.0
+    assert found.clearance <= found.at_steps
+    assert found.height < 0.0
 
 
 def test_foresight_is_compared_on_the_same_tasks():
@@ -243,52 +180,3 @@ def test_a_horizon_wins_by_ten_points_or_not_at_all():
     assert not figures(near)["guided"]["horizon_wins"]
     assert figures(near)["unguided"]["horizon_wins"]
     assert set(FORESIGHT) >= {"narrow pass", "dead end", "several arms", "delay", "weak drives"}
-
-
-def test_the_campaign_prints_and_writes_what_came_of_it(tmp_path, monkeypatch):
-    quick = {"horizon": PLAIN, "one step": OneStep(compiled=False)}
-    monkeypatch.setattr(campaign_module, "CONTROLLERS", quick)
-    app = typer.Typer()
-    app.command()(campaign_module.campaign)
-    out, table = tmp_path / "found.json", tmp_path / "tasks.csv"
-    said = CliRunner().invoke(app, ["--count", "1", "--out", str(table), "--json", str(out)])
-    assert said.exit_code == 0
-    assert set(json.loads(out.read_text())) >= {"horizon", "one step"}
-
-
-def test_the_campaign_runs_the_controllers_that_are_asked_for(tmp_path, monkeypatch):
-    quick = {"horizon": PLAIN, "one step": OneStep(compiled=False)}
-    monkeypatch.setattr(campaign_module, "CONTROLLERS", quick)
-    app = typer.Typer()
-    app.command()(campaign_module.campaign)
-    table = tmp_path / "tasks.csv"
-    given = ["--count", "1", "--out", str(table), "--controller"]
-    assert CliRunner().invoke(app, [*given, "one step"]).exit_code == 0
-    assert [line.controller for line in read(table)] == ["one step"]
-    said = CliRunner().invoke(app, [*given, "two steps"])
-    assert said.exit_code == 2
-    expected = "campaign: --controller: found 'two steps', expected 'horizon' or 'one step'"
-    assert said.stderr.strip() == expected
-
-
-KILLED = """
-import os, signal, sys, threading, time
-from pathlib import Path
-from plumbline.experiments.mpc.campaign import go_on
-path = Path(sys.argv[1])
-
-def kill():
-    while not path.exists() or path.read_text().count(",") < 20:
-        time.sleep(0.05)
-    os.kill(os.getpid(), signal.SIGKILL)
-
-threading.Thread(target=kill, daemon=True).start()
-list(go_on(path, 1000, 5, ["one step"], 2))
-"""
-
-
-def test_processes_of_a_campaign_that_was_killed_end(tmp_path):
-    """They hold its output open: there is an end to it when the last of them is gone."""
-    given = [sys.executable, "-c", KILLED, str(tmp_path / "tasks.csv")]
-    found = subprocess.run(given, capture_output=True, timeout=40)
-    assert found.returncode == -signal.SIGKILL

@@ -1,4 +1,4 @@
-"""The plant, the tasks, the loop around them, and the table of ten thousand."""
+"""The plant, the tasks, and the loop around them."""
 
 import json
 
@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from plumbline.experiments.commands.app import run as command_line
-from plumbline.experiments.mpc.campaign import COLUMNS, go_on, read, task
+from plumbline.experiments.mpc.campaign import task
 from plumbline.experiments.mpc.closed_loop import noise_for
 from plumbline.experiments.reality.instruments import Instruments, Mismatch, Plant
 from plumbline.experiments.reality.mpc_scenarios import CLEAR, FAMILIES, STATED, draw
@@ -118,19 +118,6 @@ def test_the_stated_bias_covers_what_a_rate_carries_on():
         own.move(np.zeros((1, 3)))
     assert (own.tips - before).max() <= 1e3 * noise_for(m, 60.0).bias + 1e-9
     assert STATED.lag > 0.0
-
-
-def test_a_table_goes_on_where_it_ends(tmp_path):
-    path = tmp_path / "tasks.csv"
-    first = list(go_on(path, 2, 0, ["one step"]))
-    text = path.read_text()
-    path.write_text(text + "2,narrow gap,0,2.5")  # as an interruption leaves it
-    assert [line.number for line in read(path)] == [0, 1]
-    second = list(go_on(path, 3, 0, ["one step"]))
-    assert [line.number for line in second] == [2]
-    assert [line.number for line in read(path)] == [0, 1, 2]
-    assert read(path)[0].clearance == pytest.approx(first[0].clearance)
-    assert text.splitlines()[0] == ",".join(COLUMNS)
 
 
 def test_a_film_shows_every_frame_on_paper(tmp_path):

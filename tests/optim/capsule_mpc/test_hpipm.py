@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from plumbline.experiments.benches import mpc
-from plumbline.experiments.benches.hpipm import Hpipm, Race, Recording, gained, hpipm_library, race
+from plumbline.experiments.compare.hpipm import Hpipm, Recording, hpipm_library, race
 from plumbline.optim.capsule_mpc import BandedQp, RealTime
 
 pytestmark = pytest.mark.skipif(hpipm_library() is None, reason="this CasADi brings no HPIPM")
@@ -51,10 +51,3 @@ def test_speed_limits_are_bounds_of_the_controls(programs):
     steps = np.diff(other.path(), axis=0, prepend=qp.x0[None])
     assert (np.abs(steps) <= qp.step + 1e-3).all()
     assert np.abs(steps).max() > 0.9 * qp.step.max()
-
-
-def test_the_gain_is_said_of_the_solver_and_of_a_whole_step():
-    found = Race((0.1, 0.2), (0.3, 0.4), 3.0, 0.01, 1.0, (6.0, 6.0))
-    words = "0.100 against 0.300 ms, 3.0 times; of a whole step 2.0 times"
-    assert gained(found, 0.2) == words
-    assert gained(None, 0.2) == "none in this CasADi"

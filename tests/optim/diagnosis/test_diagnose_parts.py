@@ -8,7 +8,6 @@ import pytest
 
 import plumbline
 from plumbline.errors import PlumblineError
-from plumbline.experiments.benches import parts
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
@@ -379,25 +378,6 @@ def test_targets_take_no_part_and_that_is_said(tmp_path):
     assert len(recording) == 32
     assert recording.unjudged == "1 target, which may move (respiration)"
     assert any("1 is 'M" in note for note in recording.notes)
-
-
-@pytest.mark.parametrize("kind", ["ranges", "fiducials"])
-def test_the_bench_counts_what_is_right_by_the_truth_that_it_holds_apart(kind):
-    said = {"verdict": "explained", "outside_probability": 0.0, "causes": []}
-    named = {"effect": "range_scale" if kind == "ranges" else "ct_scale", "element": None}
-    right = {**said, "causes": [{**named, "probability": 0.99}]}
-    cases = parts.cases_of(kind, "single", 3, 5, lambda recording: right)
-    assert cases["right"].tolist() == (cases["truth"] == named["effect"]).tolist()
-    assert cases["right"].any()
-    assert cases["gap"].between(1.0, 4.0).all()
-    again = parts.cases_of(kind, "single", 3, 5, lambda recording: said)
-    assert again["truth"].tolist() == cases["truth"].tolist()
-    assert not again["right"].any()
-    counts, wrong, _ = parts.tables(cases).values()
-    assert counts[["cases", "right", "sure", "sure and right"]].to_numpy().tolist() == [
-        [3, 1, 3, 1]
-    ]
-    assert wrong["cases"].sum() == 2
 
 
 @pytest.mark.parametrize(("held", "words"), [(1, "every row held out"), (2, "found 2, expected 0")])

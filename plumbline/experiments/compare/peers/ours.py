@@ -139,8 +139,8 @@ def motion_misses(given: Mapping[str, Array], found: list[Array]) -> Array:
 def raced() -> Any:
     """The banded solver and HPIPM on the same programmes of a course, in turns."""
     from plumbline.experiments.benches import mpc
-    from plumbline.experiments.benches.hpipm import Recording as Programmes
-    from plumbline.experiments.benches.hpipm import race
+    from plumbline.experiments.compare.hpipm import Recording as Programmes
+    from plumbline.experiments.compare.hpipm import race
     from plumbline.optim.capsule_mpc import RealTime
 
     recorded = Programmes([])

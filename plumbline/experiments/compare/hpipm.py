@@ -198,14 +198,3 @@ def race(programs: Sequence[tuple[StageQp, Array]]) -> Race | None:
         solved / len(programs),
         (float(np.mean([c[0] for c in counts])), float(np.mean([c[1] for c in counts]))),
     )
-
-
-def gained(found: Race | None, step: float) -> str:
-    """What the banded solver gains, alone and of a whole step [ms], in words."""
-    if found is None:
-        return "none in this CasADi"
-    whole = (step - found.banded[0] + found.hpipm[0]) / step
-    return (
-        f"{found.banded[0]:.3f} against {found.hpipm[0]:.3f} ms, {found.gain:.1f} times; "
-        f"of a whole step {whole:.1f} times"
-    )
