@@ -5,6 +5,7 @@ A :class:`Problem` is stated once and :class:`Mapped` evaluates it; a :class:`So
 solver cannot take. What a method says is an :class:`Answer`, judged, shown and stored.
 """
 
+from plumbline.declared import Declared as Declared
 from plumbline.optim.core.answer import Answer as Answer
 from plumbline.optim.core.judged import Judged as Judged
 from plumbline.optim.core.judged import Judgement as Judgement

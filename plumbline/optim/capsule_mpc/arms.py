@@ -21,8 +21,9 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import LinkCapsule, Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
-from plumbline.optim.capsule_mpc.bodies import Body, Capsule, Point
+from plumbline.optim.capsule_mpc.bodies import Body, Capsule
 from plumbline.optim.capsule_mpc.constants import MM, PRISMATIC, REVOLUTE
+from plumbline.optim.capsule_mpc.settings import Point
 from plumbline.optim.core.problem import Array
 
 

@@ -39,12 +39,13 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Positive, Range, expect_fields
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
 from plumbline.optim.capsule_mpc.constants import (
@@ -57,10 +58,8 @@ from plumbline.optim.capsule_mpc.constants import (
     STILL,
     V_OUTER,
 )
-from plumbline.optim.capsule_mpc.settings import check_shaft, near
+from plumbline.optim.capsule_mpc.settings import Depth, Length, Point, Thickness, near
 from plumbline.optim.core.problem import Array
-
-Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -149,12 +148,12 @@ class Body(Protocol):
 class _Shaft(Body, Protocol):
     """What instruments share: bounds that hold along all coordinates, and no pairs of their own."""
 
-    v_max: float
-    a_max: float
-    j_max: float
+    v_max: Positive
+    a_max: Positive
+    j_max: Positive
 
     def __post_init__(self) -> None:
-        check_shaft(self)
+        expect_fields(self)
 
     @property
     def unit(self) -> Array:
@@ -182,22 +181,29 @@ class TipInstrument(_Shaft):
     """An instrument through a trocar, its state the place of its tip (3,)."""
 
     trocar: Point  # the point that the shaft passes through [m]
-    length: float = 0.25  # from the tip to the other end of the shaft [m]
-    radius: float = 0.0025  # of the shaft [m]
-    v_max: float = 0.06  # largest speed of the tip [m/s]
+    length: Length = 0.25  # from the tip to the other end of the shaft [m]
+    radius: Thickness = 0.0025  # of the shaft [m]
+    v_max: Positive = 0.06  # largest speed of the tip [m/s]
     # least and most depth of the tip behind the trocar [m]; the direction of the shaft is
     # undefined at the trocar itself
-    depths: tuple[float, float] = (0.015, 0.23)
-    a_max: float = A_MAX  # largest acceleration of the tip [m/s^2]
-    j_max: float = J_MAX  # largest jerk of the tip [m/s^3]
-    v_outer: float = V_OUTER  # largest speed of the other end [m/s]
+    depths: tuple[Depth, Depth] = (0.015, 0.23)
+    a_max: Positive = A_MAX  # largest acceleration of the tip [m/s^2]
+    j_max: Positive = J_MAX  # largest jerk of the tip [m/s^3]
+    v_outer: Positive = V_OUTER  # largest speed of the other end [m/s]
     inward: Point = (0.0, 0.0, -1.0)  # direction into the body through the trocar's plane
     # largest angle between the shaft and that direction [degrees], below 90: the tip stays inside
     # of the body
-    cone: float = CONE
+    cone: Annotated[float, Range(0.0, 90.0, "()")] = CONE
 
     size: int = field(default=3, init=False)
     groups: tuple[int, ...] = field(default=(3,), init=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.depths[0] >= self.depths[1]:
+            raise PlumblineError(f"depths: found {self.depths}, expected least < most; swap them")
+        if not np.any(self.inward):
+            raise PlumblineError("inward: found no direction, expected one into the body; mend it")
 
     @property
     def constants(self) -> Array:
@@ -265,13 +271,13 @@ class TipInstrument(_Shaft):
 class EndsInstrument(_Shaft):
     """An instrument by both ends of its shaft: tip, then the other end (6,)."""
 
-    length: float = 0.25  # of the shaft [m]
-    radius: float = 0.0025  # of the shaft [m]
-    v_max: float = 0.06  # largest speed of either end [m/s]
+    length: Length = 0.25  # of the shaft [m]
+    radius: Thickness = 0.0025  # of the shaft [m]
+    v_max: Positive = 0.06  # largest speed of either end [m/s]
     # the point that the shaft passes through [m]; None for a free capsule
     trocar: Point | None = None
-    a_max: float = A_MAX  # largest acceleration of either end [m/s^2]
-    j_max: float = J_MAX  # largest jerk of either end [m/s^3]
+    a_max: Positive = A_MAX  # largest acceleration of either end [m/s^2]
+    j_max: Positive = J_MAX  # largest jerk of either end [m/s^3]
 
     size: int = field(default=6, init=False)
     groups: tuple[int, ...] = field(default=(3, 3), init=False)

@@ -34,6 +34,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import expect
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle
@@ -92,9 +93,12 @@ class Controller:
         """
         self.statement = statement
         self.safety = safety or Safety()
+        expect("safety", self.safety, Safety)
         planner = planner or OneStep()
         if fallback is None and not isinstance(planner, OneStep):
             fallback = OneStep(compiled=False)
+        expect("planner", planner, Planner)
+        expect("fallback", fallback, Planner | None)
         self._planner: Ready = planner.ready(statement)
         self._fallback: Ready | None = fallback.ready(statement) if fallback else None
         self._gaps = Compiled(statement.clearances, False)

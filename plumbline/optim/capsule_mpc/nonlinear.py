@@ -17,6 +17,7 @@ from functools import cached_property, lru_cache
 import casadi as cs
 import numpy as np
 
+from plumbline.declared import AtLeastOne, Declared, Positive
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.constants import FAR, MM, OBSTACLE, ROUNDS, SHORT, WATCH
 from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
@@ -30,18 +31,18 @@ Duals = dict[Name, Array]
 
 
 @dataclass(frozen=True)
-class Nonlinear:
+class Nonlinear(Declared):
     """Options of the solver."""
 
     # ``"ipopt"`` or ``"fatrop"``, set up as a loop needs them; or any solver that takes bounds,
     # constraints and an objective
     solver: str | Solver = "ipopt"
     # iterations at most; two arms took 167 from a cold start, then 6 to 17
-    max_iterations: int = 200
+    max_iterations: AtLeastOne = 200
     # the solver's own; None for 1e-4 with IPOPT, 5e-2 with FATROP, which otherwise iterates on what
     # the penalty of slack leaves of its dual residual
-    tolerance: float | None = None
-    budget: float | None = None  # time that IPOPT may take [s]; None for no limit
+    tolerance: Positive | None = None
+    budget: Positive | None = None  # time that IPOPT may take [s]; None for no limit
 
     def ready(self, statement: Statement) -> Ready:
         """Build the programs of no obstacle and of all, some tenths of a second each."""

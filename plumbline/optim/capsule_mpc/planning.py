@@ -47,6 +47,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
+from plumbline.declared import AtLeastOne, Declared, Positive, Share
 from plumbline.optim.capsule_mpc.compiled import (
     Compiled,
     backend,
@@ -89,12 +90,12 @@ def native() -> bool:
 
 
 @dataclass(frozen=True)
-class BandedQp:
+class BandedQp(Declared):
     """Options of the solver."""
 
-    max_iterations: int = 50  # iterations at most
+    max_iterations: AtLeastOne = 50  # iterations at most
     # of complementarity and stationarity [mm^2]; of the rows, a hundredth [mm]
-    tolerance: float = 1e-3
+    tolerance: Positive = 1e-3
     compiled: bool = True  # whether to use it; else, or where it is not there, a library's
 
     def prepare(self) -> None:
@@ -174,7 +175,7 @@ class QpSolver(Protocol):
 
 
 @dataclass(frozen=True)
-class RealTime:
+class RealTime(Declared):
     """One linearisation a step, and one quadratic program: the real-time iteration.
 
     Linearising once about the shifted path of the last step suffices, since the next step
@@ -183,7 +184,7 @@ class RealTime:
 
     # of the quadratic program: :class:`BandedQp`, or a library's
     solver: QpSolver = field(default_factory=BandedQp)
-    passes: int = 1  # linearisations a step
+    passes: AtLeastOne = 1  # linearisations a step
     compiled: bool = True  # whether to compile the linearisation, where there is a compiler
 
     def ready(self, statement: Statement) -> Ready:
@@ -231,10 +232,11 @@ def shifted(path: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class OneStep:
+class OneStep(Declared):
     """Options of one step."""
 
-    gamma: float = 0.3  # share of its distance that a pair may lose in a step, in (0, 1]
+    # share of its distance that a pair may lose in a step
+    gamma: Share = 0.3
     compiled: bool = True  # whether to compile, where there is a compiler
 
     def ready(self, statement: Statement) -> Ready:

@@ -48,14 +48,15 @@ d + T later, and the tip follows z that much later but for curvature, :math:`T^2
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Among, AtLeastOne, Count, Declared, NotNegative, Range, Share
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc.constants import (
     CREEP,
@@ -72,15 +73,6 @@ if TYPE_CHECKING:
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 
 
-def _within(given: object, limits: Mapping[str, tuple[float, float]], mend: str) -> None:
-    """Refuse fields that are stated and not between their limits."""
-    for name, (least, most) in limits.items():
-        value = getattr(given, name)
-        if value is not None and not least <= value <= most:
-            upper = "" if np.isinf(most) else f", at most {most}"
-            raise PlumblineError(f"{name}: found {value}, expected at least {least}{upper}; {mend}")
-
-
 NEAR = f"finite, within {LONGEST:g} m"
 
 
@@ -89,41 +81,29 @@ def near(places: ArrayLike) -> bool:
     return bool((np.abs(places) <= LONGEST).all())
 
 
-def check_shaft(shaft: Any) -> None:
-    """Refuse an instrument whose numbers are no lengths in m, no depths or no cone."""
-    _within(shaft, {"length": (1e-3, LONGEST), "radius": (1e-4, WIDEST)}, "state it in m")
-    depths = getattr(shaft, "depths", (1e-3, LONGEST))
-    if not (len(depths) == 2 and 0.0 < depths[0] < depths[1] <= LONGEST):
-        expected = f"0 < least < most <= {LONGEST} m"
-        raise PlumblineError(f"depths: found {depths}, expected {expected}; state both in m")
-    if not 0.0 < getattr(shaft, "cone", 1.0) < 90.0:
-        raise PlumblineError(
-            f"cone: found {shaft.cone} deg, expected above 0 and below 90; mend it"
-        )
-    for name in ("trocar", "inward"):
-        place = np.asarray(getattr(shaft, name, None) or (0.0, 0.0, 1.0), dtype=float)
-        if not (place.shape == (3,) and near(place)):
-            expected = f"3 numbers of at most {LONGEST} m"
-            raise PlumblineError(
-                f"{name}: found {place.tolist()}, expected {expected}; state it in m, not in mm"
-            )
-    if not np.any(getattr(shaft, "inward", 1.0)):
-        raise PlumblineError("inward: found no direction, expected one into the body; mend it")
+# Of a place [m]: in mm it is beyond any room.
+Coordinate = Annotated[float, Range(-LONGEST, LONGEST, mend="state it in m, not in mm")]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Length = Annotated[float, Range(1e-3, LONGEST, mend="state it in m")]
+Thickness = Annotated[float, Range(1e-4, WIDEST, mend="state it in m")]
+Depth = Annotated[float, Range(0.0, LONGEST, "(", "state it in m")]
+Near = Annotated[float, Range(0.0, WIDEST, mend="give it in m")]
 
 
 @dataclass(frozen=True)
-class Confidence:
+class Confidence(Declared):
     """The coefficient along the horizon: ``max(least, first - fall * i)``."""
 
-    first: float = 1.0  #: at the present step, in (0, 1]
-    fall: float = 0.02  #: loss a step
-    least: float = 0.5  #: never less than this, in (0, first]
+    first: Share = 1.0  #: at the present step, in (0, 1]
+    fall: NotNegative = 0.02  #: loss a step
+    least: Share = 0.5  #: never less than this, in (0, first]
 
     def __post_init__(self) -> None:
-        if not (0.0 < self.least <= self.first <= 1.0 and self.fall >= 0.0):
+        super().__post_init__()
+        if self.least > self.first:
             raise PlumblineError(
-                f"confidence: found first {self.first}, least {self.least}, fall {self.fall}, "
-                "expected 0 < least <= first <= 1 and fall >= 0; use the defaults"
+                f"confidence: found least {self.least}, expected at most first, {self.first}; "
+                "use the defaults"
             )
 
     @classmethod
@@ -138,23 +118,16 @@ class Confidence:
 
 
 @dataclass(frozen=True)
-class Noise:
+class Noise(Declared):
     """The stated noise of the plant."""
 
-    measured: float = 0.0  #: 1 sigma per axis of a measured point [m]
-    step: float = 0.0  #: 1 sigma per axis that every step adds [m]
-    epsilon: float = 1e-3  #: probability that one pair at one step is nearer than it should be
-    feedback: int = 3  #: steps after which feedback has seen an error
+    measured: Near = 0.0  #: 1 sigma per axis of a measured point [m]
+    step: Near = 0.0  #: 1 sigma per axis that every step adds [m]
+    #: probability that one pair at one step is nearer than it should be
+    epsilon: Annotated[float, Range(0.0, 0.5, "(")] = 1e-3
+    feedback: Count = 3  #: steps after which feedback has seen an error
     #: distance by which a command may miss systematically: lag, delay, gain, deadband [m]
-    bias: float = 0.0
-
-    def __post_init__(self) -> None:
-        sizes = dict.fromkeys(("measured", "step", "bias"), (0.0, WIDEST))
-        _within(self, {"feedback": (0, np.inf)} | sizes, "give its size in m")
-        if not 0.0 < self.epsilon <= 0.5:
-            raise PlumblineError(
-                f"epsilon: found {self.epsilon}, expected in (0, 0.5]; use the default"
-            )
+    bias: Near = 0.0
 
     def tightening(self, p: int) -> Array:
         """What is added to D (p, 2) [mm]: for two bodies, and for a body and an obstacle."""
@@ -165,27 +138,28 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Declared):
     """The control problem apart from what moves in it."""
 
-    p: int = 10  #: steps of the horizon
-    dt: float = 0.02  #: one step [s]
-    safe: float = 0.002  #: least clearance d_s of any two capsules [m]
-    form: str = "planes"  #: ``"planes"`` (the default), or the patent's ``"scalar"``
+    p: AtLeastOne = 10  #: steps of the horizon
+    dt: Annotated[float, Range(1e-6, 1.0)] = 0.02  #: one step [s]
+    safe: Near = 0.002  #: least clearance d_s of any two capsules [m]
+    #: separating planes, or the patent's one number a pair
+    form: Annotated[str, Among(("planes", "scalar"))] = "planes"
     confidence: Confidence = Confidence()  #: the coefficient along the horizon
     noise: Noise = Noise()  #: what distances are tightened for
     #: cost of slack [m], beside squared distances [m^2] from the goals; above any multiplier, slack
     #: is zero where that can be
-    penalty: float = 100.0
+    penalty: Annotated[float, Range(1e-3)] = 100.0
     #: cost e of a squared step ``|x(k+1) - x(k)|^2``, beside the tracking cost of 1. None for
     #: :math:`0.7 \sqrt c`; see the module.
-    effort: float | None = None
+    effort: NotNegative | None = None
     #: cost c of a squared change of a step, ``|x(k+1) - 2 x(k) + x(k-1)|^2``, the first against the
     #: step that was last commanded. None for :math:`\min(\tau / dt,\, 0.53\, p)^4`.
-    smooth: float | None = None
+    smooth: NotNegative | None = None
     #: cost of a squared distance by which ``held`` is not zero, beside one from the goals, where a
     #: solver has no equations
-    hold: float = 1e5
+    hold: NotNegative = 1e5
 
     @property
     def weights(self) -> tuple[float, float]:
@@ -200,15 +174,8 @@ class Settings:
         """What two bodies, and a body and an obstacle, are to keep a step ahead (2,) [mm]."""
         return MM * self.safe + self.noise.tightening(1)[0]
 
-    def __post_init__(self) -> None:
-        if self.form not in ("planes", "scalar"):
-            raise PlumblineError(f"form: found {self.form!r}, expected 'planes' or 'scalar'")
-        limits = {"p": (1, np.inf), "dt": (1e-6, 1.0), "safe": (0.0, WIDEST)}
-        costs = {"penalty": (1e-3, np.inf)} | dict.fromkeys(
-            ("effort", "smooth", "hold"), (0.0, np.inf)
-        )
-        _within(self, limits | costs, "mend it")
 
+Numbers = float | Sequence[float] | Array  # one for all axes, or one each
 
 # Which field an effect fills.
 FIELDS = {
@@ -221,18 +188,19 @@ FIELDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Plant:
+class Plant(Declared):
     """How each axis of the state (n) carries out rates; one number for all, or one each."""
 
-    delay: ArrayLike = 0.0  # time until a rate acts [s]
-    lag: ArrayLike = 0.0  # time constant [s]
-    gain: ArrayLike = 0.0  # share by which rates are exceeded
-    offset: ArrayLike = 0.0  # rate at which it moves when told to rest [m/s]
-    band: ArrayLike = 0.0  # rates below this are not carried out [m/s]
+    delay: Numbers = 0.0  # time until a rate acts [s]
+    lag: Numbers = 0.0  # time constant [s]
+    gain: Numbers = 0.0  # share by which rates are exceeded
+    offset: Numbers = 0.0  # rate at which it moves when told to rest [m/s]
+    band: Numbers = 0.0  # rates below this are not carried out [m/s]
     # whether rates beyond the band are less by it (1), or whole from twice the band on (0)
-    less: ArrayLike = 0.0
+    less: Numbers = 0.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name, least in (("delay", 0.0), ("lag", 0.0), ("band", 0.0), ("gain", -0.99)):
             values = np.asarray(getattr(self, name), dtype=float)
             if not (np.isfinite(values).all() and (values >= least).all()):
@@ -277,16 +245,12 @@ class Plant:
 
 
 @dataclass(frozen=True)
-class Safety:
+class Safety(Declared):
     """Options of the net."""
 
-    budget: float = 0.02  # time that a plan may take [s]; a later one is not used
-    patience: int = 5  # steps without a usable measurement, after which motion stops
-    delay: int = 0  # steps that a command is known to take until it acts
+    budget: NotNegative = 0.02  # time that a plan may take [s]; a later one is not used
+    patience: Count = 5  # steps without a usable measurement, after which motion stops
+    delay: Count = 0  # steps that a command is known to take until it acts
     # what else is known of what carries commands out, its delay beyond these steps; a diagnosed
     # ``tracking`` recording tells: :meth:`Plant.of`
     plant: Plant = field(default_factory=Plant)
-
-    def __post_init__(self) -> None:
-        limits = dict.fromkeys(("budget", "patience", "delay"), (0.0, np.inf))
-        _within(self, limits, "use the default")

@@ -31,7 +31,8 @@ from dataclasses import replace
 import numpy as np
 
 from plumbline.optim.capsule_mpc import constants
-from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Obstacle, Point, TipInstrument
+from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Obstacle, TipInstrument
+from plumbline.optim.capsule_mpc.settings import Point
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 

@@ -23,7 +23,7 @@ from typing import Protocol
 import casadi as cs
 import numpy as np
 
-from plumbline.errors import PlumblineError
+from plumbline.declared import Declared, Positive
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit.constants import COUNT_OF_DIRECTIONS, MEDIAN
 
@@ -67,15 +67,11 @@ class Loss(Protocol):
 
 
 @dataclass(frozen=True)
-class Norms:
+class Norms(Declared):
     """The length of the misfit, smoothed."""
 
-    smoothing: float = 1e-6  # epsilon [m]; misfits far below it count as their squares
+    smoothing: Positive = 1e-6  # epsilon [m]; misfits far below it count as their squares
     name: str = "norms"
-
-    def __post_init__(self) -> None:
-        if not self.smoothing > 0.0:
-            raise PlumblineError(f"smoothing = {self.smoothing}: must be > 0 m; take 1e-6")
 
     def moments(self, S: Array) -> tuple[Array, Array]:
         """For Gaussian e, whose length and direction are independent once S is a sphere.

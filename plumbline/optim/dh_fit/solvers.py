@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Count, NotNegative
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import register_kinds
 from plumbline.optim.core.judged import Solution
@@ -36,11 +37,11 @@ from plumbline.optim.dh_fit.statement import DHStatement, LinkProblem, Pass, Rea
 class GaussNewton(OfRows):
     """Options of the solver."""
 
-    max_iterations: int = 300  # steps tried at most
+    max_iterations: Count = 300  # steps tried at most
     # relative drop of the objective that a full step promises, below which it stops
-    tolerance: float = 1e-12
-    damping: float = 1e-4  # first mu
-    few: int = 2000  # readings that the first steps are made on, if there are many more
+    tolerance: NotNegative = 1e-12
+    damping: NotNegative = 1e-4  # first mu
+    few: Count = 2000  # readings that the first steps are made on, if there are many more
     name: str = "gauss-newton"
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
@@ -182,7 +183,7 @@ class Narrowing(OfRows):
 
     name: str  # what it is called on the command line
     solver: Solver  # what solves each step, from the optimum of the one before
-    rounds: int = 1  # how often it solves the last: tolerances speak of the start's objective
+    rounds: Count = 1  # how often it solves the last: tolerances speak of the start's objective
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve a problem of links from a start (P,), clipped into the bounds."""

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 
-from plumbline.errors import PlumblineError
+from plumbline.declared import Among, Declared, Positive
 from plumbline.kinematics.link_table import LinkTable, link_table
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array
@@ -25,36 +25,23 @@ from plumbline.optim.dh_fit.statement import (
 )
 from plumbline.optim.recording.recording import Recording
 
-FRAMES = ("joint", "registration")
-CHOICES = ("identifiable", "all")
-
 
 @dataclass(frozen=True)
-class DHOptions:
+class DHOptions(Declared):
     """What is to be fitted, and how."""
 
     loss: Loss = field(default_factory=Norms)  #: what a misfit costs
     #: ``joint``: the camera's frame is six free unknowns on all readings. ``registration``: it
     #: follows from four points, as published.
-    frame: str = "joint"
+    frame: Annotated[str, Among(("joint", "registration"))] = "joint"
     #: ``identifiable``: a largest set that the poses can tell, the others at their nominal values.
     #: ``all``: every one, as published.
-    parameters: str = "identifiable"
+    parameters: Annotated[str, Among(("identifiable", "all"))] = "identifiable"
     hayati: bool = True  #: whether parallel axes get a tilt
-    delta_length: float = DELTA_LENGTH  #: half-width of the bounds of d and a [m]
-    delta_angle: float = DELTA_ANGLE  #: half-width of the bounds of alpha, theta and beta [rad]
+    delta_length: Positive = DELTA_LENGTH  #: half-width of the bounds of d and a [m]
+    #: half-width of the bounds of alpha, theta and beta [rad]
+    delta_angle: Positive = DELTA_ANGLE
     solver: Solver = field(default_factory=GaussNewton)  #: what solves it
-
-    def __post_init__(self) -> None:
-        for name, known in (("frame", FRAMES), ("parameters", CHOICES)):
-            value = getattr(self, name)
-            if value not in known:
-                raise PlumblineError(
-                    f"{name} {value!r} not recognised; choose {' or '.join(known)}"
-                )
-        for name in ("delta_length", "delta_angle"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise PlumblineError(f"{name} = {getattr(self, name)}: must be > 0 and finite")
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Annotated, Self
 
-from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
+from plumbline.declared import Among, Declared, Range
+from plumbline.errors import PlumblineError, best_matches, listed, shown
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.diagnosis.constants import LARGEST_SEED
@@ -15,7 +16,7 @@ from plumbline.optim.measurement.storing import effect_named
 
 
 @dataclass(frozen=True)
-class DiagnosisOptions:
+class DiagnosisOptions(Declared):
     """What may be chosen about a diagnosis.
 
     Attributes:
@@ -32,27 +33,17 @@ class DiagnosisOptions:
         PlumblineError: An option that there is not, or an effect that the library lacks.
     """
 
-    held_out: str = "auto"
-    seed: int = 0
+    held_out: Annotated[str, Among(KINDS)] = "auto"
+    seed: Annotated[int, Range(0, LARGEST_SEED)] = 0
     without: Sequence[str] = ()
     library: Sequence[type[Effect]] = EFFECTS
     solver: Solver = SOLVER
     force: bool = False
-    unlisted: float = UNLISTED
+    unlisted: Annotated[float, Range(0.0, 1.0, "()", "give a probability")] = UNLISTED
 
     def __post_init__(self) -> None:
         """Refuse what there is not."""
-        if self.held_out not in KINDS:
-            known = ", ".join(KINDS)
-            raise fault("held_out", shown(self.held_out), f"one of {known}", "choose one of them")
-        if not 0.0 < self.unlisted < 1.0:
-            found = shown(self.unlisted)
-            raise fault("unlisted", found, "between 0 and 1", "give a probability, such as 0.2")
-        if not 0 <= self.seed <= LARGEST_SEED:
-            found = shown(self.seed)
-            raise fault("seed", found, f"0 to {LARGEST_SEED}", "give a whole number of that range")
-        if isinstance(self.without, str):
-            raise fault("without", shown(self.without), "a list of names", "put it in brackets")
+        super().__post_init__()
         known_names = [effect.name for effect in self.library]
         known_names += [effect.name for effect in MOTION_EFFECTS]
         for name in self.without:

@@ -9,12 +9,13 @@ r"""From readings to an answer: the beam, how well it is known, and what to dist
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import isfinite
+from typing import Annotated
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
-from plumbline.errors import PlumblineError, fault
+from plumbline.declared import Count, Declared, Positive, Range
+from plumbline.errors import PlumblineError
 from plumbline.optim.core.judged import Judgement, Solution, judged
 from plumbline.optim.core.problem import Array, Flags, Integers, Problem
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
@@ -31,39 +32,31 @@ from plumbline.optim.hand_eye.reweighting import LikelyFit, Variance, likely_fit
 from plumbline.optim.hand_eye.shapes import arm_shapes, shapes
 from plumbline.optim.hand_eye.start import refuse_misread, robust_start
 
+# 1 sigma of what the readings cannot show [m]
+Bias = Annotated[float, Range(0.0, constants.LARGEST_NOISE, ")", "give it over 1 / cos - 1, in m")]
+
 
 @dataclass(frozen=True)
-class HandEyeOptions:
+class HandEyeOptions(Declared):
     """What is fitted besides the beam, what is gross, and how many next poses are looked for.
 
     Raises:
         PlumblineError: A value out of its range.
     """
 
-    shapes: int = constants.SHAPES  #: smooth shapes a board may take; 0 takes boards as flat
+    shapes: Count = constants.SHAPES  #: smooth shapes a board may take; 0 takes boards as flat
     #: smooth shapes the arm's error may take; 0 takes the arm as its model
-    arm: int = constants.ARM_SHAPES
+    arm: Count = constants.ARM_SHAPES
     #: standard deviation [m] of kappa, the bias of slanted beams over 1 / cos - 1, that no readings
     #: on planes can show; 0 takes them as unbiased, None takes what the recording states, or else
     #: 0.4 mm
-    bias: float | None = None
-    gross: float = constants.GROSS  #: errors beyond so many sigmas are gross
-    poses: int = constants.POSES  #: how many next poses to look for, 0 to 50
-    seed: int = 0  #: of their candidates
+    bias: Bias | None = None
+    gross: Positive = constants.GROSS  #: errors beyond so many sigmas are gross
+    #: how many next poses to look for
+    poses: Annotated[int, Range(0, constants.MOST_POSES)] = constants.POSES
+    seed: Count = 0  #: of their candidates
     #: what solves the statement in the end
     solver: Solver = field(default_factory=LevenbergMarquardt)
-
-    def __post_init__(self) -> None:
-        for name in ("shapes", "arm", "poses", "seed"):
-            value, bounded = getattr(self, name), name == "poses"
-            if value < 0 or (bounded and value > constants.MOST_POSES):
-                limit = f"0 to {constants.MOST_POSES}" if bounded else "0 or more"
-                raise fault(name, f"{value}", limit, "give a whole number in that range")
-        if not (isfinite(self.gross) and self.gross > 0.0):
-            raise fault("gross", f"{self.gross:g} sigmas", "more than 0", "4.5 is the default")
-        if self.bias is not None and not 0.0 <= self.bias < constants.LARGEST_NOISE:
-            mend = "give 1 sigma in m, over 1 / cos - 1 of the incidence"
-            raise fault("bias", f"{self.bias:g} m", f"0 to {constants.LARGEST_NOISE:g} m", mend)
 
 
 @dataclass(frozen=True, eq=False)

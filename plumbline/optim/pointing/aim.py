@@ -17,6 +17,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Declared, Point, Positive
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
@@ -35,31 +36,27 @@ from plumbline.optim.recording import storing as storing
 
 
 @dataclass(frozen=True)
-class Needle:
+class Needle(Declared):
     """A rigid needle on a flange."""
 
-    length: float  #: from the flange to the needle's tip, l [m]
-    standoff: float  #: from the tip to the lesion, r [m]
+    length: Positive  #: from the flange to the needle's tip, l [m]
+    standoff: Positive  #: from the tip to the lesion, r [m]
     #: unit direction (3,) of the needle in the flange's frame
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    radius: float = 1.0e-3  #: its radius [m]
+    axis: Point = (0.0, 0.0, 1.0)
+    radius: Positive = 1.0e-3  #: its radius [m]
 
     def __post_init__(self) -> None:
-        for name in ("length", "standoff", "radius"):
-            object.__setattr__(
-                self, name, number(getattr(self, name), f"needle {name} [m]", above=0.0)
-            )
+        super().__post_init__()
         if self.reach > LARGEST:
             raise PlumblineError(
                 f"needle length + standoff = {self.reach:g} m: at most 5 m; give metres, not mm"
             )
-        axis = array(self.axis, "needle axis", (3,), "give a direction in the flange's frame")
-        size = float(np.linalg.norm(axis))
+        size = float(np.linalg.norm(self.axis))
         if size < ROUNDING:
             raise PlumblineError(
                 "needle axis = 0 0 0: a direction expected; (0, 0, 1) is the flange's z"
             )
-        x, y, z = (float(value) for value in axis / size)
+        x, y, z = (float(value) for value in np.asarray(self.axis) / size)
         object.__setattr__(self, "axis", (x, y, z))
 
     @property

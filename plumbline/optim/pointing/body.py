@@ -11,11 +11,11 @@ from typing import Protocol
 import coal
 import numpy as np
 
+from plumbline.declared import Declared, Point, Positive
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import LEAST_SIZE, MM, PARALLEL, ROUNDING
-from plumbline.optim.pointing.given import array, number
 
 
 class Shape(Protocol):
@@ -41,16 +41,15 @@ class Body(Shape, Protocol):
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Declared):
     """A box whose edges lie along the CT's axes."""
 
-    lower: tuple[float, float, float]  #: its least corner (3,) [m]
-    upper: tuple[float, float, float]  #: its largest corner (3,) [m]
+    lower: Point  #: its least corner (3,) [m]
+    upper: Point  #: its largest corner (3,) [m]
 
     def __post_init__(self) -> None:
-        low = array(self.lower, "box lower", (3,), "give a corner in m")
-        high = array(self.upper, "box upper", (3,), "give a corner in m")
-        for name, a, b in zip("xyz", low, high, strict=True):
+        super().__post_init__()
+        for name, a, b in zip("xyz", self.lower, self.upper, strict=True):
             if a >= b:
                 raise PlumblineError(
                     f"box {name}: lower {a:g} m is not below upper {b:g} m; swap them"
@@ -81,20 +80,17 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(Declared):
     """A round body, such as a trunk lying along one axis."""
 
-    centre: tuple[float, float, float]  #: its middle in CT coordinates (3,) [m]
-    radius: float  #: [m]
-    length: float  #: [m]
-    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)  #: direction of its axis in CT (3,)
+    centre: Point  #: its middle in CT coordinates (3,) [m]
+    radius: Positive  #: [m]
+    length: Positive  #: [m]
+    axis: Point = (1.0, 0.0, 0.0)  #: direction of its axis in CT (3,)
 
     def __post_init__(self) -> None:
-        array(self.centre, "cylinder centre", (3,), "give CT coordinates in m")
-        number(self.radius, "cylinder radius [m]", above=0.0)
-        number(self.length, "cylinder length [m]", above=0.0)
-        axis = array(self.axis, "cylinder axis", (3,), "give a direction in CT")
-        if np.linalg.norm(axis) < ROUNDING:
+        super().__post_init__()
+        if np.linalg.norm(self.axis) < ROUNDING:
             raise PlumblineError("cylinder axis = 0 0 0: a direction expected; give one")
 
     @property
@@ -136,15 +132,11 @@ def turning_z_to(direction: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Declared):
     """A ball."""
 
-    centre: tuple[float, float, float]  #: its middle (3,) [m]
-    radius: float  #: [m]
-
-    def __post_init__(self) -> None:
-        array(self.centre, "sphere centre", (3,), "give its coordinates in m")
-        number(self.radius, "sphere radius [m]", above=0.0)
+    centre: Point  #: its middle (3,) [m]
+    radius: Positive  #: [m]
 
     @property
     def placement(self) -> Array:
@@ -162,21 +154,19 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(Declared):
     """All that lies within a radius of a segment: a piece of a vessel or of a long bone."""
 
-    start: tuple[float, float, float]  #: one end of the segment (3,) [m]
-    end: tuple[float, float, float]  #: the other (3,) [m]
-    radius: float  #: [m]
+    start: Point  #: one end of the segment (3,) [m]
+    end: Point  #: the other (3,) [m]
+    radius: Positive  #: [m]
 
     def __post_init__(self) -> None:
-        a = array(self.start, "capsule start", (3,), "give its coordinates in m")
-        b = array(self.end, "capsule end", (3,), "give its coordinates in m")
-        number(self.radius, "capsule radius [m]", above=0.0)
-        if np.linalg.norm(b - a) < LEAST_SIZE:
+        super().__post_init__()
+        length = float(np.linalg.norm(np.subtract(self.end, self.start)))
+        if length < LEAST_SIZE:
             raise PlumblineError(
-                f"capsule of length {np.linalg.norm(b - a):g} m: more than {LEAST_SIZE:g} m "
-                "expected; use Sphere"
+                f"capsule of length {length:g} m: more than {LEAST_SIZE:g} m expected; use Sphere"
             )
 
     @property
@@ -203,17 +193,16 @@ class Capsule:
 
 
 @dataclass(frozen=True)
-class HalfSpace:
+class HalfSpace(Declared):
     """All that lies behind a plane: a table, a floor, a wall."""
 
-    point: tuple[float, float, float]  #: of the plane (3,) [m]
+    point: Point  #: of the plane (3,) [m]
     #: direction (3,) away from what is solid; upwards unless stated
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    normal: Point = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        array(self.point, "half-space point", (3,), "give its coordinates in m")
-        normal = array(self.normal, "half-space normal", (3,), "give a direction")
-        if np.linalg.norm(normal) < LEAST_SIZE:
+        super().__post_init__()
+        if np.linalg.norm(self.normal) < LEAST_SIZE:
             raise PlumblineError("half-space normal = 0 0 0: a direction expected; give one")
 
     @property

@@ -4,37 +4,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from plumbline.declared import AtLeastOne, Declared, NotNegative, Positive
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.solvers import Solver
-from plumbline.optim.pointing.given import number
 from plumbline.optim.pointing.statement import IPOPT, SweepWeights
 from plumbline.optim.pointing.task import Bounded, NeedleTask
 
 
 @dataclass(frozen=True)
-class PointingOptions:
+class PointingOptions(Declared):
     """Limits that a plan has to keep."""
 
-    least_singular_value: float = 0.02  #: of the needle's task [rad/rad]
+    least_singular_value: Positive = 0.02  #: of the needle's task [rad/rad]
     #: of arm and needle from the body, and of the tip in front of it [m]
-    least_clearance: float = 2e-3
+    least_clearance: NotNegative = 2e-3
     #: largest motion of a joint between neighbouring angles [rad]; of one that slides, as a share
     #: of the arm's length
-    longest_step: float = 0.3
-    limit_margin: float = 0.01  #: what is kept free of each end of a joint's range [rad]
-    branches: int = 1  #: how many branches of the inverse kinematics are planned in full
+    longest_step: Positive = 0.3
+    limit_margin: NotNegative = 0.01  #: what is kept free of each end of a joint's range [rad]
+    branches: AtLeastOne = 1  #: how many branches of the inverse kinematics are planned in full
     weights: SweepWeights = field(default_factory=SweepWeights)  #: what the path is chosen for
     #: what solves for the path; it must take bounds, constraints and an objective
     solver: Solver = IPOPT
-
-    def __post_init__(self) -> None:
-        for name in ("least_singular_value", "longest_step"):
-            number(getattr(self, name), name, above=0.0)
-        for name in ("least_clearance", "limit_margin"):
-            if number(getattr(self, name), name) < 0.0:
-                raise PlumblineError(f"{name} = {getattr(self, name):g}: at least 0 expected")
-        if self.branches < 1:
-            raise PlumblineError(f"branches = {self.branches}: at least 1 expected")
 
     def bounded(self, task: NeedleTask) -> Bounded:
         """A task within its joint limits and their margin, refused where no range is left."""

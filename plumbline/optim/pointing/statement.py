@@ -22,6 +22,7 @@ from functools import cached_property, lru_cache
 import casadi as cs
 import numpy as np
 
+from plumbline.declared import Declared, NotNegative
 from plumbline.optim.core.problem import Array, Flags, Problem
 from plumbline.optim.core.solvers import Ipopt, Solver
 from plumbline.optim.pointing.between import Planes, kept, points
@@ -49,13 +50,13 @@ IPOPT: Solver = Ipopt(
 
 
 @dataclass(frozen=True)
-class SweepWeights:
+class SweepWeights(Declared):
     """What the path is chosen for, beside holding the needle."""
 
-    manipulability: float = 1e-3  # mu, against singularities
-    home: float = 1e-5  # c, towards the middle of the joints' ranges
+    manipulability: NotNegative = 1e-3  # mu, against singularities
+    home: NotNegative = 1e-5  # c, towards the middle of the joints' ranges
     # w_0, below which the logarithm is cut off: keeps it finite at a singularity
-    floor: float = 1e-3
+    floor: NotNegative = 1e-3
 
 
 @dataclass(frozen=True, eq=False)

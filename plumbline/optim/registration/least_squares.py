@@ -25,6 +25,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Declared
 from plumbline.optim.core.judged import Judgement, judged_by_gram
 from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array
@@ -142,7 +143,7 @@ def best_fit(markers: Markers) -> tuple[Array, float]:
 
 
 @dataclass(frozen=True)
-class Kabsch:
+class Kabsch(Declared):
     """All markers weigh the same, along all axes."""
 
     #: also find the scale; rigid bodies have none, but a CT's pitch may be wrong
@@ -172,7 +173,7 @@ def _alike(markers: Markers) -> Markers:
 
 
 @dataclass(frozen=True)
-class Anisotropic:
+class Anisotropic(Declared):
     """Each reading weighs by its own covariance; without any stated, it is Kabsch's fit."""
 
     # what solves the stated problem; damped Gauss-Newton steps if none is given

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
+from plumbline.declared import Declared
 from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.checks import check, condition_of, misfit, spread_of
@@ -46,7 +47,7 @@ METHODS: Mapping[str, Method] = {
 
 
 @dataclass(frozen=True)
-class RegistrationOptions:
+class RegistrationOptions(Declared):
     """By which method, and how well markers were read.
 
     Raises:
@@ -61,11 +62,8 @@ class RegistrationOptions:
     noise: MarkerNoise | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.method, str):
-            known = self.method in METHODS
-        else:
-            known = isinstance(self.method, Method)
-        if not known:
+        super().__post_init__()
+        if isinstance(self.method, str) and self.method not in METHODS:
             near = f"Best matches are {best_matches(str(self.method), METHODS)}"
             raise fault("method", shown(self.method), "a method or its name", near)
 

@@ -28,13 +28,14 @@ those stay the same (Rousseeuw and Van Driessen 2006, Data Min. Knowl. Discov. 1
 from dataclasses import dataclass
 from itertools import combinations
 from math import comb
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 from scipy.special import betaincinv, chdtri
 
+from plumbline.declared import Count, Declared, Range
 from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.registration import constants
 from plumbline.optim.registration.checks import condition_of
@@ -148,16 +149,19 @@ _UNSTATED = (
 )
 
 
+Chance = Annotated[float, Range(0.0, 1.0, "()")]
+
+
 @dataclass(frozen=True)
-class Robust:
+class Robust(Declared):
     """The anisotropic fit of the markers that agree with each other."""
 
     # markers left out at most, three always remain; (n - 3) / 2 if not given
-    most: int | None = None
-    alpha: float = constants.ALPHA  # chance of leaving a good marker out
+    most: Count | None = None
+    alpha: Chance = constants.ALPHA  # chance of leaving a good marker out
     # the same where no noise was stated: what is left over by four markers or five says little of
     # the noise, and a stricter test would see none but gross shifts
-    alpha_unstated: float = constants.ALPHA_UNSTATED
+    alpha_unstated: Chance = constants.ALPHA_UNSTATED
 
     name: ClassVar[str] = "robust"
 

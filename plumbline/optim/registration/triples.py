@@ -34,6 +34,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Declared
 from plumbline.errors import fault
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, unskew
@@ -128,7 +129,7 @@ def in_chunks(function: cs.Function, rows: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class ThreePoint:
+class ThreePoint(Declared):
     """The three-point frame as a method."""
 
     #: which three markers (from 0), in the order M1, M2, M3; all others only check it
@@ -207,7 +208,7 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class BestTriple:
+class BestTriple(Declared):
     """The triple, and its order, with the least predicted TRE at a lesion."""
 
     # where, in CT (3,) [m]; at the markers' centre if not given

@@ -371,17 +371,20 @@ def test_a_confidence_made_of_noise_keeps_the_speed_below_its_limit():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Settings(form="triangles"), "expected 'planes' or 'scalar'"),
+        (lambda: Settings(form="triangles"), "expected one of planes, scalar"),
         (lambda: Settings(p=0), "p: found 0, expected at least 1"),
-        (lambda: Confidence(0.5, 0.0, 0.9), "0 < least <= first <= 1"),
+        (lambda: Confidence(0.5, 0.0, 0.9), "found least 0.9, expected at most first, 0.5"),
         (lambda: Statement((), 0), "found 0 bodies"),
         (lambda: two().stages(GOAL, OBSTACLES * 3), "at most 1 capsules and 1 spheres"),
         (lambda: two().stages(GOAL[:3], []), "found shape \\(3,\\), expected \\(6,\\)"),
-        (lambda: Noise(bias=-0.001), "bias: found -0.001, expected at least 0"),
-        (lambda: Noise(epsilon=0.7), "epsilon: found 0.7, expected in"),
+        (lambda: Noise(bias=-0.001), "bias: found -0.001, expected 0 to 0.1"),
+        (lambda: Noise(epsilon=0.7), "epsilon: found 0.7, expected more than 0 and at most 0.5"),
         (lambda: Safety(delay=-1), "delay: found -1, expected at least 0"),
         (lambda: Settings(effort=float("nan")), "effort: found nan"),
-        (lambda: Statement((TipInstrument((0, 0, 0), v_max=0.0),), 0), "body 1: speed"),
+        (
+            lambda: Statement((TipInstrument((0, 0, 0), v_max=0.0),), 0),
+            "v_max: found 0, expected more than 0",
+        ),
         (lambda: Nonlinear("snopt").ready(two()), "'snopt' is not in this CasADi"),
     ],
 )

@@ -39,7 +39,9 @@ def test_shafts_keep_95_percent_of_what_near_trocars_leave_them():
 def test_what_is_held_may_take_a_tenth_of_the_acceleration_beyond_it(beyond, taken, monkeypatch):
     """From rest a step may come to 20 mm/s; putting right, to 22."""
     own = Controller(
-        Statement((EndsInstrument(0.2, 0.0025),), 0, Settings(p=2)), OneStep(False), Safety(9.0)
+        Statement((EndsInstrument(0.2, 0.0025),), 0, Settings(p=2)),
+        OneStep(compiled=False),
+        Safety(9.0),
     )
     x = np.array([0.0, 0.0, -100.0, 0.0, 0.0, 100.0])
     right = np.array([20.0 + beyond, 0.0, 0.0, 0.0, 0.0, 0.0])

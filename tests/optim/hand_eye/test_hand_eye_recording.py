@@ -332,9 +332,9 @@ def test_what_a_recording_states_of_slanted_beams_is_taken_unless_an_option_says
         ({"arm": -2}, "arm: found -2"),
         ({"poses": 51}, "expected 0 to 50"),
         ({"seed": -1}, "seed: found -1"),
-        ({"gross": 0.0}, "gross: found 0 sigmas"),
+        ({"gross": 0.0}, "gross: found 0, expected more than 0"),
         ({"gross": float("inf")}, "gross: found inf"),
-        ({"bias": 0.1}, "bias: found 0.1 m"),
+        ({"bias": 0.1}, "bias: found 0.1, expected at least 0 and less than"),
         ({"bias": float("nan")}, "bias: found nan"),
     ],
 )

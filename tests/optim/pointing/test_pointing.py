@@ -353,9 +353,9 @@ def test_a_cone_is_safe_all_around():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Needle(0.0, 0.15), r"needle length \[m\] = 0: must be > 0"),
-        (lambda: Needle(0.4, -0.1), r"needle standoff \[m\] = -0.1: must be > 0"),
-        (lambda: Needle(float("nan"), 0.1), "one finite number"),
+        (lambda: Needle(0.0, 0.15), "length: found 0, expected more than 0"),
+        (lambda: Needle(0.4, -0.1), "standoff: found -0.1, expected more than 0"),
+        (lambda: Needle(float("nan"), 0.1), "length: found nan, expected a finite number"),
         (lambda: Needle(401.0, 150.0), "at most 5 m; give metres, not mm"),
         (lambda: Needle(0.4, 0.1, axis=(0, 0, 0)), "needle axis = 0 0 0"),
         (lambda: Aim(UR3, placed(), (0.05, np.nan, 0.06), NEEDLE), r"lesion: nan at \(1,\)"),
@@ -370,7 +370,7 @@ def test_a_cone_is_safe_all_around():
             "arm of 3 joints: at least 5 needed",
         ),
         (lambda: Box((0, 0, 0), (1, 1, 0)), "box z: lower 0 m is not below upper 0 m; swap"),
-        (lambda: Cylinder((0, 0, 0), -1.0, 1.0), "must be > 0"),
+        (lambda: Cylinder((0, 0, 0), -1.0, 1.0), "radius: found -1, expected more than 0"),
         (lambda: plan_sweep(AIM, 10.0, 0.5), "theta = 10 rad: 0 to 1.571 rad expected; give radi"),
         (lambda: plan_sweep(AIM, -0.1, 0.5), "theta = -0.1 rad"),
         (lambda: plan_sweep(AIM, 0.1, 45.0), "beta = 45 rad"),
@@ -378,8 +378,8 @@ def test_a_cone_is_safe_all_around():
         (lambda: plan_sweep(AIM, [0.1, 0.2], [0.1, 0.2, 0.3]), "shapes that broadcast"),
         (lambda: plan_sweep(AIM, [], []), "at least 1 expected"),
         (lambda: safe_angle_map(AIM, [0.3, 0.2], [0.0]), "ascending"),
-        (lambda: PointingOptions(longest_step=0.0), "must be > 0"),
-        (lambda: PointingOptions(branches=0), "at least 1 expected"),
+        (lambda: PointingOptions(longest_step=0.0), "longest_step: found 0, expected more than 0"),
+        (lambda: PointingOptions(branches=0), "branches: found 0, expected at least 1"),
         (lambda: plan_sweep(AIM, 0.5, 4.5, PointingOptions(limit_margin=9.0)), "nothing is left"),
     ],
 )

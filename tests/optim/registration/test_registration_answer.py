@@ -85,7 +85,7 @@ def test_a_target_that_was_measured_has_its_real_error(aside, within):
 
 REFUSALS = {
     "method": (lambda: RegistrationOptions("kabsh"), "Best matches are kabsch"),
-    "no method": (lambda: RegistrationOptions(3), "a method or its name"),
+    "no method": (lambda: RegistrationOptions(3), "expected a Method or text"),
     "arrays": (lambda: plumbline.register(CT), "build_fiducials"),
     "target": (lambda: recording(targets={"M": [1.0, 2.0]}), "target M: found \\[1.0, 2.0\\]"),
     "name": (lambda: recording(targets={"A": LESION}), "every label once"),

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Count, NotNegative
 from plumbline.optim.core.constants import (
     GROWTH,
     HOPELESS,
@@ -32,11 +33,11 @@ from plumbline.optim.core.solvers.solver import OfRows, refuse
 class LevenbergMarquardt(OfRows):
     """Options of the solver."""
 
-    max_iterations: int = 60  #: steps tried at most
-    tolerance: float = 1e-11  #: relative drop of cost below which it stops
-    damping: float = 1e-6  #: first damping relative to the curvature
+    max_iterations: Count = 60  #: steps tried at most
+    tolerance: NotNegative = 1e-11  #: relative drop of cost below which it stops
+    damping: NotNegative = 1e-6  #: first damping relative to the curvature
     #: standard errors by which the unknowns may still move where it stops; 0 if they may not
-    still: float = 0.0
+    still: NotNegative = 0.0
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""

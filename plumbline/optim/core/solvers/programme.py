@@ -33,6 +33,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Count, Declared, NotNegative
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.constants import LEAST_COST
 from plumbline.optim.core.judged import Solution
@@ -49,7 +50,7 @@ class Hessian(StrEnum):
     UPDATED = "updated"
 
 
-class Programmed(ABC):
+class Programmed(Declared, ABC):
     """A solver that CasADi has; its options are the dataclass that derives from it."""
 
     bounds: ClassVar[bool] = True
@@ -200,8 +201,8 @@ def _hessian(plugin: str, inputs: list[cs.MX], matrix: cs.MX) -> cs.Function:
 class Ipopt(Programmed):
     """Options of the solver."""
 
-    max_iterations: int = 200  #: iterations at most
-    tolerance: float = 1e-9  #: IPOPT's own tolerance on the scaled problem
+    max_iterations: Count = 200  #: iterations at most
+    tolerance: NotNegative = 1e-9  #: IPOPT's own tolerance on the scaled problem
     exact_hessian: bool = False  #: full second derivatives of the squares instead of Gauss-Newton's
     #: IPOPT's other options by their names there; these go before our own
     further: tuple[tuple[str, float | str], ...] = ()
@@ -236,9 +237,9 @@ class Ipopt(Programmed):
 class Fatrop(Programmed):
     """Options of the solver."""
 
-    max_iterations: int = 200  #: iterations at most
-    tolerance: float = 1e-8  #: its own
-    barrier: float = 1e-1  #: its first barrier parameter
+    max_iterations: Count = 200  #: iterations at most
+    tolerance: NotNegative = 1e-8  #: its own
+    barrier: NotNegative = 1e-1  #: its first barrier parameter
 
     rows: ClassVar[bool] = False
     plugin: ClassVar[str] = "fatrop"
@@ -257,8 +258,8 @@ class Fatrop(Programmed):
 class Sqp(Programmed):
     """Options of the solver."""
 
-    max_iterations: int = 1000  #: iterations at most
-    tolerance: float = 1e-9  #: on the gradient and the constraints of the scaled problem
+    max_iterations: Count = 1000  #: iterations at most
+    tolerance: NotNegative = 1e-9  #: on the gradient and the constraints of the scaled problem
     bfgs: bool = False  #: hessian by updates instead of Gauss-Newton's or the exact one
 
     plugin: ClassVar[str] = "sqpmethod"

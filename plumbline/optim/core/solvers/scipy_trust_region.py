@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Count, Declared, NotNegative
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
@@ -23,8 +24,8 @@ from plumbline.optim.core.solvers.solver import OfRows, refuse
 class TrustRegion(OfRows):
     """Options of the solver."""
 
-    max_iterations: int = 200  #: evaluations at most
-    tolerance: float = 1e-12  #: relative tolerance on cost, step and gradient
+    max_iterations: Count = 200  #: evaluations at most
+    tolerance: NotNegative = 1e-12  #: relative tolerance on cost, step and gradient
 
     def solve(self, problem: Problem, start: ArrayLike) -> Solution:
         """Solve from a start (P,), clipped into the bounds."""
@@ -61,11 +62,11 @@ class TrustRegion(OfRows):
 
 
 @dataclass(frozen=True)
-class Slsqp:
+class Slsqp(Declared):
     """Options of the solver."""
 
-    max_iterations: int = 1000  #: iterations at most
-    tolerance: float = 1e-12  #: on the objective in units of its start
+    max_iterations: Count = 1000  #: iterations at most
+    tolerance: NotNegative = 1e-12  #: on the objective in units of its start
 
     bounds: ClassVar[bool] = True
     constraints: ClassVar[bool] = True

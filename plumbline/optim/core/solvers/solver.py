@@ -4,6 +4,7 @@ from typing import ClassVar, Protocol
 
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Declared
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Problem
@@ -25,7 +26,7 @@ class Solver(Protocol):
         """
 
 
-class OfRows:
+class OfRows(Declared):
     """What solvers of calibrations take: rows within bounds, and nothing else."""
 
     bounds: ClassVar[bool] = True
