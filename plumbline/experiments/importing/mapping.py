@@ -16,7 +16,7 @@ from plumbline.experiments.importing.units import Unit
 
 CLOCKS = ("time", "timestamp", "stamp", "t", "clock", "zeit", "secs", "seconds")
 COMMANDS = ("motion", "tracking")  # kinds that have commands u
-MOST_JOINTS = 200  # columns of one kind; a humanoid with hands has 70 joints (bounds work only)
+MOST_NUMBERED = 200  # columns of one kind; a humanoid with hands has 70 joints (bounds work only)
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def _family(raws: list[Raw], want: Wanted) -> list[str]:
             f"of a column; best matches: {best_matches(pattern, names)}"
         )
     for first in (0, 1):
-        numbers = [f"{before}{k}{after}" for k in range(first, MOST_JOINTS)]
+        numbers = [f"{before}{k}{after}" for k in range(first, MOST_NUMBERED)]
         there = [n for k, n in enumerate(numbers) if n in names and set(numbers[:k]) <= set(names)]
         if there:
             return [f"{table}{at}{name}" for name in there]

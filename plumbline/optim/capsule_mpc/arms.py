@@ -22,7 +22,15 @@ from plumbline.kinematics.capsules import LinkCapsule, Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
 from plumbline.optim.capsule_mpc.bodies import Body, Capsule
-from plumbline.optim.capsule_mpc.constants import MM, PRISMATIC, REVOLUTE
+from plumbline.optim.capsule_mpc.constants import (
+    ARRIVED,
+    EASED,
+    INSIDE,
+    MM,
+    PRISMATIC,
+    REVOLUTE,
+    STRIDE,
+)
 from plumbline.optim.capsule_mpc.settings import Point
 from plumbline.optim.core.problem import Array
 
@@ -173,10 +181,10 @@ def held_tip(arm: ArmInstrument, tip: ArrayLike, start: ArrayLike, passes: int =
     state = np.asarray(start, dtype=float) / arm.unit
     for _ in range(passes):
         off, slope = (value.full() for value in function(state))
-        if np.abs(off).max() < 1e-8:
+        if np.abs(off).max() < ARRIVED:
             return np.asarray(state * arm.unit)
-        step = slope.T @ np.linalg.solve(slope @ slope.T + 1e-3 * np.eye(5), off.ravel())
+        step = slope.T @ np.linalg.solve(slope @ slope.T + EASED * np.eye(5), off.ravel())
         largest = float(np.abs(step).max())
-        state = np.clip(state - step * min(1.0, 10.0 / largest), low + 1e-3, high - 1e-3)
+        state = np.clip(state - step * min(1.0, STRIDE / largest), low + INSIDE, high - INSIDE)
     worst, where = float(np.abs(off).max()), np.round(wanted / MM, 4).tolist()
     raise PlumblineError(f"tip {where}: {worst:.3g} mm off after {passes} steps; start elsewhere")

@@ -48,6 +48,7 @@ from numpy.typing import ArrayLike
 from plumbline.declared import Positive, Range, expect_fields
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment
+from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc.constants import (
     A_MAX,
     CONE,
@@ -56,6 +57,7 @@ from plumbline.optim.capsule_mpc.constants import (
     MM,
     SHALLOW,
     STILL,
+    TOUCHING,
     V_OUTER,
 )
 from plumbline.optim.capsule_mpc.settings import Depth, Length, Point, Thickness, near
@@ -218,7 +220,7 @@ class TipInstrument(_Shaft):
     def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """The shaft, tip first."""
         inside = x - c
-        back = x - MM * self.length * inside / cs.sqrt(cs.sumsqr(inside) + 1e-12)
+        back = x - MM * self.length * inside / _length(inside)
         return (Capsule(Segment(x, back), MM * self.radius),)
 
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
@@ -227,14 +229,14 @@ class TipInstrument(_Shaft):
 
     def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Room to the least and the most depth, and to the cone (3,) [mm]."""
-        depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
+        depth = _length(x - c)
         inward = np.array(self.inward) / np.linalg.norm(self.inward)
         below = cs.dot(cs.DM(inward), x - c) - np.cos(np.radians(self.cone)) * depth
         return cs.vertcat(depth - MM * self.depths[0], MM * self.depths[1] - depth, below)
 
     def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
         """What keeps the tip within its own speed and the other end within its."""
-        depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
+        depth = _length(x - c)
         fastest = MM * self.v_outer
         half = (MM * self.length - depth + fastest * dt) / 2
         outer = (cs.sqrt(half**2 + dt * fastest * depth) - half) / dt
@@ -242,8 +244,8 @@ class TipInstrument(_Shaft):
 
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
         """The shaft's, its depth as little as it can be on the way."""
-        moved = cs.sqrt(cs.sumsqr(d) + 1e-12)
-        depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12) - moved, SHALLOW)
+        moved = _length(d)
+        depth = cs.fmax(_length(x - c) - moved, SHALLOW)
         return (MM * self.length * moved**2 / (4 * np.sqrt(3.0) * depth**2),)
 
     def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
@@ -252,7 +254,7 @@ class TipInstrument(_Shaft):
 
     def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
         """The shaft turns about the trocar, so its points move in proportion to their distance."""
-        depth = cs.fmax(cs.sqrt(cs.sumsqr(x - c) + 1e-12), SHALLOW)
+        depth = cs.fmax(_length(x - c), SHALLOW)
         return cs.fmax(1.0, cs.fabs(share * MM * self.length - depth) / depth)
 
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
@@ -261,7 +263,7 @@ class TipInstrument(_Shaft):
         The direction turns by an angle whose sine is at most m / r, so its change
         :math:`\delta \le \sqrt 2\, m / r` while m < r, and never more than 2.
         """
-        depth = cs.sqrt(cs.sumsqr(x - c) + 1e-12)
+        depth = _length(x - c)
         most = within[0]
         turn = cs.if_else(most < depth, np.sqrt(2.0) * most / depth, 2.0)
         return (most + cs.fabs(MM * self.length - depth) * turn,)
@@ -342,11 +344,16 @@ def sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
     )
 
 
+def _length(v: cs.SX) -> cs.SX:
+    """Length of a vector (3,); its slope is finite where that is nothing."""
+    return cs.sqrt(cs.sumsqr(v) + TINY)
+
+
 def shafts(tips: Array, trocars: Array, lengths: ArrayLike) -> Array:
     """Both ends (..., 2, 3) of shafts through trocars with their tips at points (..., 3)."""
     inside = tips - trocars
     depth = np.sqrt(np.vecdot(inside, inside))[..., None]
-    back = tips - np.asarray(lengths)[..., None] * inside / np.maximum(depth, 1e-9)
+    back = tips - np.asarray(lengths)[..., None] * inside / np.maximum(depth, TOUCHING)
     return np.stack([tips, back], axis=-2)
 
 

@@ -68,7 +68,7 @@ def affine(statement: Statement) -> tuple[Array, Array]:
     """T0 (p t,) and T (p t, inputs): the stages' parameters from goals, obstacles, last step."""
     goals, count = statement.goals, statement.slots + statement.balls
     base = np.zeros((count, constants.OBSTACLE))
-    base[: statement.slots, 3] = 8.0  # apart from the other end, and so in all that is tried here
+    base[: statement.slots, 3] = constants.ROD  # apart from the other end in all that is tried
     size = goals + constants.OBSTACLE * count + statement.n
 
     def stages(u: Array) -> Array:

@@ -20,6 +20,9 @@ V_OUTER = 0.25  # [m/s], what ISO 10218-1 calls reduced speed, beside which peop
 CONE = 80.0  # [degrees]: beyond it a shaft would lie along the wall of the body
 SHALLOW = 1.0  # [mm] of depth below which a shaft's direction is not to be relied on
 REVOLUTE, PRISMATIC = 1e-2, 1 / MM  # [rad], [m] of one unit of the state
+# A tip brought through its trocar: the distance at which it is there [mm], the damping of a step
+# [its square], the longest one and the room that is kept to a limit [units of the state]; effort.
+ARRIVED, EASED, STRIDE, INSIDE = 1e-8, 1e-3, 10.0, 1e-3
 
 # Pairs
 # Of the norm, which exceeds the largest of four by 4^(1/8), 19 % of its square, at most: solvers of
@@ -43,6 +46,8 @@ ACROSS = 0.5
 COMMON = 1e-3  # [mm^2], product of two axes across each other, below which they count as parallel
 CURVATURE = 1e-6  # of what the program does not weigh: some solvers need a positive Hessian
 INFINITE = 1e4  # [mm] a bound that hpipm takes for none
+ROD = 8.0  # [mm] of a rod that is written out as code: any length that is no sphere's
+COMES = 7.0  # where a value will stand in a pattern: any number that is neither 0 nor 1
 
 # The nonlinear program
 # [mm] from its D, below which an obstacle is taken at once; any value is correct, this one takes
@@ -50,12 +55,33 @@ INFINITE = 1e4  # [mm] a bound that hpipm takes for none
 WATCH = 8.0
 SHORT = 1e-3  # [mm] by which a solution may come too near to an obstacle that was left out
 ROUNDS = 3  # of taking in what was left out; effort
+# [mm^2], of what IPOPT makes least; FATROP's, which otherwise iterates on what the penalty of slack
+# leaves of its dual residual.
+IPOPT_TOLERANCE, FATROP_TOLERANCE = 1e-4, 5e-2
+# A loop's program is nearly solved where it begins: a small barrier, kept from being raised, and a
+# start that is not pushed off its bounds.
+IPOPT: tuple[tuple[str, float | str], ...] = (
+    ("acceptable_tol", 1e-6),
+    ("acceptable_iter", 15),
+    ("mu_strategy", "monotone"),
+    ("mu_init", 1e-5),
+    ("warm_start_init_point", "yes"),
+    ("warm_start_bound_push", 1e-6),
+    ("warm_start_slack_bound_push", 1e-6),
+    ("warm_start_mult_bound_push", 1e-6),
+    # The system is small and well scaled: orderings for large ones take longer than it does,
+    # and so does refining a residual that is small already.
+    ("min_refinement_steps", 0),
+    ("mumps_permuting_scaling", 0),
+    ("mumps_scaling", 0),
+    ("mumps_pivot_order", 2),
+)
 
 # The controller, its net and its stop
 OFF = 1e-2  # [mm], or as it is stated, by which what is held may be off without a report
 SLACK = 1e-3  # [mm] of slack, or inside of a margin, that is worth a report
 HALVINGS = 4  # of a rate that the net does not let pass; effort
-ROUNDING = 1e-9  # of the largest speed
+ROUNDING = 1e-9  # of the largest speed, or of a step's number
 PASSES, SHORTER = 8, 0.98  # of holding a rate within its limits; how much slower the next try is
 HOLDING = 0.1  # of the acceleration, what holding a trocar may take beyond it
 # [mm] by which a rate may take a pair deeper into its margin than the stop at hand: what
@@ -64,8 +90,9 @@ WORSE = 5e-3
 SUBSTEPS = 4  # of a step: at the largest speeds the bound is within 0.1 mm of the truth
 REST = 1e-6  # of the largest rate, below which a stop has ended; rounding
 MOST_OF_A_STOP = 60  # steps that a stop may take at most
+AT_REST = 1e-18  # [(mm/s)^2, (mm/s^2)^2] keeps the slope of a length finite at rest; rounding
 NO_WAY = 1e-30  # below which a squared way is none; rounding
-EXACT = 1e-6  # [mm] to which what is held is; rounding
+EXACT = 1e-6  # [mm, or of a shaft] to which what is held is, and a way's ends are; rounding
 CREEP = 0.1  # of the band: a rate below that gets its share of the way across it, against chatter
 # How late rates act beyond what is told
 GRAIN = 0.01  # [s] between two latenesses that are tried; at 60 mm/s a parabola leaves 0.1 mm
@@ -105,6 +132,7 @@ SHARES = (1.0, 0.5)  # of the largest speed, that are tried; effort
 SAMPLES = 17  # shafts along a sweep; effort
 CLEAR = 2.0  # [mm] beyond D that waypoints keep
 DIRECTIONS = 12  # of detours; effort
+BESIDE = (0.5, 0.25, 0.75, 0.0, 1.0)  # of the straight way, beside which detours pass; effort
 OFFSETS = (10.0, 18.0, 28.0, 40.0, 55.0)  # [mm] of detours from the straight way
 
 # The compiler

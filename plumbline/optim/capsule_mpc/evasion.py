@@ -136,7 +136,7 @@ class Evasion:
         """A rate (3,) that keeps clear; None if the way to the goal does."""
         body, way, last = self._bodies[i], goal - tip, self._out[i]
         speed = _pace(body, tip, self._dt)
-        toward = way / max(float(np.linalg.norm(way)), 1e-9) * speed
+        toward = way / max(float(np.linalg.norm(way)), constants.TOUCHING) * speed
         first = [toward] if last is None else [toward, last]
         rates = np.concatenate([first, *(share * speed * AROUND for share in constants.SHARES)])
 

@@ -20,7 +20,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.constants import ABSENT, CURVATURE, DROPPED, INFINITE
+from plumbline.optim.capsule_mpc.constants import ABSENT, COMES, CURVATURE, DROPPED, INFINITE
 from plumbline.optim.capsule_mpc.linearised import QpPath, StageQp
 from plumbline.optim.core.problem import Array, Indices
 
@@ -93,17 +93,17 @@ class _Built:
 
 
 def _patterns(at: _Layout) -> tuple[Array, Array]:
-    """Hessian and equations with all that never changes; 7 stands where values come and go."""
+    """Hessian and equations with all that never changes; ``COMES`` where values come and go."""
     H = CURVATURE * np.eye(at.size)
     A = np.zeros((at.dynamics.size + at.memory.size + at.rows.size, at.size))
     x = at.x[1:-1]
-    H[x[:, :, None], x[:, None, :]] = A[at.rows[:, :, None], x[:, None, :]] = 7.0
+    H[x[:, :, None], x[:, None, :]] = A[at.rows[:, :, None], x[:, None, :]] = COMES
     A[at.rows, at.s] = A[at.dynamics, at.x[:-1]] = A[at.dynamics, at.d] = 1.0
     A[at.dynamics, at.x[1:]] = -1.0
     if at.y.size:
         y, d = at.y[:-2], at.d[:-1]
         A[at.memory, at.d], A[at.memory, at.y[1:]] = 1.0, -1.0
-        H[y, d] = H[d, y] = 7.0
+        H[y, d] = H[d, y] = COMES
     return H, A
 
 

@@ -19,7 +19,17 @@ import numpy as np
 
 from plumbline.declared import AtLeastOne, Declared, Positive
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.constants import FAR, MM, OBSTACLE, ROUNDS, SHORT, WATCH
+from plumbline.optim.capsule_mpc.constants import (
+    FAR,
+    FATROP_TOLERANCE,
+    IPOPT,
+    IPOPT_TOLERANCE,
+    MM,
+    OBSTACLE,
+    ROUNDS,
+    SHORT,
+    WATCH,
+)
 from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
@@ -57,32 +67,14 @@ class Nonlinear(Declared):
     def chosen(self) -> Solver:
         """The solver with its options."""
         if self.solver == "fatrop":
-            return Fatrop(self.max_iterations, self.tolerance or 5e-2)
+            return Fatrop(self.max_iterations, self.tolerance or FATROP_TOLERANCE)
         if self.solver == "ipopt":
             limit = () if self.budget is None else (("max_wall_time", self.budget),)
-            own = (*IPOPT, *limit)
-            return Ipopt(self.max_iterations, self.tolerance or 1e-4, further=own, expand=True)
+            own, tolerance = (*IPOPT, *limit), self.tolerance or IPOPT_TOLERANCE
+            return Ipopt(self.max_iterations, tolerance, further=own, expand=True)
         if isinstance(self.solver, str):
             raise PlumblineError(f"solver: {self.solver!r} is not in this CasADi; take 'ipopt'")
         return self.solver
-
-
-IPOPT: tuple[tuple[str, float | str], ...] = (
-    ("acceptable_tol", 1e-6),
-    ("acceptable_iter", 15),
-    ("mu_strategy", "monotone"),
-    ("mu_init", 1e-5),
-    ("warm_start_init_point", "yes"),
-    ("warm_start_bound_push", 1e-6),
-    ("warm_start_slack_bound_push", 1e-6),
-    ("warm_start_mult_bound_push", 1e-6),
-    # The system is small and well scaled: orderings for large ones take longer than it does,
-    # and so does refining a residual that is small already.
-    ("min_refinement_steps", 0),
-    ("mumps_permuting_scaling", 0),
-    ("mumps_scaling", 0),
-    ("mumps_pivot_order", 2),
-)
 
 
 @dataclass(frozen=True)
@@ -123,7 +115,7 @@ class _NonlinearReady:
         """Obstacles and limits that a path comes nearer to than so much [mm], for each."""
         own, count = self.statement, self.statement.slots + self.statement.balls
         found = _along(own.shape)(path.T, stages.T)
-        gaps, limits = (value.full().min(axis=1, initial=1e6) for value in found)
+        gaps, limits = (value.full().min(axis=1, initial=FAR) for value in found)
         fixed = np.array([pair.fixed for pair in own.pairs], dtype=bool)
         of_each = gaps[fixed].reshape(-1, count) if count else np.zeros((1, 0))
         obstacles = of_each.min(axis=0)
@@ -186,7 +178,7 @@ class _NonlinearReady:
         g, p = whole.goals, len(stages)
         table = stages[:, g : g + OBSTACLE * count].reshape(p, count, OBSTACLE)
         kept = np.zeros((p, slots + ball_slots, OBSTACLE))
-        kept[:, :, :6] = FAR / 1e3  # far, but harmless to a solver that scales by what it sees
+        kept[:, :, :6] = FAR / MM  # far, but harmless to a solver that scales by what it sees
         kept[:, : len(capsules)] = table[:, capsules]
         kept[:, slots : slots + len(balls)] = table[:, whole.slots + balls]
         rest = stages[:, g + OBSTACLE * count :]

@@ -55,6 +55,7 @@ from plumbline.optim.capsule_mpc.compiled import (
     library,
     say_not_compiled,
 )
+from plumbline.optim.capsule_mpc.constants import TOUCHING
 from plumbline.optim.capsule_mpc.library_qp import LibraryQp
 from plumbline.optim.capsule_mpc.linearised import Linearised, QpPath, StageQp, within_norms
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
@@ -279,7 +280,7 @@ class _OneStepReady:
         most = float(self.linearised.statement.step.max())
         points = way.reshape(-1, 3) if goals % 3 == 0 else way[:, None]
         far = float(np.linalg.norm(points, axis=1).max())
-        first[0, :goals] = here + way * min(1.0, most / max(far, 1e-9))
+        first[0, :goals] = here + way * min(1.0, most / max(far, TOUCHING))
         # A row may matter while its value is below what a step changes, over gamma.
         first[:, -self.statement.n :] /= gamma
         qp = self.linearised.about(x0[None], x0, first)

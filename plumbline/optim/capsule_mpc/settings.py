@@ -58,6 +58,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.declared import Among, AtLeastOne, Count, Declared, NotNegative, Range, Share
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc.constants import (
     CREEP,
     DAMPING,
@@ -231,7 +232,7 @@ class Plant(Declared):
         """The rates (n,) to send so that those that are meant (n,) are carried out [m/s]."""
         size, band = np.abs(meant), np.asarray(self.band, dtype=float)
         across = np.where(np.asarray(self.less) > 0, size + band, np.maximum(size, band + size / 2))
-        slow = np.minimum(1.0, size / np.maximum(CREEP * band, 1e-12))
+        slow = np.minimum(1.0, size / np.maximum(CREEP * band, TINY))
         sent = np.sign(meant) * (size + slow * (across - size))
         return np.asarray((sent - np.asarray(self.offset)) / (1.0 + np.asarray(self.gain)))
 

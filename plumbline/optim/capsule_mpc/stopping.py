@@ -23,18 +23,18 @@ import casadi as cs
 import numpy as np
 
 from plumbline.optim.capsule_mpc.compiled import Compiled
-from plumbline.optim.capsule_mpc.constants import EXACT, MOST_OF_A_STOP, NO_WAY, REST
+from plumbline.optim.capsule_mpc.constants import AT_REST, EXACT, MOST_OF_A_STOP, NO_WAY, REST
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array
 
 
 def _braked(u: cs.SX, a: cs.SX, most: float, jerk: float, dt: float) -> tuple[cs.SX, cs.SX]:
     """Rate and acceleration of a group one step on."""
-    size = cs.sqrt(cs.sumsqr(u) + 1e-18)
+    size = cs.sqrt(cs.sumsqr(u) + AT_REST)
     room = (cs.sqrt((jerk * dt) ** 2 + 8 * jerk * size) - jerk * dt) / 2
     wanted = -u / size * cs.fmin(cs.fmin(size / dt, most), room)
     change = wanted - a
-    share = cs.fmin(1.0, jerk * dt / cs.sqrt(cs.sumsqr(change) + 1e-18))
+    share = cs.fmin(1.0, jerk * dt / cs.sqrt(cs.sumsqr(change) + AT_REST))
     a = a + share * change
     return u + dt * a, a
 

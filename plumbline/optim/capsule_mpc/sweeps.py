@@ -30,6 +30,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import EndsInstrument, Obstacle, TipInstrument
 from plumbline.optim.capsule_mpc.settings import Point
@@ -198,7 +199,7 @@ class Looks:
 def _beside(places: Array, p: Array, q: Array) -> float:
     """The most by which places (N, 3) are off the segment from p to q (3,)."""
     axis = q - p
-    share = np.clip((places - p) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
+    share = np.clip((places - p) @ axis / max(float(axis @ axis), TINY), 0.0, 1.0)
     off = places - p - share[:, None] * axis
     return float(np.sqrt(np.vecdot(off, off).max()))
 
@@ -249,7 +250,7 @@ def about(obstacle: Obstacle, first: Array, last: Array, wide: float = 0.0) -> O
     """
     way, rod = (last - first) / 2, (np.array(obstacle.b) - obstacle.a) / 2
     long, short = (way, rod) if way @ way >= rod @ rod else (rod, way)
-    along = long / max(float(np.linalg.norm(long)), 1e-12)
+    along = long / max(float(np.linalg.norm(long)), TINY)
     half = long + abs(float(short @ along)) * along
     wide += float(np.linalg.norm(short - (short @ along) * along))
     middle = (first + last) / 2

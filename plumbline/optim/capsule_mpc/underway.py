@@ -26,6 +26,7 @@ from dataclasses import replace
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
@@ -53,13 +54,13 @@ class Underway:
                     f"{found}, expected a number or ({n},); give one for each axis"
                 )
         delay, self._lag = (np.broadcast_to(np.asarray(v), n) for v in (plant.delay, plant.lag))
-        sooner = int(delay.min() / constants.GRAIN + 1e-9)
+        sooner = int(delay.min() / constants.GRAIN + constants.ROUNDING)
         self._later = constants.GRAIN * np.arange(
             -sooner, round(constants.LATEST / constants.GRAIN) + 1
         )
         self._told, self._known = sooner, np.asarray(delay + self._lag)
         back = (delay + self._later[:, None]) / dt  # (T, n), in steps
-        self._whole, self._axes = np.floor(back + 1e-9).astype(int), np.arange(n)
+        self._whole, self._axes = np.floor(back + constants.ROUNDING).astype(int), np.arange(n)
         # How far into the step that ended so many whole ones ago, and what a lag keeps of it.
         self._into = dt * np.minimum(1.0 + self._whole - back, 1.0)
         lag = np.maximum(self._lag, np.finfo(float).tiny)
@@ -133,7 +134,7 @@ class Underway:
             self.later[b] = self._later[k]
             if 0 < k < len(J) - 1:
                 before, after = J[k - 1] - J[k], J[k + 1] - J[k]
-                self.later[b] += constants.GRAIN / 2 * (before - after) / max(before + after, 1e-12)
+                self.later[b] += constants.GRAIN / 2 * (before - after) / max(before + after, TINY)
 
     def way(self) -> Array:
         """How far (n,) the state still goes by itself [mm]."""

@@ -57,7 +57,16 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import nearest
 from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument, shafts
-from plumbline.optim.capsule_mpc.constants import CLEAR, DIRECTIONS, MM, OFFSETS, SAMPLES
+from plumbline.optim.capsule_mpc.constants import (
+    BESIDE,
+    CLEAR,
+    DIRECTIONS,
+    EXACT,
+    MM,
+    OFFSETS,
+    SAMPLES,
+    TOUCHING,
+)
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
 from plumbline.optim.core.problem import Array, Flags
@@ -97,7 +106,7 @@ def plane_normal(tool: Tool) -> Array:
     (a, b, c), (d, e, f) = (tool.goal - tool.tip).tolist(), (tail - tool.tip).tolist()
     across = np.array([b * f - c * e, c * d - a * f, a * e - b * d])  # np.cross takes 40 us
     size = float(np.sqrt(across @ across))
-    return across / size if size > 1e-6 * tool.length else np.zeros(3)
+    return across / size if size > EXACT * tool.length else np.zeros(3)
 
 
 def plane_distances(normal: Array, point: Array, ends: Array) -> Array:
@@ -140,17 +149,17 @@ def waypoint(tool: Tool, ends: Array, radii: Array, safe: float, beta: float = 0
     gaps = np.where(blocked, swept(tool, tips, ends, radii), np.inf)
     which = int(np.argmin(gaps.min(axis=0)))
     # Of moments that are equally near, as where the sweep passes beside the axis, the middle one.
-    near = np.nonzero(gaps[:, which] <= gaps[:, which].min() + 1e-6)[0]
+    near = np.nonzero(gaps[:, which] <= gaps[:, which].min() + EXACT)[0]
     when = int(near[len(near) // 2])
     shaft = tool.shafts(tips[when : when + 1])
     found = nearest(shaft, ends[which : which + 1])
     T = shaft[0, 0] + found.share_one[0] * (shaft[0, 1] - shaft[0, 0])
     Z = T - found.difference[0]
-    away = normal if found.distance[0] < 1e-6 else found.difference[0] / found.distance[0]
+    away = normal if found.distance[0] < EXACT else found.difference[0] / found.distance[0]
     w = Z + (tool.radius + radii[which] + safe + CLEAR) * away
     depth = np.linalg.norm(tips[when] - tool.trocar)
     through = w - tool.trocar
-    tip = tool.trocar + depth * through / max(float(np.linalg.norm(through)), 1e-9)
+    tip = tool.trocar + depth * through / max(float(np.linalg.norm(through)), TOUCHING)
     reference = (1.0 - beta) * tool.goal + beta * tip
     return Waypoint(beta, normal, which, T, Z, w, reference)
 
@@ -170,7 +179,7 @@ def detour(tool: Tool, ends: Array, radii: Array, safe: float) -> Array | None:
     """
     straight = tool.goal - tool.tip
     length = float(np.linalg.norm(straight))
-    if length < 1e-6:
+    if length < EXACT:
         return None
     first = plane_normal(tool)
     if not first.any():
@@ -179,7 +188,7 @@ def detour(tool: Tool, ends: Array, radii: Array, safe: float) -> Array | None:
     second = np.cross(straight / length, first)
     angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     around = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
-    shares = np.array([0.5, 0.25, 0.75, 0.0, 1.0])
+    shares = np.array(BESIDE)
     via = (
         (tool.tip + shares[:, None] * straight)[:, None, None]
         + np.array(OFFSETS)[:, None, None] * around

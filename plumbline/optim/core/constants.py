@@ -12,7 +12,7 @@ LEAST_RESIDUAL = 1e-9  # [the residual's unit] below lies rounding, which no ste
 # 0.05 mm tell it to 0.6 m there, such as an upright tool's length beside the frame's height.
 SINGULAR = 1e-10
 # Of the largest diagonal entry, what that of an unknown counts as which nothing tells; rounding.
-UNTOLD = 1e-12
+LEAST_DIAGONAL = 1e-12
 LISTED = 4  # unknowns at a bound that a line names
 
 NO_CURVATURE = 1e-13  # of a scaled matrix, times its size: an eigenvalue below is rounding's

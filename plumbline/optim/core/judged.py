@@ -33,6 +33,7 @@ import scipy
 
 from plumbline.optim.core.constants import (
     FEASIBLE,
+    LEAST_DIAGONAL,
     LEAST_RESIDUAL,
     LISTED,
     LOST,
@@ -41,7 +42,6 @@ from plumbline.optim.core.constants import (
     SINGULAR,
     STATIONARY,
     STILL,
-    UNTOLD,
 )
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Flags, Problem
@@ -113,7 +113,7 @@ class Solution:
         p = self.problem
         gradient = (self.gradient - self.held_by_constraints()) * p.scale
         curvature = np.diag(self.gram.matrix + self.mapped.bend(self.x)) * p.scale**2
-        floor = max(UNTOLD * curvature.max(initial=0.0), np.finfo(float).tiny)
+        floor = max(LEAST_DIAGONAL * curvature.max(initial=0.0), np.finfo(float).tiny)
         curvature = np.maximum(curvature, floor)
         back, ahead = np.minimum(p.lower - self.x, 0.0), np.maximum(p.upper - self.x, 0.0)
         step = np.clip(-gradient / curvature, back / p.scale, ahead / p.scale)

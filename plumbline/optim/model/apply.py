@@ -27,7 +27,14 @@ from plumbline.optim.diagnosis.prior import ROUNDS
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.measurement.refit import always_fitted, candidates_of, figure, gap_unit, refit
 from plumbline.optim.measurement.torque import own_units, stated_noise
-from plumbline.optim.model.constants import CHANGED, MARGIN, NAMED, STILL_HOLDS, UNTOLD, WORTH
+from plumbline.optim.model.constants import (
+    CHANGED,
+    MARGIN,
+    NAMED,
+    STILL_HOLDS,
+    UNSHOWN_CHANGE,
+    WORTH,
+)
 from plumbline.optim.model.fitted import Fitted, by_effect
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.recording import Recording
@@ -313,7 +320,7 @@ def _change(
     pull = A[np.ix_(own, fitted)] @ back
     S = A[np.ix_(own, own)] - pull @ A[np.ix_(fitted, own)]
     slope = g[own] - pull @ g[fitted]
-    inverse = np.linalg.pinv(S, rcond=UNTOLD, hermitian=True)
+    inverse = np.linalg.pinv(S, rcond=UNSHOWN_CHANGE, hermitian=True)
     delta = -inverse @ slope
     saved = float(-slope @ delta)
     freedom = max(gram.count - len(fitted) - len(own), 1.0)

@@ -6,7 +6,7 @@ CHANGED = 4.0  # standard errors from which a cause counts as changed: 6e-5 by c
 WORTH = 0.1  # share of the gap that a change must explain: less may be anything
 NAMED = 3  # of many changes or lacks; JSON, and the head of a file, name all
 STILL_HOLDS = 1.5  # times its own held-out gap up to which a model holds: other rows, other noise
-UNTOLD = 1e-10  # of the largest eigenvalue: a change that no row tells; rounding
+UNSHOWN_CHANGE = 1e-10  # of the largest eigenvalue: a change that no row tells; rounding
 
 # Command
 FIRST_STEPS = 12  # towards both: what stays of the place is for the steps that follow
@@ -75,7 +75,7 @@ NO_TURN = 1e-6  # [rad] of a rotation vector: the series' next term is rounding
 HEAD = 10_000  # [byte] of a file of drives, within which it says so
 LARGEST_MODEL = 64_000_000  # [byte]: a thousand unknowns take 10 MB, a URDF at most 16
 MOST_EFFECTS = 2_000  # 23 joints with 40 ripple orders each, twice over
-MOST_JOINTS = 64  # of one chain
+LONGEST_CHAIN = 64  # of one chain
 
 LONGEST_WORD = 500  # characters of a name in a stored model
 # Rows

@@ -24,9 +24,9 @@ from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.constants import (
     AGREES,
     LARGEST_MODEL,
+    LONGEST_CHAIN,
     LONGEST_WORD,
     MOST_EFFECTS,
-    MOST_JOINTS,
 )
 from plumbline.optim.model.fitted import Held, chain_of
 from plumbline.optim.model.rows import CONTEXT, SCALARS, VECTORS
@@ -85,9 +85,9 @@ def robot_of(section: Section) -> tuple[Robot, str]:
         chain = robot.chain(tip)
     except PlumblineError as error:
         raise PlumblineError(one_line(f"{section.file}, [robot]: {error}")) from None
-    if chain.n > MOST_JOINTS:
+    if chain.n > LONGEST_CHAIN:
         raise fault(
-            f"{section.file}, [robot]", f"{chain.n} joints", f"at most {MOST_JOINTS}", SAVE_IT
+            f"{section.file}, [robot]", f"{chain.n} joints", f"at most {LONGEST_CHAIN}", SAVE_IT
         )
     return robot, tip
 

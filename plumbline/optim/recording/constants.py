@@ -158,7 +158,7 @@ LEVER = 0.3  # [m]: an angle counts as the way that it moves a tip so far off
 
 # Slips
 FRAME_STEPS = 8  # of Gauss and Newton for frame and tool
-UNTOLD = 1e-3  # of the largest singular value: a tool's direction that hardly any row tells
+HARDLY_TOLD = 1e-3  # of the largest singular value: a tool's direction that hardly any row tells
 
 # Stand in
 MOST_NAMED = 30  # labels that a note lists

@@ -31,7 +31,7 @@ from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.recording import constants
-from plumbline.optim.recording.constants import FRAME_STEPS, UNTOLD
+from plumbline.optim.recording.constants import FRAME_STEPS, HARDLY_TOLD
 from plumbline.optim.recording.table import Array, Flags, Integers
 from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of
 
@@ -126,7 +126,7 @@ def matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array,
     for _ in range(FRAME_STEPS if fit_tool else 0):
         v = a + inner @ tool
         J = np.concatenate([-_cross(v), inner], axis=2).reshape(-1, 6)
-        step = np.linalg.lstsq(J, (y @ F - v).ravel(), rcond=UNTOLD)[0]
+        step = np.linalg.lstsq(J, (y @ F - v).ravel(), rcond=HARDLY_TOLD)[0]
         tool = tool + step[3:]
         F = best_rotation(a + inner @ tool, y)
     return F, y - (a + inner @ tool) @ F.T
@@ -232,7 +232,7 @@ def _apart_in_sockets(R: Array, p: Array, socket: Integers, fit_tool: bool) -> f
     hot = np.eye(int(socket.max()) + 1)[socket]
     a, inner = _about_middle(p, hot), _about_middle(R.reshape(-1, 9), hot).reshape(-1, 3, 3)
     if fit_tool:
-        tool = np.linalg.lstsq(inner.reshape(-1, 3), -a.ravel(), rcond=constants.UNTOLD)[0]
+        tool = np.linalg.lstsq(inner.reshape(-1, 3), -a.ravel(), rcond=constants.HARDLY_TOLD)[0]
         a = a + inner @ tool
     return float(np.median(np.linalg.norm(a, axis=1)))
 

@@ -20,8 +20,8 @@ from plumbline.optim.core.constants import (
     KEPT,
     LEAST,
     LEAST_DAMPING,
+    LEAST_DIAGONAL,
     MOST_TURN,
-    UNTOLD,
 )
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Gram, Mapped
@@ -99,7 +99,7 @@ def _step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:
     S = problem.scale
     G, g = gram.matrix * np.outer(S, S), gram.vector * S
     low, high = (problem.lower - x) / S, (problem.upper - x) / S
-    diagonal = np.maximum(np.diag(G), UNTOLD * max(np.diag(G).max(initial=0.0), 1e-300))
+    diagonal = np.maximum(np.diag(G), LEAST_DIAGONAL * max(np.diag(G).max(initial=0.0), 1e-300))
     A = G + mu * np.diag(diagonal)
     delta = np.zeros(len(x))
     free = ~(((low >= 0) & (g > 0)) | ((high <= 0) & (g < 0)))

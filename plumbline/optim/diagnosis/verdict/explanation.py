@@ -138,51 +138,61 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
         seed: Of random features and chains.
         unlisted: Prior probability that a term is of no effect of the library.
     """
-    chosen = selected.chosen
-    alt = alternatives(selected.pool, chosen, unlisted, seed)
-    gross = frozenset(alt.gross_rows.values())
-    many, worth = len(selected.selection.keys(chosen)) > MANY_CAUSES, 1.0
-    theirs: tuple[SelectedTerm, ...] = ()
-    begins, better = begins_of(selected), 0.0
-    if many:
-        # At their widest: what they are off by is nobody's, and must not be taken for noise.
-        rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(gross)]
-        ends = [best_near(alt.problem, [*begin, *rows]) for begin in begins]
-        state = max(ends, key=lambda end: stated(alt.problem, end))
-        worth = _worth(selected, alt, state)
-        found = coarsened(alt.problem, state, worth, seed)
-        told = _told(alt, found)
-        terms = of_many(selected, alt, state, found.states[0][1], told.named)
-        theirs, better = better_by_all_rows(selected, alt, terms, found, told.named)
-        drawn = [(1.0, terms) for _, terms in found.states]
-    else:
-        path = frozenset(c.index for c in chosen)
-        starts = [path | gross, gross, *([frozenset[int]()] if gross else [])]
-        wide = (best_near(alt.problem, begin) for begin in begins[1:])
-        starts += [frozenset(t.index for t in end) for end in wide]
-        found = sample(alt.problem, starts, seed)
-        state, told = found.states[0][1], _told(alt, found)
-        terms = terms_of(selected, alt, found, told.named)
-        logs = ((log - found.states[0][0], terms) for log, terms in found.states)
-        drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
-    states = () if many else tuple(_of_library(alt, found))
-    listed = ([t for t in state if t.index < alt.library] for _, state in found.states)
-    swept = tuple((0.0, tuple(terms)) for terms in listed if terms) if many else ()
-    correlation = _correlation(selected, alt, state, _unlisted(alt, found.states[0][1]))
+    alt = alternatives(selected.pool, selected.chosen, unlisted, seed)
+    many = len(selected.selection.keys(selected.chosen)) > MANY_CAUSES
+    found, state, told = (_one_by_one if many else _by_chains)(selected, alt, seed)
+    rows, recording = len(alt.rows), selected.pool.model.recording
     return replace(
+        told,
+        prior=unlisted,
+        correlation=_correlation(selected, alt, state, _unlisted(alt, found.states[0][1])),
+        worth=told.worth * rows / len(recording),
+        one_by_one=many,
+        compared=rows if len(recording) > MOST_COMPARED_ROWS else 0,
+    )
+
+
+Ended = tuple[Sampled, Sequence[SelectedTerm], Explanation]  # chains, the state that counts, words
+
+
+def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
+    """Chains over all states, from the search's, from none and from a whole calibration."""
+    gross = frozenset(alt.gross_rows.values())
+    wide = (best_near(alt.problem, begin) for begin in begins_of(selected)[1:])
+    starts = [frozenset(c.index for c in selected.chosen) | gross, gross]
+    starts += [frozenset[int]()] if gross else []
+    starts += [frozenset(t.index for t in end) for end in wide]
+    found = sample(alt.problem, starts, seed)
+    told, best = _told(alt, found), found.states[0]
+    logs = ((log - best[0], terms) for log, terms in found.states)
+    drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
+    terms, states = terms_of(selected, alt, found, told.named), tuple(_of_library(alt, found))
+    told = replace(told, terms=terms, states=states, spread=spread(alt.problem, drawn))
+    return found, best[1], told
+
+
+def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
+    """Of many causes: about the best state near the search's, or near a whole calibration."""
+    # At their widest: what they are off by is nobody's, and must not be taken for noise.
+    rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(set(alt.gross_rows.values()))]
+    ends = [best_near(alt.problem, [*begin, *rows]) for begin in begins_of(selected)]
+    state = max(ends, key=lambda end: stated(alt.problem, end))
+    worth = _worth(selected, alt, state)
+    found = coarsened(alt.problem, state, worth, seed)
+    told, swept = _told(alt, found), [terms for _, terms in found.states]
+    terms = of_many(selected, alt, state, swept[0], told.named)
+    theirs, better = better_by_all_rows(selected, alt, terms, found, told.named)
+    listed = (tuple(t for t in some if t.index < alt.library) for some in swept)
+    told = replace(
         told,
         terms=terms,
         theirs=theirs,
         better=better,
-        states=states,
-        swept=swept,
-        prior=unlisted,
-        correlation=correlation,
-        spread=spread(alt.problem, drawn),
-        worth=worth * len(alt.rows) / len(selected.pool.model.recording),
-        one_by_one=many,
-        compared=len(alt.rows) if len(selected.pool.model.recording) > MOST_COMPARED_ROWS else 0,
+        swept=tuple((0.0, some) for some in listed if some),
+        spread=spread(alt.problem, [(1.0, some) for some in swept]),
+        worth=worth,
     )
+    return found, state, told
 
 
 def _of_library(
