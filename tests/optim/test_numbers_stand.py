@@ -43,6 +43,7 @@ STAND = {
         "CLEAR": 2.0, "DIRECTIONS": 12, "OFFSETS": (10.0, 18.0, 28.0, 40.0, 55.0),
         "PATIENCE": 300.0, "MOMENT": 20.0, "IPOPT_TOLERANCE": 0.0001, "FATROP_TOLERANCE": 0.05,
         "ARRIVED": 1e-08, "EASED": 0.001, "STRIDE": 10.0, "INSIDE": 0.001, "COMES": 7.0, "ROD": 8.0,
+        "THERE": 3.0, "STALL": 25, "PROGRESS": 1.0, "EXTRA": 1.5, "BACK": 35.0, "DEEP": 0.5,
         "AT_REST": 1e-18, "BESIDE": (0.5, 0.25, 0.75, 0.0, 1.0),
     },
     "core": {

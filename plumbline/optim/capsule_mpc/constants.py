@@ -135,6 +135,14 @@ DIRECTIONS = 12  # of detours; effort
 BESIDE = (0.5, 0.25, 0.75, 0.0, 1.0)  # of the straight way, beside which detours pass; effort
 OFFSETS = (10.0, 18.0, 28.0, 40.0, 55.0)  # [mm] of detours from the straight way
 
+THERE = 3.0  # [mm] from a waypoint that counts as there
+STALL, PROGRESS = 25, 1.0  # steps in which a tip must come so much closer to where it goes [mm]
+EXTRA = 1.5  # [mm] of clearance that ways keep beyond d_s
+BACK = 35.0  # [mm] of the tip behind the trocar when drawn back
+# The same, as a share of the shaft's length, where shafts meet outside: what is in the way over the
+# trocars is passed with as little of the shaft there as inside.
+DEEP = 0.5
+
 # The compiler
 PATIENCE = 300.0  # [s] that a compiler may take
 MOMENT = 20.0  # [s] for its version, or for loading what it made

@@ -58,13 +58,19 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import nearest
 from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument, shafts
 from plumbline.optim.capsule_mpc.constants import (
+    BACK,
     BESIDE,
     CLEAR,
+    DEEP,
     DIRECTIONS,
     EXACT,
+    EXTRA,
     MM,
     OFFSETS,
+    PROGRESS,
     SAMPLES,
+    STALL,
+    THERE,
     TOUCHING,
 )
 from plumbline.optim.capsule_mpc.statement import Statement
@@ -212,32 +218,17 @@ def drawn_back(tool: Tool, depth: float) -> Array:
     return np.stack([back, over, tool.goal])
 
 
-@dataclass(frozen=True)
-class Patience:
-    """Options of the guide."""
-
-    near: float = 0.003  # distance from a waypoint that counts as there [m]
-    stall: int = 25  # steps in which a tool must come closer to its reference
-    progress: float = 0.001  # by how much [m]
-    extra: float = 0.0015  # clearance that ways keep beyond d_s [m]
-    depth: float = 0.035  # of the tip behind the trocar when drawn back [m]
-    # the same, as a share of the shaft's length, where shafts meet outside: what is in the way over
-    # the trocars is passed with as little of the shaft there as inside
-    deep: float = 0.5
-
-
 class Guide:
     """References step by step; it remembers the detours that are under way."""
 
-    def __init__(self, statement: Statement, patience: Patience = Patience()) -> None:
+    def __init__(self, statement: Statement) -> None:
         """For a statement of instruments by their tips; other bodies are refused."""
         bodies = [body for body in statement.bodies if isinstance(body, TipInstrument)]
         if len(bodies) != len(statement.bodies):
             raise PlumblineError("guide: found other bodies, expected TipInstrument only")
-        self.bodies, self.patience = bodies, patience
+        self.bodies = bodies
         self._narrow = MM * statement.settings.safe
-        self.safe = self._narrow + MM * patience.extra
-        self._near = MM * patience.near
+        self.safe = self._narrow + EXTRA
         x, _, stage = statement.symbols
         self._limits = cs.Function("limits", [x, stage], [statement.limits])
         self._blank = statement.blank
@@ -266,7 +257,7 @@ class Guide:
 
     def _next(self, i: int, tool: Tool, ends: Array, radii: Array) -> Array:
         way = self._ways[i]
-        while way and np.linalg.norm(tool.tip - way[0]) < self._near:
+        while way and np.linalg.norm(tool.tip - way[0]) < THERE:
             way.pop(0)
             self._restart(i)
         if way:
@@ -289,11 +280,11 @@ class Guide:
         """Notice tools that come no closer, and send the first of them another way."""
         for i, tool in enumerate(tools):
             off = float(np.linalg.norm(tool.tip - found[i]))
-            if off < self._best[i] - MM * self.patience.progress:
+            if off < self._best[i] - PROGRESS:
                 self._best[i], self._since[i] = off, 0
-            elif free[i] and np.linalg.norm(tool.tip - tool.goal) > self._near:
+            elif free[i] and np.linalg.norm(tool.tip - tool.goal) > THERE:
                 self._since[i] += 1
-        stuck = [i for i in range(len(tools)) if self._since[i] > self.patience.stall]
+        stuck = [i for i in range(len(tools)) if self._since[i] > STALL]
         if stuck:
             # The one that has waited least often goes first, so that tools take turns.
             i = min(stuck, key=lambda k: (self._stalls[k], k))
@@ -322,7 +313,7 @@ class Guide:
         if around is not None:
             return list(around)
         deep = _blocked_outside(tools[i], all_ends, all_radii) != (self._stalls[i] % 3 == 0)
-        depth = self.patience.deep * tools[i].length if deep else MM * self.patience.depth
+        depth = DEEP * tools[i].length if deep else BACK
         return list(drawn_back(tools[i], depth))
 
 

@@ -14,12 +14,12 @@ from plumbline.optim.core.answer import parts_of, register, restored, restored_p
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.diagnosis.constants import LEAST_NOISE
-from plumbline.optim.diagnosis.findings import AlwaysFitted, Estimate, Verdict
+from plumbline.optim.diagnosis.findings import Estimate, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
 from plumbline.optim.diagnosis.verdict.parts import nuisances_of_parts
-from plumbline.optim.diagnosis.with_verdict import WithVerdict
+from plumbline.optim.diagnosis.with_verdict import Told, WithVerdict
 from plumbline.optim.measurement.observation import Model
 from plumbline.optim.measurement.storing import StoredFit
 from plumbline.optim.model import Applied, apply
@@ -31,7 +31,7 @@ from plumbline.optim.recording.recording import Recording
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(AlwaysFitted, WithVerdict):
+class Diagnosis(WithVerdict):
     """A verdict with what it rests on.
 
     Attributes:
@@ -60,6 +60,13 @@ class Diagnosis(AlwaysFitted, WithVerdict):
     options: DiagnosisOptions
     search: SelectedModel | None = None
 
+    #: frame, tool, sockets and what else was always fitted, by name
+    nuisances = Told[dict[str, Estimate]]()
+    frame = Told[dict[str, Estimate]]()  #: the robot's base in the device's frame
+    tool = Told[dict[str, Estimate]]()  #: the tool's tip in the tip frame
+    sockets = Told[dict[str, Estimate]]()  #: places of the sockets in the robot's base frame
+    zeros = Told[dict[str, Estimate]]()  #: zeros of encoders, where they are always fitted
+
     @property
     def selected(self) -> SelectedModel:
         """Where the search ended: what the next experiment starts from.
@@ -73,11 +80,6 @@ class Diagnosis(AlwaysFitted, WithVerdict):
                 "ask diagnose(answer.recording, answer.options) again"
             )
         return self.search
-
-    @property
-    def nuisances(self) -> dict[str, Estimate]:
-        """Frame, tool, sockets and what else was always fitted, by name."""
-        return self.verdict.nuisances
 
     def model(self, recording: str = "") -> FoundModel:
         """What was found, to take home: where the tip is, what to command, files for others.

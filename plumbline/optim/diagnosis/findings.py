@@ -6,7 +6,7 @@ It says what it does not know: probabilities, intervals, what cannot be told apa
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
@@ -225,41 +225,8 @@ class NoiseLevel:
     repeats: int = 0
 
 
-class AlwaysFitted:
-    """What is always fitted, by name, of a class that has ``nuisances``."""
-
-    if TYPE_CHECKING:  # a field or a property of each
-
-        @property
-        def nuisances(self) -> dict[str, Estimate]:
-            """Frame, tool, sockets and what else was always fitted, by name."""
-
-    @property
-    def frame(self) -> dict[str, Estimate]:
-        """The robot's base in the device's frame: its origin [m] and a rotation vector [rad]."""
-        return self._nuisances("frame ")
-
-    @property
-    def tool(self) -> dict[str, Estimate]:
-        """The tool's tip in the tip frame [m]; of poses its rotation vector too [rad]."""
-        return self._nuisances("tool ")
-
-    @property
-    def sockets(self) -> dict[str, Estimate]:
-        """Places of the sockets in the robot's base frame [m]."""
-        return self._nuisances("socket ")
-
-    @property
-    def zeros(self) -> dict[str, Estimate]:
-        """Zeros of encoders, where they are always fitted [rad or m]."""
-        return self._nuisances("joint_offset ")
-
-    def _nuisances(self, begin: str) -> dict[str, Estimate]:
-        return {name: e for name, e in self.nuisances.items() if name.startswith(begin)}
-
-
 @dataclass(frozen=True)
-class Verdict(AlwaysFitted, Answer):
+class Verdict(Answer):
     """What the diagnosis says; see the attributes' own classes for units.
 
     Attributes:
@@ -318,6 +285,29 @@ class Verdict(AlwaysFitted, Answer):
     unjudged: str = ""
     friction: tuple[FrictionCurve, ...] = ()
     joints: tuple[JointGap, ...] = ()
+
+    @property
+    def frame(self) -> dict[str, Estimate]:
+        """The robot's base in the device's frame: its origin [m] and a rotation vector [rad]."""
+        return self._nuisances("frame ")
+
+    @property
+    def tool(self) -> dict[str, Estimate]:
+        """The tool's tip in the tip frame [m]; of poses its rotation vector too [rad]."""
+        return self._nuisances("tool ")
+
+    @property
+    def sockets(self) -> dict[str, Estimate]:
+        """Places of the sockets in the robot's base frame [m]."""
+        return self._nuisances("socket ")
+
+    @property
+    def zeros(self) -> dict[str, Estimate]:
+        """Zeros of encoders, where they are always fitted [rad or m]."""
+        return self._nuisances("joint_offset ")
+
+    def _nuisances(self, begin: str) -> dict[str, Estimate]:
+        return {name: e for name, e in self.nuisances.items() if name.startswith(begin)}
 
     @property
     def knows_noise(self) -> bool:

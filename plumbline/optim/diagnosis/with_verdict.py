@@ -1,11 +1,27 @@
 """What every diagnosis passes on of its verdict, whatever was recorded."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.diagnosis.findings import Cause, Gap, Place, Verdict
 from plumbline.optim.diagnosis.of_recordings import JointGap
+
+T = TypeVar("T")
+
+
+class Told(Generic[T]):
+    """A field or property of the verdict that is the answer's as well, by its own name or this."""
+
+    def __init__(self, name: str = "") -> None:
+        self.name = name
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = self.name or name
+
+    def __get__(self, answer: Any, owner: type) -> T:
+        found: Any = self if answer is None else getattr(answer.verdict, self.name)
+        return cast("T", found)
 
 
 class WithVerdict(Answer):
@@ -17,6 +33,18 @@ class WithVerdict(Answer):
         def verdict(self) -> Verdict:
             """What was found."""
 
+    #: the recording, the kind of verdict, the first causes and the gap, on one line
+    headline = Told[str]()
+    gap = Told[Gap]()  #: how large the gap is and how far it shrinks, on rows that were left out
+    by_joint = Told[tuple[JointGap, ...]]("joints")  #: the gap joint by joint, of motions, efforts
+    causes = Told[tuple[Cause, ...]]()  #: the causes, most important first
+    candidates = Told[tuple[Cause, ...]]()  #: everything considered, most probable first
+    #: shares of the explained gap by stage and element, which sum to one
+    where = Told[tuple[Place, ...]]()
+    outside_probability = Told[float]()  #: that something outside the library is at work
+    next = Told[tuple[dict[str, Any], ...]]()  #: what to record next
+    notes = Told[tuple[str, ...]]()  #: what else the reader should know
+
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.verdict.headline}>"
 
@@ -24,51 +52,6 @@ class WithVerdict(Answer):
     def judged(self) -> Judgement:
         """Whether every fit behind the verdict converged, with the figures."""
         return self.verdict.judged
-
-    @property
-    def headline(self) -> str:
-        """The recording, the kind of verdict, the first causes and the gap, on one line."""
-        return self.verdict.headline
-
-    @property
-    def gap(self) -> Gap:
-        """How large the gap is and how far it shrinks, on rows that were left out."""
-        return self.verdict.gap
-
-    @property
-    def by_joint(self) -> tuple[JointGap, ...]:
-        """The gap joint by joint, of motions and efforts."""
-        return self.verdict.joints
-
-    @property
-    def causes(self) -> tuple[Cause, ...]:
-        """The causes, most important first."""
-        return self.verdict.causes
-
-    @property
-    def candidates(self) -> tuple[Cause, ...]:
-        """Everything considered, most probable first."""
-        return self.verdict.candidates
-
-    @property
-    def where(self) -> tuple[Place, ...]:
-        """Shares of the explained gap by stage and element, which sum to one."""
-        return self.verdict.where
-
-    @property
-    def outside_probability(self) -> float:
-        """Probability that something outside the library is at work."""
-        return self.verdict.outside_probability
-
-    @property
-    def next(self) -> tuple[dict[str, Any], ...]:
-        """What to record next."""
-        return self.verdict.next
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What else the reader should know."""
-        return self.verdict.notes
 
     def card(self) -> str:
         """The verdict's card of HTML."""
