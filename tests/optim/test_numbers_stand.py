@@ -183,7 +183,7 @@ STAND = {
         "POSE": 15,
     },
     "diagnosis": {
-        "LEAST_NOISE": 1e-12, "FLAT": 1e-12, "TRIES": 60, "DRAW_ROUNDS": 40, "PLACES": 8,
+        "FLAT": 1e-12, "TRIES": 60, "DRAW_ROUNDS": 40, "PLACES": 8,
         "RESTS": (0.0, 0.0, 0.0, 0.0, 0.3333333333333333, 1.0), "REACHING_STEPS": 25, "NEAR": 1e-06,
         "RANDOM_COUNTS": (12, 18, 24, 30, 36, 48, 60, 80, 100), "ORDERS": 6, "ROWS": 12,
         "POOL": 3000, "MOST_RIVALS": 20, "GLANCE": 400, "EXCHANGES": 6, "NOTHING": 1e-09,

@@ -13,11 +13,11 @@ from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.answer import parts_of, register, restored, restored_parts
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array, Flags
-from plumbline.optim.diagnosis.constants import LEAST_NOISE
 from plumbline.optim.diagnosis.findings import Estimate, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
+from plumbline.optim.diagnosis.prior import ROUNDING
 from plumbline.optim.diagnosis.verdict.parts import nuisances_of_parts
 from plumbline.optim.diagnosis.with_verdict import Told, WithVerdict
 from plumbline.optim.measurement.observation import Model
@@ -161,7 +161,7 @@ def _fit_of(diagnosis: Diagnosis, carried: Carried) -> FitEnd:
     sigma = noise.sigma * max(noise.ratio, 1.0)
     if diagnosis.recording.kind.efforts:  # residuals are weighed, joint by joint
         sigma = float(np.sqrt(best.gram.square / best.gram.count))
-    sigma = max(sigma, LEAST_NOISE)
+    sigma = max(sigma, ROUNDING)
     precision = best.gram.matrix / sigma**2
     nuisance = diagnosis.stated.nuisance
     return FitEnd(nuisance, diagnosis.effects, best.x, best.problem.scale, precision)

@@ -1,8 +1,5 @@
 """Diagnosis: numbers that are no priors, each with its unit and where it comes from."""
 
-# Answer
-LEAST_NOISE = 1e-12  # [m or rad]: of readings made without noise, whose errors are none
-
 # Recalibration
 FLAT = 1e-12  # relative error of the line: no digit that is shown depends on it
 

@@ -32,7 +32,12 @@ KNOWN_NOISE_FREEDOM = 100.0
 VARIANCE_ROUNDS = 8
 SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, once settled
 FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
-ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings without noise
+ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings made without noise
+
+# Rows, or blocks of them, that are enough where more cost time or memory alone: a search's first
+# part, a joint's way to its play (40 of each to-and-fro of a hundred), what a design looks back
+# upon (minutes of a usual log), blocks of which rows left out are drawn (32 MB).
+MANY_ROWS = 4000
 
 # Selection (posterior/selection). Odds that a slot is filled, before the data: what is diagnosed
 # has a cause about as often as not, and one cause more is rare.
@@ -50,7 +55,6 @@ BETTER = 1e-6  # log odds by which another model must win: more than rounding
 
 # Search (posterior/search).
 WIDE_PRIOR = 30.0  # width about its fit of what is always fitted [its scale]: data decide
-SEARCHED_WHOLE = 4000  # rows from which a part is searched first and few steps are enough (cost)
 DRAWS = 200  # of orders, or readings: their means are known to some per cent
 
 # Short lists of dense families (posterior/shortlists); sizes bound memory.
@@ -89,7 +93,6 @@ FULLEST = 15  # columns of a family, its leading ones (cost only)
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
 FEATURES = 24  # random Fourier features (Rahimi and Recht 2007; cost only)
-PATH_ROWS = 4000  # of a joint's way to its play: 40 of each to-and-fro of a hundred
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
 CENTRES = 40  # places about which local bumps are tried (cost only)
 SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
@@ -140,7 +143,6 @@ MOST_FOLDS = 5  # and blocks; Hastie, Tibshirani, Friedman (2009), sec. 7.10: fi
 FEWEST_ROWS = 4  # of a fold
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
-MOST_BLOCKS = 4000  # rows 4,000 apart tell nothing of one another; draws of them take 32 MB
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (cost only)
 # Root of the share of a fold's square, a ten thousandth, by which its fit may still change: less
 # than a figure's last digit. In standard errors it is this times the root of the readings.
@@ -165,9 +167,7 @@ SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding l
 # cause is at work at which the most probable is named with whatever share it has.
 SETTLED = 0.95
 HOPELESS = 0.5  # share of the doubt that any number of rows may leave
-MEMORY_ROWS = 4000  # rows that a joint's play looks back upon: minutes of a usual log (cost only)
 COOLED = 0.05  # share of its warmth that a rest as long as the recording leaves: 3 time constants
-NUISANCE_WIDTH = 3.0  # prior of what is always fitted [its typical size]
 WIDER = 0.1  # of the box of tips, on each side [its size]
 REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
 

@@ -9,8 +9,8 @@ from plumbline.experiments.reality.tip_readings import Reality, draw_crooked
 from plumbline.kinematics.link_table import link_table
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.constants import STILL
+from plumbline.optim.dh_fit import answer as numbers
 from plumbline.optim.dh_fit import constants, fit_dh
-from plumbline.optim.dh_fit import fitted as numbers
 from plumbline.optim.dh_fit.softness import SIZES, turns
 
 TOOL = np.array([0.03, -0.02, 0.15])

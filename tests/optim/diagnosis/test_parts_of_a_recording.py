@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.search import SOLVER, on_all_rows
 from plumbline.optim.diagnosis.predict.folds import kind_of_folds
 from plumbline.optim.diagnosis.predict.shrink import shrink_interval
-from plumbline.optim.diagnosis.prior import SEARCHED_WHOLE
+from plumbline.optim.diagnosis.prior import MANY_ROWS
 from plumbline.optim.measurement.observation import build_model, rows_of, scope_of
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -116,7 +116,7 @@ def test_a_long_recording_that_visits_sockets_in_turn_is_searched_in_part(tmp_pa
     recording = recording.select(np.isin(recording.socket, np.unique(recording.socket)[:2]))
     assert (recording.socket[2:20] == recording.socket[:18]).all()
     assert recording.socket[0] != recording.socket[1]
-    monkeypatch.setattr(search_module, "SEARCHED_WHOLE", len(recording) - 10)
+    monkeypatch.setattr(search_module, "MANY_ROWS", len(recording) - 10)
     found = diagnose(recording, DiagnosisOptions(library=(*SMALL, *ripples()))).verdict
     assert [(c.effect, c.element) for c in found.causes] == [("transmission_ripple", 3)]
 
@@ -205,7 +205,7 @@ def test_a_bump_in_one_stretch_is_foretold_by_rows_in_between(tmp_path):
 
 def test_poses_learn_their_rotation_s_noise_however_many_they_are(tmp_path):
     poses, _ = recorded(faultless(rows=40, seed=3, observation="pose"), tmp_path)
-    many = poses.select(np.zeros(SEARCHED_WHOLE + 1, dtype=int))
+    many = poses.select(np.zeros(MANY_ROWS + 1, dtype=int))
     assert [_lever_unknown(r) for r in (poses, many)] == [True, True]
     stated = replace(many, noise_std=1e-4, noise_std_rotation=1e-3)
     assert not _lever_unknown(stated)

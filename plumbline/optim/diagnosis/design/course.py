@@ -14,7 +14,7 @@ import scipy
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
-from plumbline.optim.diagnosis.prior import COOLED, MEMORY_ROWS
+from plumbline.optim.diagnosis.prior import COOLED, MANY_ROWS
 from plumbline.optim.measurement.nuisance import Nuisance
 from plumbline.optim.measurement.observation import COLUMNS, Model, rows_of
 from plumbline.optim.measurement.session import Own
@@ -67,9 +67,9 @@ class Course:
         Of a long one only its end: no path reaches back further.
         """
         whole = self.recording if self.taken is None else _continued(self.model, self.taken)
-        if whole.socket is not None or len(whole) <= MEMORY_ROWS:
+        if whole.socket is not None or len(whole) <= MANY_ROWS:
             return whole
-        return whole.select(np.arange(len(whole) - MEMORY_ROWS, len(whole)))
+        return whole.select(np.arange(len(whole) - MANY_ROWS, len(whole)))
 
     def rows_next(self, candidates: FutureRows) -> Array:
         """Data (N, k) of candidates, each as the very next row."""

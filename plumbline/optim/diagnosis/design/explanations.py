@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
-from plumbline.optim.diagnosis.prior import LEAST_TOLD, NUISANCE_WIDTH, WIDE_PRIOR
+from plumbline.optim.diagnosis.prior import LEAST_TOLD, WIDE_PRIOR
 from plumbline.optim.diagnosis.verdict.words import blame_of
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.model.making import number_of
@@ -163,7 +163,7 @@ class _Prior:
         """Wide about the fit for what is always fitted, about the null for effects."""
         own = np.arange(len(model.start)) < model.fixed
         centre = np.where(own, model.start / model.problem.scale, 0.0)
-        return cls(np.where(own, NUISANCE_WIDTH, WIDE_PRIOR), centre)
+        return cls(np.full(len(own), WIDE_PRIOR), centre)
 
     def with_width(self, columns: Columns, width: float) -> Self:
         """The same with another width of some unknowns."""

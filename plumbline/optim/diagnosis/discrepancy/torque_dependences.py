@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     steps,
     turns,
 )
-from plumbline.optim.diagnosis.prior import COSINES, PATH_ROWS, REACHES, STEPS, TURNS, WARMTH
+from plumbline.optim.diagnosis.prior import COSINES, MANY_ROWS, REACHES, STEPS, TURNS, WARMTH
 from plumbline.optim.recording.constants import GAP_IN_TIME
 from plumbline.optim.recording.efforts import nominal_efforts
 from plumbline.optim.recording.recording import Recording
@@ -127,7 +127,7 @@ def _thinned_path(recording: Recording) -> tuple[Array, NDArray[np.intp]]:
     Every row and, of what lies between, as much as keeps each turning point of a smooth motion.
     """
     whole, place = recording.path
-    kept = np.linspace(0, len(whole) - 1, min(len(whole), PATH_ROWS)).astype(np.intp)
+    kept = np.linspace(0, len(whole) - 1, min(len(whole), MANY_ROWS)).astype(np.intp)
     near = np.union1d(kept, place)
     return whole.q[near], np.searchsorted(near, place)
 

@@ -31,7 +31,7 @@ from plumbline.optim.diagnosis.posterior.robust import (
     lone_rows,
 )
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
-from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, ROUNDS, SEARCHED_WHOLE, WIDE_PRIOR
+from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, MANY_ROWS, ROUNDS, WIDE_PRIOR
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
@@ -56,7 +56,7 @@ class Task:
     @property
     def long(self) -> bool:
         """Whether it is searched in part first, and linearised once: many rows make both dear."""
-        return len(self.recording) >= SEARCHED_WHOLE
+        return len(self.recording) >= MANY_ROWS
 
     @property
     def refitting(self) -> Solver:
@@ -125,7 +125,7 @@ def find_causes(
     """
     if not task.long:
         return _from_nothing(task, tell, ROUNDS, known)
-    part = task.part(-(-len(task.recording) // SEARCHED_WHOLE))
+    part = task.part(-(-len(task.recording) // MANY_ROWS))
     nothing_yet = np.zeros(len(part.recording), dtype=bool)
     selected, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
     tell("searching all rows", 0.4)

@@ -323,7 +323,7 @@ def blocks_of_rows(folds: Indices, separate: bool) -> Indices:
     """Blocks (N,) for the bootstrap: single rows, or stretches of successive rows of one fold."""
     count = len(folds)
     if separate:
-        return np.arange(count) % prior.MOST_BLOCKS
+        return np.arange(count) % prior.MANY_ROWS
     length = max(1, round(np.sqrt(count)))
     labels = folds.astype(np.intp) * count + np.arange(count) // length
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.intp)

@@ -25,7 +25,7 @@ from plumbline.kinematics.effects.confined import confined
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.answer import Diagnosis
-from plumbline.optim.diagnosis.constants import LEAST_NOISE, OWN_SHARE
+from plumbline.optim.diagnosis.constants import OWN_SHARE
 from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
 from plumbline.optim.diagnosis.findings import NoiseLevel
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
@@ -42,7 +42,7 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.noise import noise_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, find_causes
-from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED
+from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED, ROUNDING
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.refit import gap_unit, runs_once
@@ -304,7 +304,7 @@ def beyond_its_noise(one: OfRecording, part: Recording) -> str:
     The noise is of one axis, a gap of places of three.
     """
     axes = math.sqrt(3.0) if gap_unit(part)[1] else 1.0
-    ratio = one.after / max(one.noise * axes, LEAST_NOISE)
+    ratio = one.after / max(one.noise * axes, ROUNDING)
     if one.noise_source != "given" or ratio <= FAR:
         return ""
     return (
