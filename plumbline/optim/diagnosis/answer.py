@@ -14,7 +14,7 @@ from plumbline.optim.core.answer import parts_of, register, restored, restored_p
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.diagnosis.findings import Estimate, Verdict
-from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
 from plumbline.optim.diagnosis.prior import ROUNDING
@@ -177,14 +177,14 @@ def _held(verdict: Verdict) -> Held:
 def _taken(d: Diagnosis) -> dict[str, Any]:
     """What is stored of a diagnosis; the search is not."""
     own = parts_of(d, "stated", "solution", "options", "search")
-    return own | {"fit": StoredFit.of(d.stated, d.solution), "asked": StoredOptions.of(d.options)}
+    return own | {"fit": StoredFit.of(d.stated, d.solution), "asked": d.options}
 
 
 def _again(data: Any) -> Diagnosis:
     given = restored_parts(data, Diagnosis)
-    fit, asked = restored(data["fit"], StoredFit), restored(data["asked"], StoredOptions)
+    fit, asked = restored(data["fit"], StoredFit), restored(data["asked"], DiagnosisOptions)
     stated, solution = fit.again(given["recording"].training, given["effects"])
-    return Diagnosis(**given, stated=stated, solution=solution, options=asked.options)
+    return Diagnosis(**given, stated=stated, solution=solution, options=asked)
 
 
 register(Diagnosis, _taken, _again)

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated, Any
 
 from plumbline.declared import Among, Declared, Range
 from plumbline.errors import PlumblineError, best_matches, listed, shown
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect
+from plumbline.optim.core.answer import parts_of, register, restored_parts
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.diagnosis.constants import LARGEST_SEED
 from plumbline.optim.diagnosis.posterior.search import SOLVER
@@ -56,35 +57,21 @@ class DiagnosisOptions(Declared):
         return tuple(effect for effect in self.library if effect.name not in self.without)
 
 
-@dataclass(frozen=True)
-class StoredOptions:
-    """Options as they are stored with an answer: the library by its effects' names."""
+def _of_options(o: DiagnosisOptions) -> dict[str, Any]:
+    """What is stored of options: the library by its effects' names."""
+    solver = {"kind": type(o.solver).__name__, "fields": parts_of(o.solver)}
+    library = [effect.name for effect in o.library]
+    return parts_of(o) | {"without": list(o.without), "library": library, "solver": solver}
 
-    held_out: str
-    seed: int
-    without: tuple[str, ...]
-    library: tuple[str, ...]
-    solver: Solver
-    unlisted: float
-    force: bool
 
-    @classmethod
-    def of(cls, o: DiagnosisOptions) -> Self:
-        """What is stored of them."""
-        names = tuple(effect.name for effect in o.library)
-        return cls(o.held_out, o.seed, tuple(o.without), names, o.solver, o.unlisted, o.force)
+def _to_options(data: Any) -> DiagnosisOptions:
+    """The options again (PlumblineError: the library had an effect that is not known here)."""
+    library = tuple(effect_named(name) for name in data["library"])
+    given = restored_parts(data, DiagnosisOptions, "library", "without")
+    return DiagnosisOptions(library=library, without=tuple(data["without"]), **given)
 
-    @property
-    def options(self) -> DiagnosisOptions:
-        """The options again.
 
-        Raises:
-            PlumblineError: The library had an effect that is not known here.
-        """
-        library = tuple(effect_named(name) for name in self.library)
-        return DiagnosisOptions(
-            self.held_out, self.seed, self.without, library, self.solver, self.force, self.unlisted
-        )
+register(DiagnosisOptions, _of_options, _to_options)
 
 
 def _unknown(name: str, known: Sequence[str]) -> PlumblineError:

@@ -19,26 +19,16 @@ from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.recording.recording import Recording
 
 
-@dataclass(frozen=True)
-class StoredEffect:
+def _of_effect(effect: Effect) -> dict[str, Any]:
     """An effect's name, the name of its class, and the fields that tell its variants apart."""
-
-    name: str
-    form: str
-    fields: dict[str, Any]
-
-    @classmethod
-    def of(cls, effect: Effect) -> Self:
-        """What is stored of it."""
-        return cls(effect.name, type(effect).__name__, asdict(effect))
-
-    @property
-    def effect(self) -> Effect:
-        """The effect again (PlumblineError: no effect of that name is known)."""
-        return restored(self.fields, effect_named(self.name, self.form))
+    return {"name": effect.name, "form": type(effect).__name__, "fields": asdict(effect)}
 
 
-register(Effect, StoredEffect.of, lambda data: restored(data, StoredEffect).effect)
+def _to_effect(data: Any) -> Effect:
+    return restored(data["fields"], effect_named(data["name"], data["form"]))
+
+
+register(Effect, _of_effect, _to_effect)
 
 
 def effect_named(name: str, form: str = "") -> type[Effect]:

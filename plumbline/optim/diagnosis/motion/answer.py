@@ -15,7 +15,7 @@ from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
-from plumbline.optim.diagnosis.options import DiagnosisOptions, StoredOptions
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model.drives import Drives, drives_of
 from plumbline.optim.recording import storing as storing
@@ -86,14 +86,14 @@ def _joint(data: Any, signals: Signals) -> Joint:
 def _taken(d: MotionDiagnosis) -> dict[str, Any]:
     """What is stored of a diagnosis; its even clock is made again."""
     own = parts_of(d, "signals", "options")
-    return own | {"joints": list(map(_of_joint, d.joints)), "asked": StoredOptions.of(d.options)}
+    return own | {"joints": list(map(_of_joint, d.joints)), "asked": d.options}
 
 
 def _again(data: Any) -> MotionDiagnosis:
     given = restored_parts(data, MotionDiagnosis, "joints")
     signals = signals_of(given["recording"])
     joints = tuple(_joint(one, signals) for one in data["joints"])
-    asked = restored(data["asked"], StoredOptions).options
+    asked = restored(data["asked"], DiagnosisOptions)
     return MotionDiagnosis(**given, signals=signals, joints=joints, options=asked)
 
 
