@@ -173,8 +173,8 @@ def library(source: str, name: str, more: tuple[str, ...] = ()) -> Path | None:
 
 
 def first_line(error: Exception) -> str:
-    """What an error says, in one line."""
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+    """An error in one line."""
+    return f"{type(error).__name__}: {error}".splitlines()[0][:200]
 
 
 class Compiled:

@@ -38,7 +38,7 @@ from plumbline.declared import expect
 from plumbline.errors import PlumblineError
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle
-from plumbline.optim.capsule_mpc.compiled import Compiled
+from plumbline.optim.capsule_mpc.compiled import Compiled, first_line
 from plumbline.optim.capsule_mpc.evasion import Evasion
 from plumbline.optim.capsule_mpc.events import (
     AtGoal,
@@ -49,7 +49,6 @@ from plumbline.optim.capsule_mpc.events import (
     Seating,
     Trouble,
     entered,
-    first_line,
     held_back,
     impossible,
     inside,

@@ -322,8 +322,3 @@ def shortfalls(plan: Plan) -> list[Event]:
         )
         found.append(Event(Trouble.CANNOT_BE_MET, words, plan.lasting / MM))
     return found
-
-
-def first_line(error: Exception) -> str:
-    """An error in one line."""
-    return f"{type(error).__name__}: {error}".splitlines()[0]
