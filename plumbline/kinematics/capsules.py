@@ -61,6 +61,11 @@ class Segment:
         return self.a + share * (self.b - self.a)
 
 
+def length_of(v: cs.SX) -> cs.SX:
+    """Length of a vector (3,); its slope is finite where that is nothing."""
+    return cs.sqrt(cs.sumsqr(v) + TINY)
+
+
 def _clamp(value: cs.SX) -> cs.SX:
     return cs.fmin(cs.fmax(value, 0.0), 1.0)
 

@@ -47,8 +47,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.declared import Positive, Range, expect_fields
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.capsules import Segment
-from plumbline.kinematics.constants import TINY
+from plumbline.kinematics.capsules import Segment, length_of
 from plumbline.optim.capsule_mpc.constants import (
     A_MAX,
     CONE,
@@ -220,7 +219,7 @@ class TipInstrument(_Shaft):
     def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
         """The shaft, tip first."""
         inside = x - c
-        back = x - MM * self.length * inside / _length(inside)
+        back = x - MM * self.length * inside / length_of(inside)
         return (Capsule(Segment(x, back), MM * self.radius),)
 
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
@@ -229,14 +228,14 @@ class TipInstrument(_Shaft):
 
     def limits(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Room to the least and the most depth, and to the cone (3,) [mm]."""
-        depth = _length(x - c)
+        depth = length_of(x - c)
         inward = np.array(self.inward) / np.linalg.norm(self.inward)
         below = cs.dot(cs.DM(inward), x - c) - np.cos(np.radians(self.cone)) * depth
         return cs.vertcat(depth - MM * self.depths[0], MM * self.depths[1] - depth, below)
 
     def pace(self, x: cs.SX, c: cs.SX, dt: float) -> cs.SX:
         """What keeps the tip within its own speed and the other end within its."""
-        depth = _length(x - c)
+        depth = length_of(x - c)
         fastest = MM * self.v_outer
         half = (MM * self.length - depth + fastest * dt) / 2
         outer = (cs.sqrt(half**2 + dt * fastest * depth) - half) / dt
@@ -244,8 +243,8 @@ class TipInstrument(_Shaft):
 
     def sagitta(self, x: cs.SX, c: cs.SX, d: cs.SX) -> tuple[cs.SX, ...]:
         """The shaft's, its depth as little as it can be on the way."""
-        moved = _length(d)
-        depth = cs.fmax(_length(x - c) - moved, SHALLOW)
+        moved = length_of(d)
+        depth = cs.fmax(length_of(x - c) - moved, SHALLOW)
         return (MM * self.length * moved**2 / (4 * np.sqrt(3.0) * depth**2),)
 
     def through(self, c: cs.SX) -> tuple[cs.SX | None, ...]:
@@ -254,7 +253,7 @@ class TipInstrument(_Shaft):
 
     def lever(self, x: cs.SX, c: cs.SX, share: cs.SX) -> cs.SX:
         """The shaft turns about the trocar, so its points move in proportion to their distance."""
-        depth = cs.fmax(_length(x - c), SHALLOW)
+        depth = cs.fmax(length_of(x - c), SHALLOW)
         return cs.fmax(1.0, cs.fabs(share * MM * self.length - depth) / depth)
 
     def reach(self, x: cs.SX, c: cs.SX, within: cs.SX) -> tuple[cs.SX, ...]:
@@ -263,7 +262,7 @@ class TipInstrument(_Shaft):
         The direction turns by an angle whose sine is at most m / r, so its change
         :math:`\delta \le \sqrt 2\, m / r` while m < r, and never more than 2.
         """
-        depth = _length(x - c)
+        depth = length_of(x - c)
         most = within[0]
         turn = cs.if_else(most < depth, np.sqrt(2.0) * most / depth, 2.0)
         return (most + cs.fabs(MM * self.length - depth) * turn,)
@@ -342,11 +341,6 @@ def sides(axis: cs.SX) -> tuple[cs.SX, cs.SX]:
     return cs.vertcat(1 + sign * x * x * a, sign * b, -sign * x), cs.vertcat(
         b, sign + y * y * a, -y
     )
-
-
-def _length(v: cs.SX) -> cs.SX:
-    """Length of a vector (3,); its slope is finite where that is nothing."""
-    return cs.sqrt(cs.sumsqr(v) + TINY)
 
 
 def shafts(tips: Array, trocars: Array, lengths: ArrayLike) -> Array:

@@ -31,12 +31,12 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.capsules import (
+    length_of,
     nearest_shares,
     overlap_shares,
     scalar_gap,
     share_beside,
 )
-from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
@@ -109,7 +109,7 @@ def frozen_normal(pair: Pair, difference: cs.SX) -> cs.SX:
     """
     distance, u = cs.norm_2(difference), pair.one.b - pair.one.a
     across = cs.cross(u, pair.two.b - pair.two.a)
-    size, length = cs.sqrt(cs.sumsqr(across) + TINY), cs.sqrt(cs.sumsqr(u) + TINY)
+    size, length = length_of(across), length_of(u)
     aside = sides(cs.if_else(length > constants.TOUCHING, u / length, cs.DM([0.0, 0.0, 1.0])))[0]
     instead = cs.if_else(size > constants.COMMON, across / size, aside)
     return cs.if_else(
