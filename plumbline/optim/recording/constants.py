@@ -80,7 +80,7 @@ LARGEST_PAYLOAD = 5000.0  # [kg]: the heaviest robots carry 2300
 # [Hz] of derived accelerations: what arms are driven with ends below 5 Hz (Swevers, Verdonck, De
 # Schutter 2007), their joints' elasticity begins above 10.
 BANDWIDTH = 10.0
-LEAST_WINDOW = 3  # samples either side: a cubic through fewer smooths nothing
+LEAST_WINDOW = 4  # samples either side: a quintic through fewer smooths nothing
 GAP_IN_TIME = 5.0  # usual steps beyond which a new run begins
 SURE_SPEED = 5e-3  # of the fastest: slower, a joint's sense of turning is not sure
 # A sensor's end: rows that read it, more than twice those within so many of its steps (a slow sine
@@ -97,7 +97,9 @@ EFFORT_ROWS = 3000  # rows from which the efforts' noise is estimated (cost only
 
 CHANGES = (0.2, 0.8)  # share of a model's larger efforts of one sign, between which it changes
 # Derivatives
-ORDER = 3  # of the polynomials of smoothed derivatives (Savitzky and Golay 1964)
+# Of the polynomials of smoothed derivatives (Savitzky and Golay 1964): of a sine of 1 Hz cubics of
+# the same bandwidth take 1 % of the acceleration away, which masses then explain; these 0.01 %.
+ORDER = 5
 USUAL = 0.99  # of steps, which a motion in fifty rows at most leaves out
 SPEEDS_UP = 3.0  # times the largest of a motion's own steps: no joint moves so for one row
 SHORTEST = 50  # rows of a run, on average: what leaps more often is no motion

@@ -3,7 +3,7 @@ r"""Velocities and accelerations of a recorded motion, by zero-phase smoothing.
 .. math:: \hat x(t) = \sum_{|k| \le M} c_k\, x(t + k / f_s), \qquad
           \left|\sum_k c_k e^{2 \pi i k f_c / f_s}\right|^2 = \tfrac12
 
-Least-squares cubics over windows of 2 M + 1 samples (Savitzky, Golay 1964, Analytical Chemistry
+Least-squares quintics over windows of 2 M + 1 samples (Savitzky, Golay 1964, Analytical Chemistry
 36(8)); a symmetric window shifts nothing in time. The window is the one whose bandwidth
 :math:`f_c` comes nearest to :data:`BANDWIDTH`. It goes by the clock alone: never by what the fit
 leaves.
@@ -63,7 +63,7 @@ def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin:
     width = bandwidth(1.0 / step, half)
     what = "accelerations" if velocity is not None else "velocities and accelerations"
     note = (
-        f"{what} derived by zero-phase smoothing: cubics over {2 * half + 1} samples of "
+        f"{what} derived by zero-phase smoothing: quintics over {2 * half + 1} samples of "
         f"{step:.4g} s, bandwidth {width:.3g} Hz"
     )
     return Motion(v, a, slow, fast, note)

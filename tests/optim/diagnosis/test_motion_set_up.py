@@ -10,6 +10,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion.recording import build_motion, load_motion
 from plumbline.optim.diagnosis.motion.tracking import build_tracking
+from plumbline.optim.recording.constants import TURNS
 from tests.motions import recorded
 
 TIME = np.arange(0.0, 20.0, 0.02)
@@ -96,6 +97,20 @@ def test_tips_and_rates_in_two_units_are_refused(times, refused):
 def test_rates_of_joints_in_degrees_or_by_a_clock_in_ms_are_refused(times, unit):
     with pytest.raises(PlumblineError, match=f"column 'u1'.*divide by {unit}"):
         motion(times * V, kind="velocity")
+
+
+@pytest.mark.parametrize(("times", "said"), [(0.95, False), (1.05, True)])
+def test_places_of_many_turns_that_limits_allow_are_doubted_in_a_note(times, said):
+    """A file in degrees has limits in degrees: commands and places then agree with all three."""
+    link = '<link name="{}"><inertial><mass value="1"/></inertial></link>'
+    joint = (
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>'
+        '<limit lower="-360" upper="360" effort="1" velocity="180"/></joint>'
+    )
+    urdf = f'<robot name="one">{link.format("a")}{link.format("b")}{joint}</robot>'
+    q = times * TURNS / np.abs(Q[:, :1]).max() * Q[:, :1]
+    notes = build_motion(robot=Robot.from_urdf(urdf), time=TIME, command=q, q=q).notes
+    assert any("q1 is read up to 13.19 rad, 2.1 turns" in note for note in notes) is said
 
 
 def test_readings_that_leap_by_a_turn_are_told_at_their_row():

@@ -90,8 +90,10 @@ def test_noise_of_accelerations_is_foretold():
     rng = np.random.default_rng(0)
     step, half = 0.01, derivatives.half_window(100.0, 20_000)
     raw = rng.normal(size=(20000, 1))
-    from_velocity = savgol_filter(raw, 2 * half + 1, 3, deriv=1, delta=step, axis=0)
-    taken = raw - savgol_filter(raw, 2 * half + 1, 3, axis=0)
+    from_velocity = savgol_filter(
+        raw, 2 * half + 1, derivatives.constants.ORDER, deriv=1, delta=step, axis=0
+    )
+    taken = raw - savgol_filter(raw, 2 * half + 1, derivatives.constants.ORDER, axis=0)
     foretold = taken.std() * derivatives.noise_gain(step, half, 1)
     assert from_velocity.std() == pytest.approx(foretold, rel=0.05)
 

@@ -31,7 +31,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     ROUNDED,
     SMOOTHER,
 )
-from plumbline.optim.diagnosis.motion.set_up import refuse_wrong_set_up
+from plumbline.optim.diagnosis.motion.set_up import doubted_units, refuse_wrong_set_up
 from plumbline.optim.recording.columns import numbered
 from plumbline.optim.recording.constants import FIRST_ROW
 from plumbline.optim.recording.derivatives import elsewhere
@@ -295,6 +295,7 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
     if r.held_out is not None and (r.held_out.all() or not r.held_out.any()):
         found = "every row held out" if r.held_out.all() else "no row held out"
         raise fault(origin.at("held_out"), found, "some of them", "delete the column")
+    r = replace(r, notes=(*r.notes, *doubted_units(r)))
     return _evenly(_without_leaps(_run_by_run(r)))
 
 

@@ -7,6 +7,7 @@ and shifts; it makes no degrees of radians, no position of a velocity, and no tu
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
@@ -48,6 +49,18 @@ def refuse_wrong_set_up(r: Motion, origin: Origin) -> None:
     _refuse_units(r, origin)
     if r.law.follows and r.unit == "rad":
         _refuse_turns(r, origin)
+
+
+def doubted_units(r: Motion) -> Iterator[str]:
+    """What is said of joints that turn more often than arms do, as far as their file lets them."""
+    far = np.abs(r.q).max(axis=0)
+    many = np.flatnonzero((far > TURNS) & (r.unit == "rad"))
+    if len(many):
+        j = int(many[0])
+        yield (
+            f"q{j + 1} is read up to {far[j]:.4g} rad, {far[j] / (2 * np.pi):.3g} turns, as the "
+            "robot's limits allow: divide places, commands and limits by 57.3 if in degrees"
+        )
 
 
 def _letter(r: Motion) -> str:
