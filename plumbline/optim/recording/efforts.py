@@ -55,7 +55,11 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
     if acceleration is None or velocity is None:
         motion = derived_motion(r.q, velocity, r.time, origin)
         if velocity is not None and acceleration is None:
-            placed = derived_motion(r.q, None, r.time, origin).velocity
+            places = derived_motion(r.q, None, r.time, origin)
+            placed = places.velocity
+            if (places.acceleration_noise <= motion.acceleration_noise).all():
+                motion, velocity, placed = places, None, None
+                notes = (*notes, "velocities are told by positions, with less noise than as read")
         smooth, left = motion.velocity, motion.velocity_noise
         shaken = motion.acceleration_noise if acceleration is None else shaken
         acceleration = motion.acceleration if acceleration is None else acceleration

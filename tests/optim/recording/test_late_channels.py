@@ -92,6 +92,29 @@ def test_corners_of_dry_friction_between_rows_are_found_where_they_are(robot, la
     assert float(note.split()[3]) == pytest.approx(1e3 * late, abs=0.6)
 
 
+@pytest.mark.parametrize(("places", "rates", "told_by"), [(1e-5, 0.03, True), (1e-3, 1e-3, False)])
+def test_rates_are_told_by_whatever_tells_them_with_less_noise(robot, places, rates, told_by):
+    """Efforts 10 ms late under dry friction, joints slow: by noisy rates none were late."""
+    time, rng = np.arange(0.0, 40.0, 0.02), np.random.default_rng(7)
+
+    def slow(t):
+        return [x * s for x, s in zip(motion(t / 3), (1.0, 1 / 3, 1 / 9), strict=True)]
+
+    q, v, _ = slow(time)
+    before = slow(time - 0.01)
+    tau = tree_of(robot).dynamics.torques(*before) + 0.3 * np.sign(before[1])
+    q, v, tau = (
+        x + rng.normal(0.0, s, x.shape) for x, s in ((q, places), (v, rates), (tau, NOISE))
+    )
+    rec = build_recording(
+        observation="joint_torque", robot=robot, time=time, q=q, velocity=v, measured=tau,
+        noise_by_joint=np.full(4, NOISE),
+    )  # fmt: skip
+    assert any("told by positions" in note for note in rec.notes) is told_by
+    (note,) = told(rec)
+    assert float(note.split()[3]) == pytest.approx(10.0, abs=1.0)
+
+
 @pytest.mark.parametrize(("late", "seen"), [(0.75 * LATEST, True), (1.5 * LATEST, False)])
 def test_no_channel_is_later_than_the_latest(robot, late, seen):
     notes = told(recorded(robot, efforts=late))
