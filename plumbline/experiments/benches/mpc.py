@@ -12,7 +12,6 @@ With soft rows of its own HPIPM is set beside ours by ``make compare``.
 
 import os
 import platform
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter, thread_time
@@ -21,18 +20,14 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 import typer
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from plumbline.experiments.console.measured import Found, as_command
-from plumbline.experiments.console.outputs import check_output
 from plumbline.experiments.mpc.arm_loop import run_arms
 from plumbline.experiments.mpc.closed_loop import point
 from plumbline.experiments.reality.touch import Touch, all_pairs
-from plumbline.experiments.report.style import AFTER, house_style, new_figure
 from plumbline.optim import capsule_mpc as mpc
 from plumbline.optim.capsule_mpc.constants import MM
-from plumbline.optim.capsule_mpc.planning import Ready, native, shifted
+from plumbline.optim.capsule_mpc.planning import native, shifted
 from plumbline.optim.core.problem import Array
 
 Line = dict[str, Any]  # of a table
@@ -53,36 +48,6 @@ ASKED = {  # median and p99 [ms]
     (10, "ipopt"): (6.6, 6.6),
     (20, "ipopt"): (6.6, 13.7),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Timed:
-    """A planner that keeps the times of its steps [s]."""
-
-    planner: Ready
-    wall: list[float]
-    thread: list[float]
-
-    def plan(self, x0: Array, stages: Array, path: Array) -> mpc.Plan:
-        """Plan, and note how long it took."""
-        begun, own = perf_counter(), thread_time()
-        found = self.planner.plan(x0, stages, path)
-        self.thread.append(thread_time() - own)
-        self.wall.append(perf_counter() - begun)
-        return found
-
-
-@dataclass(frozen=True)
-class TimedPlanner:
-    """Options of a planner whose steps are timed into two lists."""
-
-    planner: mpc.Planner
-    wall: list[float]
-    thread: list[float]
-
-    def ready(self, statement: mpc.Statement) -> Ready:
-        """Build, and time from then on."""
-        return Timed(self.planner.ready(statement), self.wall, self.thread)
 
 
 def machine() -> str:
@@ -193,11 +158,9 @@ def percentiles(seconds: list[float], before: str) -> dict[str, float]:
 
 def arms(tasks: int) -> Line:
     """Two seven-joint arms over some tasks: times [ms], clearance and trocar's miss [mm]."""
-    wall: list[float] = []
-    thread: list[float] = []
-    runs = [run_arms(seed, TimedPlanner(mpc.RealTime(), wall, thread)) for seed in range(tasks)]
+    runs = [run_arms(seed) for seed in range(tasks)]
     return {
-        "tasks": tasks, **percentiles(wall, ""), **percentiles(thread, "thread "),
+        "tasks": tasks, **percentiles([s for run in runs for s in run.seconds], ""),
         "clearance": min(run.clearance for run in runs), "rcm": max(run.rcm for run in runs),
         "reached": float(np.mean([run.reached for run in runs])),
     }  # fmt: skip
@@ -225,44 +188,12 @@ def measured(*, quick: bool) -> Found:
     }
 
 
-def picture(growth: pd.DataFrame) -> Figure:
-    """How the time of a step grows with horizon, obstacles and instruments."""
-    kinds: tuple[tuple[str, str, dict[str, int]], ...] = (
-        ("steps of the horizon", "p", {"obstacles": 3, "instruments": 2}),
-        ("obstacles", "obstacles", {"p": 10, "instruments": 2}),
-        ("instruments", "instruments", {"p": 10, "obstacles": 3}),
-    )
-    with house_style():
-        figure = new_figure(8.0, 2.6)
-        for axes, (name, key, fixed) in zip(figure.subplots(1, 3), kinds, strict=True):
-            chosen = growth
-            for column, value in fixed.items():
-                chosen = chosen[chosen[column] == value]
-            rows = chosen.drop_duplicates(key).sort_values(key)
-            axes.plot(rows[key], rows["thread median"], "o-", color=AFTER, label="median")
-            axes.plot(rows[key], rows["thread p99"], "o--", color=AFTER, alpha=0.5, label="p99")
-            axes.set_xlabel(name)
-            axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-            axes.set(
-                title=", ".join(f"{v} {a}" if a != "p" else f"p = {v}" for a, v in fixed.items()),
-                ylim=(0.0, None),
-            )
-        figure.axes[0].set_ylabel("time of a step [ms]")
-        figure.axes[0].legend()
-    return figure
-
-
 @as_command
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer steps and sizes.")] = False,
-    plot: Annotated[Path | None, typer.Option(help="A picture of how times grow.")] = None,
 ) -> Found:
     """Measure time and quality, and print them beside what is asked."""
-    check_output(plot, "--plot", overwrite=True)
-    found = measured(quick=quick)
-    if plot is not None:
-        picture(found["growth"]).savefig(plot, facecolor="white", dpi=150)
-    return found
+    return measured(quick=quick)
 
 
 if __name__ == "__main__":
