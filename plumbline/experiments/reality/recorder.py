@@ -269,16 +269,7 @@ def write_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
 
 def quaternions(turn: Array) -> Array:
     """Unit quaternions (N, 4), w first and not negative, of rotation matrices (N, 3, 3)."""
-    trace = np.trace(turn, axis1=1, axis2=2)
-    table = np.empty((len(turn), 4, 4))
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        table[:, 0, i + 1] = table[:, i + 1, 0] = turn[:, k, j] - turn[:, j, k]
-        table[:, i + 1, i + 1] = 2.0 * turn[:, i, i] - trace
-        table[:, i + 1, j + 1] = table[:, j + 1, i + 1] = turn[:, i, j] + turn[:, j, i]
-    table[:, 0, 0] = trace
-    q = np.linalg.eigh(table)[1][:, :, -1]
-    return np.asarray(q * np.where(q[:, :1] < 0.0, -1.0, 1.0))
+    return Rotation.from_matrix(turn).as_quat(canonical=True, scalar_first=True)
 
 
 def extended(
