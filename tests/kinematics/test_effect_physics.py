@@ -13,7 +13,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from plumbline.kinematics.effects import REGISTRY, Payload, Scope
+from plumbline.kinematics.effects import REGISTRY, Scope
 from plumbline.kinematics.effects.joint_tilt import _softness
 from plumbline.kinematics.effects.link_thermal import (
     LinkAheadOfShown,
@@ -21,6 +21,7 @@ from plumbline.kinematics.effects.link_thermal import (
     LinkWarmUp,
     slope_of,
 )
+from plumbline.kinematics.effects.payload import Payload
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.measurement.observation import scope_of

@@ -8,7 +8,7 @@ absence, ranking and removal are one and the same operation, whatever the effect
 
 To add one: write a file beside this one with a frozen dataclass that derives from :class:`Effect`
 (or from :class:`JointEffect`), declare its parameters as class attributes, state its formula in
-``apply``, and add its class to ``EFFECTS`` in ``kinematics/effects/__init__.py``.
+``apply``, and add its name to ``LISTED`` in ``kinematics/effects/__init__.py``.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ r"""What an effect of a joint's drive is: a term of :class:`~plumbline.kinematic
 A drive has memory, so it is not stated row by row as other effects are; all else is the same: a
 name, a stage, parameters with unit, range, scale and null.
 
-To add one: write a file beside this one, declare its parameter, and put its class into
-``MOTION_EFFECTS`` in ``kinematics/effects/__init__.py``.
+To add one: write a file beside this one, declare its parameter, and put its name into
+``OF_DRIVES`` in ``kinematics/effects/__init__.py``.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ from scipy.special import comb
 
 from plumbline.experiments.reality.joint_effects import JointScale
 from plumbline.experiments.reality.outside_effects import CrossRipple
-from plumbline.kinematics.effects import JointOffset
-from plumbline.kinematics.effects import JointScale as ModelledScale
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.joint_scale import JointScale as ModelledScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.constants import GRID
 from plumbline.optim.diagnosis.discrepancy import design

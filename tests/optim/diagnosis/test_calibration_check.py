@@ -11,8 +11,9 @@ from scipy.special import expit, logit
 
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.joint_effects import JointScale
-from plumbline.kinematics.effects import EFFECTS, JointCoupling
-from plumbline.kinematics.effects import JointScale as Scale
+from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects.joint_coupling import JointCoupling
+from plumbline.kinematics.effects.joint_scale import JointScale as Scale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.calibrate.check import (
     Recalibration,

@@ -13,8 +13,9 @@ from plumbline.experiments.reality.joint_effects import (
     Payload,
     TransmissionRipple,
 )
-from plumbline.kinematics.effects import REGISTRY, JointScale
+from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.effects.hysteresis import lag_of_play
+from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.effects.respiration import FASTEST, SLOWEST, TURNS
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped

@@ -17,7 +17,8 @@ from plumbline.experiments.reality.joint_effects import (
     JointScale,
     TransmissionRipple,
 )
-from plumbline.kinematics.effects import EFFECTS, REGISTRY, Backlash, Stage
+from plumbline.kinematics.effects import EFFECTS, REGISTRY, Stage
+from plumbline.kinematics.effects.backlash import Backlash
 from plumbline.kinematics.effects.joint_offset import JointOffset as OwnOffset
 from plumbline.kinematics.effects.link_thermal import LinkWarmUp
 from plumbline.kinematics.robot import Robot

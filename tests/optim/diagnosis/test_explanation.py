@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from plumbline.experiments.reality.joint_effects import JointScale
-from plumbline.kinematics.effects import EFFECTS, JointOffset
-from plumbline.kinematics.effects import JointScale as ModelledScale
+from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.joint_scale import JointScale as ModelledScale
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.diagnosis.diagnose import Explained, _lacking, diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, GrossRow, Unlisted

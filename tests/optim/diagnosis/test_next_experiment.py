@@ -13,7 +13,7 @@ from plumbline.experiments.commands.next import in_new_groups, table_to_fill, to
 from plumbline.experiments.reality import Plan, draw_case, simulate, write
 from plumbline.experiments.reality.cases import OBSERVATIONS
 from plumbline.experiments.reality.recorder import extended, read_on
-from plumbline.kinematics.effects import JointScale
+from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.design.course import Course
 from plumbline.optim.diagnosis.design.explanations import LeadingExplanation, contest, explanations

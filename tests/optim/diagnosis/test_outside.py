@@ -20,8 +20,8 @@ from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticS
 from plumbline.experiments.reality.scene import Mechanism
 from plumbline.experiments.reality.unseen.bodies import BearingRunout, ToolRocking
 from plumbline.experiments.reality.unseen.joints import HubSlip
-from plumbline.kinematics.effects import JointCoupling
-from plumbline.kinematics.effects import TransmissionRipple as ModelledRipple
+from plumbline.kinematics.effects.joint_coupling import JointCoupling
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple as ModelledRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import _of_links, dependences
 from plumbline.optim.diagnosis.findings import Outcome

@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plumbline.kinematics.effects import JointCompliance, JointOffset, JointScale
 from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.joint_compliance import JointCompliance
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Unlisted

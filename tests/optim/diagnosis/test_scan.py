@@ -7,9 +7,10 @@ import pytest
 
 import plumbline.optim.diagnosis.posterior.shortlists as shortlists
 from plumbline.experiments.reality.body_effects import BaseBump as Bumped
-from plumbline.kinematics.effects import EFFECTS, JointOffset
+from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.effects.base_bump import EDGE, MOST, BaseBump
 from plumbline.kinematics.effects.gear_ripple import GearRipple
+from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose

@@ -11,7 +11,7 @@ from plumbline.experiments.commands.app import run as command_line
 from plumbline.experiments.mpc.tracked import followed
 from plumbline.experiments.reality.instruments import Slides, SlidingTips
 from plumbline.kinematics.drive import Law
-from plumbline.kinematics.effects import ActuationLag
+from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.optim.capsule_mpc import OneStep, Plant, Statement, TipInstrument
 from plumbline.optim.capsule_mpc.underway import Underway
 from plumbline.optim.diagnosis.findings import Outcome

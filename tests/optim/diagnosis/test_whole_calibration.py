@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plumbline.kinematics.effects import JointOffset
+from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.judged import standard_errors
 from plumbline.optim.diagnosis import diagnose as module
