@@ -14,6 +14,14 @@ def faultless(rows=60, seed=1, arm="ur5", **plan):
     return draw_case(Plan(rows=(rows, rows), **given), f"room-{seed}", seed)
 
 
+def drawn_scene(arm="ur5", rows=40, seed=5, observation="tip_position"):
+    """A scene in which nothing is wrong; the arm moves, so that every mechanism can show."""
+    plan = Plan(
+        "none", rows=(rows, rows), arms=(arm,), moving=1.0, forced=1.0, observation=observation
+    )
+    return draw_case(plan, "scene", seed).scene
+
+
 def with_fault(case, *faults, gap=4.0):
     """The case with faults, each so strong that its unabsorbed gap is so many sigma."""
     found = []

@@ -21,6 +21,7 @@ from plumbline.optim.diagnosis import diagnose as diagnose_module
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
+from tests.refusals import refused
 
 ROOT = Path(__file__).resolve().parents[3]
 CONTRACT = {
@@ -75,17 +76,6 @@ def test_a_terminal_without_a_width_is_told_all_the_same(folder):
         env=os.environ | {"COLUMNS": "0"}, capture_output=True, text=True, check=True,
     ).stdout  # fmt: skip
     assert "tip_position" in said
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line on standard error of a command that is refused."""
-    assert run([str(a) for a in arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("plumbline: ")
-    assert err.endswith("\n")
-    assert err.count("\n") == 1
-    return err
 
 
 def test_a_diagnosis_has_the_contract_s_keys(folder, quick, tmp_path, capsys):

@@ -16,8 +16,9 @@ from plumbline.experiments.commands.app import run
 from plumbline.experiments.importing.templates import TEMPLATES, header, robot_lines, settings
 from plumbline.optim.core.answer import restored, stored
 from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
-from tests.experiments.commands.test_command_line import contents, refused
+from tests.experiments.commands.test_command_line import contents
 from tests.recording_folders import URDF, columns, csv_text
+from tests.refusals import refused
 
 ORIENTATIONS = (
     "", 'quat="0.6 0.2 -0.7 0.3"', 'euler="20 -50 70"', 'axisangle="1 2 -2 40"',

@@ -17,8 +17,9 @@ from plumbline.experiments.commands.app import run
 from plumbline.kinematics import files
 from plumbline.kinematics.files import write_whole
 from plumbline.optim.diagnosis import diagnose as diagnose_module
-from tests.experiments.commands.test_command_line import ROOT, refused
+from tests.experiments.commands.test_command_line import ROOT
 from tests.made_up_diagnosis import BENCH, made_up
+from tests.refusals import refused
 
 # The command line of a process of its own, its diagnosis made up.
 DIAGNOSE = """

@@ -21,9 +21,10 @@ from plumbline.experiments.commands.app import run
 from plumbline.experiments.importing import files, joining, mapping, text, units
 from plumbline.experiments.importing.understood import Request, understand
 from plumbline.kinematics.robot import Robot, makers_joints
-from tests.experiments.commands.test_command_line import contents, refused
+from tests.experiments.commands.test_command_line import contents
 from tests.made_up_diagnosis import BENCH
 from tests.random_trees import Tree
+from tests.refusals import refused
 
 TOOL = "-0.0324863,-0.0268989,0.2335573"
 DEGREES, JOINTS = 180.0 / np.pi, [f"q{k}" for k in range(1, 7)]

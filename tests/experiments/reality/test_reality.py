@@ -20,21 +20,12 @@ from plumbline.experiments.reality.joint_effects import (
     TransmissionRipple,
 )
 from plumbline.experiments.reality.recorder import moved_to, simulate
-from plumbline.experiments.reality.scene import Mechanism, Scene, measured
+from plumbline.experiments.reality.scene import Mechanism, measured
 from tests.house.test_import_direction import imports, module_name, within
+from tests.simulated_cases import drawn_scene
 
 REALITY = Path(__file__).resolve().parents[3] / "plumbline" / "experiments" / "reality"
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)
-
-
-def drawn_scene(
-    arm: str = "ur5", rows: int = 40, seed: int = 5, observation: str = "tip_position"
-) -> Scene:
-    """A scene in which nothing is wrong; the arm moves, so that every mechanism can show."""
-    plan = Plan(
-        "none", rows=(rows, rows), arms=(arm,), moving=1.0, forced=1.0, observation=observation
-    )
-    return draw_case(plan, "scene", seed).scene
 
 
 # Independence

@@ -23,7 +23,6 @@ from plumbline.experiments.reality.body_effects import (
     LinkThermal,
     cantilever,
 )
-from plumbline.experiments.reality.cases import Plan, draw_case
 from plumbline.experiments.reality.draws import LIBRARY, ORDER, OUTSIDE, draw
 from plumbline.experiments.reality.end_effects import (
     NeedleBending,
@@ -57,18 +56,9 @@ from plumbline.experiments.reality.recorder import moved_to, quaternions
 from plumbline.experiments.reality.scene import Mechanism, Scene, measured
 from plumbline.experiments.reality.session import lagged
 from plumbline.kinematics.robot import Robot
+from tests.simulated_cases import drawn_scene
 
 EVERY = sorted(LIBRARY) + sorted(OUTSIDE)
-
-
-def drawn_scene(
-    arm: str = "ur5", rows: int = 40, seed: int = 5, observation: str = "tip_position"
-) -> Scene:
-    """A scene in which nothing is wrong; the arm moves, so that every mechanism can show."""
-    plan = Plan(
-        "none", rows=(rows, rows), arms=(arm,), moving=1.0, forced=1.0, observation=observation
-    )
-    return draw_case(plan, "scene", seed).scene
 
 
 def joint_error(scene: Scene, mechanism: Mechanism) -> Array:

@@ -29,10 +29,11 @@ from plumbline.experiments.sweep.spec import read_spec
 from plumbline.experiments.sweep.sweep import keeping, key_of, sweep
 from plumbline.optim.diagnosis import diagnose as diagnose_module
 from plumbline.optim.recording.loading import load_recording
-from tests.experiments.commands.test_command_line import ROOT, refused
+from tests.experiments.commands.test_command_line import ROOT
 from tests.experiments.commands.test_in_one_line import one_line
 from tests.made_up_diagnosis import BENCH, made_up
 from tests.recording_folders import write_folder
+from tests.refusals import refused
 
 SPEC = """recording = "bench"
 [vary]

@@ -14,7 +14,7 @@ from plumbline.experiments.withheld.design import Design
 from plumbline.experiments.withheld.making import make_set
 from plumbline.experiments.withheld.running import read_note, refuse_truth, run_set
 from plumbline.experiments.withheld.sealing import LEDGER, append, head
-from tests.experiments.commands.test_command_line import refused
+from tests.refusals import refused
 from tests.simulated_cases import contents
 
 QUICK = Design(seed=5, kind="single", gap=(2.0, 4.0), rows=(20, 24), arms=("ur5",))

@@ -11,6 +11,7 @@ from plumbline.experiments.commands.app import run
 from plumbline.kinematics.robot import Robot
 from tests.dh_sessions import session
 from tests.made_up_diagnosis import BENCH
+from tests.refusals import refused
 
 
 @pytest.fixture
@@ -27,15 +28,6 @@ def folder(tmp_path):
     lines = [",".join(f"{value:.9g}" for value in row) for row in table]
     (place / "samples.csv").write_text("\n".join(["q1,q2,q3,q4,q5,x,y,z", *lines]) + "\n")
     return place
-
-
-def refused(capsys, *arguments):
-    assert run([str(a) for a in arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("plumbline: ")
-    assert err.count("\n") == 1
-    return err
 
 
 def test_it_fits_prints_and_writes_what_can_be_read_again(folder, tmp_path, capsys):

@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from plumbline.errors import PlumblineError
 from plumbline.optim.hand_eye import answer, calibrate, scan, start, surface
 from plumbline.optim.hand_eye import single_plane as closed
 from plumbline.optim.hand_eye.accuracy import leave_one_out
@@ -39,19 +38,9 @@ from plumbline.optim.hand_eye.start import _is_sure
 from plumbline.optim.hand_eye.three_planes import parallel_planes
 from plumbline.optim.recording.table import read_table
 from tests.ranging_scenes import surveyed
+from tests.refusals import is_refused as refused
 
 AHEAD = Beam.of([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
-
-
-def refused(call, *given, match=""):
-    """Whether a call is refused, with these words."""
-    words = None
-    try:
-        call(*given)
-    except PlumblineError as error:
-        words = str(error)
-    assert words is None or match in words
-    return words is not None
 
 
 def at(t, turns=None, distance=1.0, plane=1):

@@ -21,6 +21,7 @@ from tests.phantoms import (
     registered,
     save_fiducials,
 )
+from tests.refusals import refused
 from tests.slicer_files import write_points
 
 NOTHING = Points((), np.empty((0, 3)), np.empty((0, 3)))
@@ -33,15 +34,6 @@ def told(capsys, *arguments):
     out, err = capsys.readouterr()
     assert code == 0, err
     return json.loads(out)
-
-
-def refused(capsys, *arguments):
-    """The one line with which it refuses."""
-    assert run(["register", *map(str, arguments)]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    return err
 
 
 def folder_of(place, ct, robot, **given):
@@ -75,8 +67,8 @@ def test_noise_may_be_stated_beside_slicer_s_lists(lists, capsys):
     assert found["noise"]["stated"] is True
     assert found["targets"][0]["semi_axes95"][0] > 2.7 * 5e-3 / np.sqrt(12)
     for text, words in (("5,1,1", "looks like mm"), ("a", "one length in m"), ("-1", "one length")):
-        assert words in refused(capsys, *lists, "--ct-resolution", text)
-    assert "needs --ct-resolution" in refused(capsys, *lists, "--robot-std", "0.001")
+        assert words in refused(capsys, "register", *lists, "--ct-resolution", text)
+    assert "needs --ct-resolution" in refused(capsys, "register", *lists, "--robot-std", "0.001")
 
 
 def test_either_axes_give_the_same_motion(lists, capsys, tmp_path):
@@ -113,7 +105,7 @@ def test_a_recording_takes_more_targets_from_a_list(capsys, tmp_path):
     (target,) = told(capsys, folder, extra)["targets"]
     assert np.allclose(target["robot"], mapped(LESION), atol=5e-3)
     again = write_points(tmp_path / "again.fcsv", points_table(["M0"], LESION))
-    assert "point M0: found that label again" in refused(capsys, folder, again)
+    assert "point M0: found that label again" in refused(capsys, "register", folder, again)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +133,7 @@ def test_files_that_make_no_registration_are_one_line(names, words, tmp_path, ca
     (tmp_path / "T.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     (tmp_path / "bad.tfm").write_text("nothing")
     (tmp_path / "a.tfm").write_text(tfm_text(T_RC))
-    assert words in refused(capsys, *names)
+    assert words in refused(capsys, "register", *names)
 
 
 def test_a_method_that_finds_nothing_is_a_line_and_no_refusal(tmp_path, capsys):
@@ -155,7 +147,7 @@ def test_a_method_that_finds_nothing_is_a_line_and_no_refusal(tmp_path, capsys):
     assert "choose another triple" in line["refused"]
     assert run(["register", str(folder)]) == 0
     assert "three-point finds nothing" in capsys.readouterr().out
-    assert "choose another triple" in refused(capsys, folder, "--method", "three-point")
+    assert "choose another triple" in refused(capsys, "register", folder, "--method", "three-point")
 
 
 def test_thirty_good_markers_are_never_refused(tmp_path, capsys):

@@ -9,7 +9,6 @@ from scipy.spatial.distance import pdist, squareform
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
-from plumbline.errors import PlumblineError
 from plumbline.optim.registration import (
     Kabsch,
     MarkerNoise,
@@ -32,20 +31,10 @@ from plumbline.optim.registration.robust import _holds, levels_of
 from plumbline.optim.registration.triples import usable_triples
 from plumbline.optim.registration.words import trust
 from tests.phantoms import ALIKE, CT, LESION, mapped, registered, save_fiducials
+from tests.refusals import is_refused as refused
 
 OFF = np.random.default_rng(1).normal(size=CT.shape)
 FINE_NOISE = MarkerNoise.from_std(1e-5, 1e-5, freedoms=np.inf)
-
-
-def refused(call, *given, match):
-    """Whether a call is refused, with these words."""
-    words = None
-    try:
-        call(*given)
-    except PlumblineError as error:
-        words = str(error)
-    assert words is None or match in words
-    return words is not None
 
 
 def exact(ct, noise=FINE_NOISE):
