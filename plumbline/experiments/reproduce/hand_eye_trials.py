@@ -17,12 +17,12 @@ from plumbline.experiments.reality.ranging import phantoms
 from plumbline.experiments.reality.ranging import scene as ranging
 from plumbline.experiments.reality.ranging.finder import spoil
 from plumbline.experiments.reality.ranging.phantoms import camera_place, target_poses
+from plumbline.experiments.reproduce.hand_eye_peers import opencv_hand_eye, scipy_direct
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.hand_eye.accuracy import Accuracy, Marks, leave_one_out, moved, repeatability
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
-from plumbline.optim.hand_eye.direct import opencv_hand_eye, scipy_direct
 from plumbline.optim.hand_eye.readings import Beam, Readings, mean_beam
 from plumbline.optim.hand_eye.single_plane import Selection, select
 from plumbline.optim.hand_eye.surface import face_angles, register_surface

@@ -156,12 +156,15 @@ class Solution:
         return standard_errors(self.gram.matrix, sigma)
 
 
-def standard_errors(matrix: Array, sigma: float) -> Array:
-    """Standard errors (P,) that normal equations (P, P) give at a noise of sigma; may be inf."""
+def standard_errors(matrix: Array, sigma: float, least: float = NO_CURVATURE) -> Array:
+    """Standard errors (P,) that normal equations (P, P) give at a noise of sigma.
+
+    Infinite where a direction, scaled, has no more than the ``least`` curvature times P.
+    """
     diagonal = np.diag(matrix)
     S = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(matrix * np.outer(S, S))
-    small = values <= NO_CURVATURE * max(len(S), 1)
+    small = values <= least * max(len(S), 1)
     inverse = np.where(small, 0.0, 1 / np.where(small, 1.0, values))
     variance = (vectors**2) @ inverse
     lost = (vectors[:, small] ** 2).sum(axis=1) > LOST

@@ -105,14 +105,10 @@ LARGEST_SURFACE = 3.0  # [m]: no patient and no phantom is larger, but in millim
 LEAST_POINTS = 4  # of another instrument: three are left for a fit
 LEAST_LANDMARKS = 3  # points that hold a rigid frame
 
-# Baseline of SciPy's robust losses
-SCIPY_SCALE = 0.1e-3  # [m]: beyond it they bend; finder and arm of the paper together
-
 # Design
 DESIGN_DAMPING = 1e-6  # [1 or m^2] of a step to a pose: it stays finite at a singular posture
 
 # Direct
-SCIPY_TOLERANCE = 1e-11  # of SciPy's cost, step and slope
 # r [m], v, normals, offsets [m], shapes of boards [m], bias [m], shapes of the arm [m]
 SIZES = (1e-2, 1e-1, 1e-1, 1e-2, 1e-4, 1e-3, 1e-4)
 FIXED = 14  # numbers of a row that do not depend on planes and shapes: R', t', d, 1

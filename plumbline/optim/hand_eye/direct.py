@@ -12,35 +12,16 @@ h is how far the board stands out of its plane where the reading lies, a the arm
 of smooth shapes, c phi and g psi (:mod:`.shapes`), that shrink to zero where the readings do not
 ask for them. kappa is the bias of slanted beams: it moves the equations as r along the beam does,
 so that only a prior tells the two apart. The variances are those of :mod:`.reweighting`.
-
-What the method is compared with: least squares by SciPy, and a camera's hand-eye by OpenCV.
-
-The first is eq. 5 of Zeng et al. (2017) as one would type it: all readings alike, nothing robust,
-derivatives by finite differences. The second is :math:`A_i X = X B_i` (Tsai and Lenz 1989, Park and
-Martin 1994, ...) for a camera that sees a target from the same poses: another instrument, which
-gives a sense of scale; ``pip install plumbline[camera]``.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
 
 import casadi as cs
 import numpy as np
-import scipy
 
-from plumbline.errors import PlumblineError
-from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array, Indices, Integers, Problem
-from plumbline.optim.hand_eye.constants import (
-    ARM,
-    BIAS,
-    BOW,
-    FIXED,
-    SCIPY_SCALE,
-    SCIPY_TOLERANCE,
-    SIZES,
-)
+from plumbline.optim.hand_eye.constants import ARM, BIAS, BOW, FIXED, SIZES
 from plumbline.optim.hand_eye.readings import Beam, Frames, Plane, Readings, marks_of_planes, unit
 
 
@@ -196,52 +177,3 @@ def incidence(readings: Readings, beam: Beam, planes: tuple[Plane, ...]) -> Arra
     index = np.searchsorted(readings.planes, readings.plane)
     normals = np.array([plane.normal for plane in planes])[index]
     return np.asarray(np.arccos(np.clip(np.abs(np.sum(ways * normals, axis=1)), 0.0, 1.0)))
-
-
-Loss = Literal["linear", "cauchy"]
-METHODS = ("tsai", "park", "horaud", "andreff", "daniilidis")
-
-
-def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam:
-    """Least squares on eq. 5 by SciPy's trust region and forward differences, from a beam."""
-    frames = Frames.of(readings, start)
-    index = frames.index(readings)
-    at, count = frames.carried(readings), len(frames.c)
-
-    def residuals(x: Array) -> Array:
-        v = np.append(x[3:5], 1.0) / np.sqrt(1.0 + x[3:5] @ x[3:5])
-        slopes = np.column_stack([x[5 : 5 + 2 * count].reshape(count, 2), np.ones(count)])
-        normals = slopes / np.linalg.norm(slopes, axis=1, keepdims=True)
-        points = Beam(x[:3], v).points(at.R, at.t, at.distance)
-        return np.asarray(np.sum(normals[index] * points, axis=1) + x[5 + 2 * count :][index])
-
-    scale, least = symbols(count, 0).scale(), SCIPY_TOLERANCE
-    first = np.concatenate([frames.of_beam(start), np.zeros(3 * count)])
-    found = scipy.optimize.least_squares(
-        residuals, first, jac="2-point", x_scale=scale,
-        ftol=least, xtol=least, gtol=least, loss=loss, f_scale=SCIPY_SCALE,
-    )  # fmt: skip
-    return frames.beam(found.x)
-
-
-def opencv_hand_eye(T_base_flange: Array, T_camera_target: Array, method: str = "park") -> Array:
-    """``T_flange_camera`` (4, 4) [m] by OpenCV's ``calibrateHandEye``, of poses (N, 4, 4) [m]."""
-    if method not in METHODS:
-        raise PlumblineError(f"method {method!r}: one of {', '.join(METHODS)} expected")
-    try:
-        import cv2
-    except ImportError:
-        raise PlumblineError(
-            "OpenCV is not installed: pip install 'opencv-python-headless<5'"
-        ) from None
-    solve = getattr(cv2, "calibrateHandEye", None)
-    if solve is None:
-        raise PlumblineError(
-            f"OpenCV {cv2.__version__} has no calibrateHandEye; install one below 5"
-        )
-    R, t = solve(
-        list(T_base_flange[:, :3, :3]), list(T_base_flange[:, :3, 3]),
-        list(T_camera_target[:, :3, :3]), list(T_camera_target[:, :3, 3]),
-        method=getattr(cv2, f"CALIB_HAND_EYE_{method.upper()}"),
-    )  # fmt: skip
-    return homogeneous(R, t)

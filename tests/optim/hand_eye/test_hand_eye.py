@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError
+from plumbline.experiments.reproduce.hand_eye_peers import METHODS, opencv_hand_eye, scipy_direct
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt, LevenbergMarquardt, TrustRegion
 from plumbline.optim.hand_eye import direct, single_plane
 from plumbline.optim.hand_eye.accuracy import Marks, repeatability
-from plumbline.optim.hand_eye.direct import METHODS, opencv_hand_eye, scipy_direct
 from plumbline.optim.hand_eye.readings import Beam, Frames, Readings, mean_beam, principal_plane
 from plumbline.optim.hand_eye.single_plane import closed_form, select, slope
 from plumbline.optim.hand_eye.three_planes import Weights, solve_three_planes, state, statement

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from plumbline.experiments.reproduce import hand_eye_peers as baselines
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.hand_eye import calibrate, design, reweighting, start
-from plumbline.optim.hand_eye import direct as baselines
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions
 from plumbline.optim.hand_eye.design import _ball
 from plumbline.optim.hand_eye.readings import Frames

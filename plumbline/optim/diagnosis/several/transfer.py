@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from plumbline.kinematics.effects.confined import parts_of
+from plumbline.optim.core.judged import standard_errors
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Indices, Integers
 from plumbline.optim.diagnosis.answer import Diagnosis
@@ -208,22 +209,7 @@ def _is_told(each: Each, terms: list[Term], P: Array) -> bool:
     prior = np.concatenate(
         [np.full(len(t.effect.parameters), ridge.get(t, 0.0) ** 2 / variance) for t in terms]
     )
-    return bool((_std(P) ** -2.0 > prior).all())
-
-
-def _std(P: Array) -> Array:
-    """Standard errors (p,); infinite where a precision tells nothing."""
-    diagonal = np.diag(P)
-    if not (diagonal > 0).all():
-        return np.where(diagonal > 0, 1.0, np.inf) * np.inf
-    root = np.sqrt(diagonal)
-    values, vectors = np.linalg.eigh(P / np.outer(root, root))
-    told = values > FLATTEST_TOLD
-    if not told.all():
-        lost = (vectors[:, ~told] ** 2).sum(axis=1) > 1e-6
-        inverse = (vectors[:, told] ** 2) @ (1 / values[told])
-        return np.where(lost, np.inf, np.sqrt(inverse) / root)
-    return np.asarray(np.sqrt((vectors**2) @ (1 / values)) / root)
+    return bool((standard_errors(P, 1.0, FLATTEST_TOLD) ** -2.0 > prior).all())
 
 
 def _compared(
@@ -236,7 +222,7 @@ def _compared(
     sides = []
     for P, right in (here, there):
         value = np.linalg.pinv(P, rcond=FLATTEST_TOLD, hermitian=True) @ right
-        sides.append((scale * value, scale * _std(P)))
+        sides.append((scale * value, scale * standard_errors(P, 1.0, FLATTEST_TOLD)))
     chain = each.selected.model.recording.chain
     pairs = [(t.effect, p) for t in terms for p in t.effect.parameters]
     (value, std), (others, others_std) = sides
