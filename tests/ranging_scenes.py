@@ -14,20 +14,13 @@ from plumbline.experiments.reality.ranging.scene import (
     plan,
 )
 from plumbline.experiments.reality.recorder import Recording, numbered, write, write_table
-from plumbline.kinematics.robot import Robot
-from plumbline.optim.hand_eye.accuracy import Marks
+from plumbline.experiments.reproduce.hand_eye_trials import marks_of, readings_of
 from plumbline.optim.hand_eye.readings import Beam, Readings
 
 CLEAN = Instrument(
     noise=0.0, grain=0.0, skew=0.0, repeatability=0.0, flatness=1e-12, aim=0.0, square=0.0
 )
 PAPER = Instrument()
-
-
-@lru_cache(maxsize=1)
-def chain():
-    """The arm as the library knows it."""
-    return Robot.bundled("vs060").chain()
 
 
 @lru_cache(maxsize=8)
@@ -61,17 +54,7 @@ def surveyed(seed=0, instrument=PAPER, angles=90.0):
 @lru_cache(maxsize=16)
 def marked(seed=0, instrument=PAPER):
     """Marks in the scene."""
-    survey, _ = marks(room_of(seed, instrument), np.random.default_rng([seed, 6]))
-    T = chain().placement(survey.q)
-    return Marks(T[:, :3, :3], T[:, :3, 3], survey.distance, survey.patch)
-
-
-def readings_of(survey):
-    """The readings of a survey, through the arm's model."""
-    T = chain().placement(survey.q)
-    return Readings.from_arrays(
-        T[:, :3, :3], T[:, :3, 3], survey.distance, survey.plane, survey.motion
-    )
+    return marks_of(marks(room_of(seed, instrument), np.random.default_rng([seed, 6]))[0])
 
 
 def truth(scene):

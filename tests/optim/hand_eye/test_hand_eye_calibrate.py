@@ -12,6 +12,7 @@ from scipy.stats import norm, t
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.ranging.finder import spoil
 from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head, tracked
+from plumbline.experiments.reproduce.hand_eye_trials import chain
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import Ipopt, TrustRegion
 from plumbline.optim.hand_eye import direct
@@ -23,7 +24,7 @@ from plumbline.optim.hand_eye.reweighting import fit_variance
 from plumbline.optim.hand_eye.single_plane import closed_form
 from plumbline.optim.hand_eye.surface import face_angles, register_surface
 from plumbline.optim.hand_eye.three_planes import solve_three_planes
-from tests.ranging_scenes import CLEAN, PAPER, chain, marked, surveyed, truth
+from tests.ranging_scenes import CLEAN, PAPER, marked, surveyed, truth
 
 BOWED = replace(PAPER, flatness=0.4e-3)
 SEEDS = range(4)

@@ -11,6 +11,7 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.scene import calibration, marks
 from plumbline.experiments.reality.ranging.writing import write_survey
+from plumbline.experiments.reproduce.hand_eye_trials import readings_of
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.hand_eye.answer import HandEye, hand_eye
 from plumbline.optim.hand_eye.calibrate import HandEyeOptions, calibrate
@@ -18,7 +19,7 @@ from plumbline.optim.hand_eye.design import next_poses
 from plumbline.optim.hand_eye.recording import load_ranges
 from plumbline.optim.hand_eye.single_plane import slope
 from tests.answer_contract import keeps_the_contract
-from tests.ranging_scenes import PAPER, planned, readings_of, room_of, surveyed, truth
+from tests.ranging_scenes import PAPER, planned, room_of, surveyed, truth
 from tests.recording_folders import cell
 
 GROSS = (5, 40, 77, 120, 160)

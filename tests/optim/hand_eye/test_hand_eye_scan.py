@@ -13,13 +13,14 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.ranging.phantoms import block, draw_head, scan_head
 from plumbline.experiments.reality.ranging.writing import write_survey
+from plumbline.experiments.reproduce.hand_eye_trials import chain
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.constants import SURFACE_POINTS
 from plumbline.optim.hand_eye.scan import _Face, _own_variance
 from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan, sampled, triangles
 from plumbline.optim.hand_eye.surface import Surface, judge, register_surface
 from tests.answer_contract import keeps_the_contract
-from tests.ranging_scenes import CLEAN, chain, room_of, surveyed, truth, write_block, write_head
+from tests.ranging_scenes import CLEAN, room_of, surveyed, truth, write_block, write_head
 
 
 @pytest.fixture(scope="module")
