@@ -5,16 +5,17 @@ r"""A registration and how far to trust it, to first order in the readings' erro
 
 J is the derivative of the pose by the markers' coordinates, from the symbols of the method, and K
 carries it to a target f (Danilchenko and Fitzpatrick 2011, IEEE TMI 30(3)). A rotation that is
-poorly held carries a target along an arc, not along its tangent; the arc's second moments,
+poorly held carries a target along an arc, not along its tangent. What is known is the arm a where
+the target was found, so that without the turn w it is at :math:`e^{-[w]_\times} a`, and the error
+is :math:`w \times a + y` with
 
-.. math:: y = \tfrac12\, w \times (w \times a), \quad
-          E\,y = \tfrac12 (\Sigma_w a - a\, \mathrm{tr}\, \Sigma_w), \quad
+.. math:: y = -\tfrac12\, w \times (w \times a), \quad
+          E\,y = \tfrac12 (a\, \mathrm{tr}\, \Sigma_w - \Sigma_w a), \quad
           \mathrm{cov}(y_k, y_l) = \tfrac12 \mathrm{tr}(B_k \Sigma_w B_l \Sigma_w),
 
-are added: next to nothing for well-placed markers, most of what there is across the arc for markers
-that are nearly on a line. FRE is the root mean
-square of the markers' misfits; what is called calculation error is their mean (Chen Guangbiao et
-al., eq. 16, rebuilt).
+whose moments are added: next to nothing for well-placed markers, most of what there is across the
+arc for markers that are nearly on a line. FRE is the root mean square of the markers' misfits; what
+is called calculation error is their mean (Chen Guangbiao et al., eq. 16, rebuilt).
 """
 
 from dataclasses import dataclass, field
@@ -28,7 +29,7 @@ from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.checks import Condition
 from plumbline.optim.registration.fiducials import Fiducials
-from plumbline.optim.registration.target import TargetError, Unstated, arc, lever, point_of
+from plumbline.optim.registration.target import TargetError, Unstated, arc, bent, lever, point_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +124,13 @@ class Registration(Answer):
         std = None if target_std is None else np.broadcast_to(np.asarray(target_std, float), 3)
         own = self.reading if std is None else np.diag(std**2)
         mean, covariance = self._moments(place, curved)
-        covariance = covariance + A @ own @ A.T
+        arm, read = place - self.centre, A @ own @ A.T
+        along = bent(arm, self.covariance, read) if curved else None
         drawn = None
         if self.unstated is not None and not self.unknown:
-            drawn = self.unstated.distances(place - self.centre, A, std)
-        return TargetError(point, place, covariance, mean, self.dof, self.unknown, drawn)
+            drawn = self.unstated.distances(arm, A, std)
+        total = covariance + read
+        return TargetError(point, place, total, mean, self.dof, self.unknown, drawn, along)
 
     def tre_rms(self, targets: ArrayLike) -> Array:
         """Predicted RMS error (...) at targets (..., 3) of CT [m], for maps of many points."""

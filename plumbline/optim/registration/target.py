@@ -14,6 +14,10 @@ make one axis of CT poorer than the others, so that each has a variance of its o
 derivatives of the target's place by the markers, a_k is the k-th axis of CT in the robot's frame:
 the target is read in CT with the same error as a marker. Which part of a misfit is CT's cannot be
 told from markers alone; all of it is taken for CT's, so that the region is, if anything, too wide.
+A turn moves a target along an arc, so where it is ill known the errors fill no ellipsoid: the limit
+is longer by the ratio of two quantiles of the same drawn poses, of where the turn itself takes the
+target and of where the first order does.
+
 Variances of so few freedoms are uncertain themselves, and unlike ones have no F distribution: the
 region's limit is then the quantile of :math:`e^T \Sigma_e^{-1} e` over draws in each of which the
 variances are estimated anew (Beran 1987, Biometrika 74(3): prepivoting). For one variance alone
@@ -25,6 +29,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from scipy.special import chdtri, fdtri
 
@@ -53,6 +58,8 @@ class TargetError:
     unknown: str = ""  # why no region can be given; empty where one can
     # squared Mahalanobis distances of draws (N,), where no noise was stated
     distances: Array | None = None
+    # the same (N,) of drawn poses along the arc of their turn, and to first order
+    bent: tuple[Array, Array] | None = None
 
     @property
     def rms(self) -> float:
@@ -64,10 +71,13 @@ class TargetError:
         if self.unknown:
             return np.inf
         if self.distances is not None:
-            return float(np.quantile(self.distances, share))
-        if np.isinf(self.dof):
-            return float(chdtri(3, 1.0 - share))
-        return float(3.0 * fdtri(3, self.dof, share))
+            straight = float(np.quantile(self.distances, share))
+        elif np.isinf(self.dof):
+            straight = float(chdtri(3, 1.0 - share))
+        else:
+            straight = float(3.0 * fdtri(3, self.dof, share))
+        longer = np.divide(*np.quantile(self.bent or np.ones((2, 1)), share, axis=1))
+        return straight * float(longer)
 
     def semi_axes(self, share: float = 0.95) -> Array:
         """Semi-axes (3,) of the ellipsoid that holds a share of all errors, longest first [m]."""
@@ -109,15 +119,35 @@ def lever(arm: Array, unknowns: int = 6) -> Array:
 
 
 def arc(arm: Array, rotation_cov: Array) -> tuple[Array, Array]:
-    """Mean (..., 3), covariance (..., 3, 3) of ``w x (w x a) / 2`` at arms a (..., 3) [m]."""
+    """Mean (..., 3), covariance (..., 3, 3) of ``-w x (w x a) / 2`` at arms a (..., 3) [m]."""
     unit = np.eye(3)
     B = 0.5 * (
         unit[:, :, None] * arm[..., None, None, :] + unit[:, None, :] * arm[..., None, :, None]
     )
     B = B - unit * arm[..., :, None, None]
     BS = B @ rotation_cov
-    mean = 0.5 * np.trace(BS, axis1=-2, axis2=-1)
+    mean = -0.5 * np.trace(BS, axis1=-2, axis2=-1)
     return mean, 0.5 * np.einsum("...kij,...lji->...kl", BS, BS)
+
+
+def bent(arm: Array, pose: Array, own: Array) -> tuple[Array, Array]:
+    """Squared distances (N,) of drawn errors at an arm (3,) [m]: along the arc, and to first order.
+
+    ``pose`` is the pose's covariance (k, k), ``own`` that of the target's reading (3, 3) [m^2].
+    """
+    rng, K = np.random.default_rng(0), lever(arm, len(pose))
+    x = rng.multivariate_normal(np.zeros(len(pose)), pose, DRAWS, method="eigh")
+    straight = x @ K.T + rng.multivariate_normal(np.zeros(3), own, DRAWS, method="eigh")
+    back = scipy.spatial.transform.Rotation.from_rotvec(-x[:, 3:6]).apply(arm)
+    mean, more = arc(arm, pose[3:6, 3:6])
+    flat = K @ pose @ K.T + own
+    along = straight + (arm - back - np.cross(x[:, 3:6], arm)) - mean
+    return _squares(along, flat + more), _squares(straight, flat)
+
+
+def _squares(errors: Array, covariance: Array) -> Array:
+    inverse = np.linalg.pinv(covariance, hermitian=True)
+    return np.einsum("ni,ij,nj->n", errors, inverse, errors)
 
 
 @dataclass(frozen=True, eq=False)

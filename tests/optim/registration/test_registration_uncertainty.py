@@ -116,10 +116,14 @@ def test_the_isotropic_prediction_is_fitzpatrick_s():
 @pytest.mark.parametrize("name", ["three-point", "kabsch", "anisotropic"])
 def test_a_nearly_collinear_triple_is_covered_by_the_arc_not_by_the_tangent(name):
     method, places = METHODS[name], CT[list(COLLINEAR)]
+    held = np.zeros(2)
+    for ct, robot in zip(*draws(COLLINEAR, NOISE, 300, seed=1), strict=True):
+        answer = registered(method, ct, robot, NOISE)
+        error = answer.map(LESION) - mapped(LESION)
+        held += [answer.tre(LESION, curved=curved).holds(error)[0] for curved in (False, True)]
+    assert held[0] / 300 < 0.88  # the standard error of 300 draws is 1.5 %
+    assert 0.91 < held[1] / 300 < SHARE[1]
     answer = registered(method, places, mapped(places), NOISE)
-    errors = errors_of(method, COLLINEAR, NOISE, LESION)
-    assert answer.tre(LESION, curved=False).holds(errors).mean() < 0.88
-    assert 0.91 < answer.tre(LESION).holds(errors).mean() < SHARE[1]
     assert any("first order, are rough" in note for note in answer.notes) or name == "anisotropic"
 
 
@@ -127,7 +131,7 @@ def test_the_moments_of_the_arc_are_those_of_random_rotations():
     arm, rng = np.array([0.05, -0.02, 0.1]), np.random.default_rng(0)
     half = rng.normal(size=(3, 3)) * 0.1
     w = rng.normal(size=(400_000, 3)) @ half.T
-    y = np.cross(w, np.cross(w, arm)) / 2
+    y = -np.cross(w, np.cross(w, arm)) / 2
     mean, covariance = arc(arm, half @ half.T)
     assert np.allclose(mean, y.mean(axis=0), atol=0.01 * np.abs(mean).max())
     assert np.allclose(covariance, np.cov(y.T), atol=0.02 * covariance.max())

@@ -152,7 +152,7 @@ def test_a_stated_noise_is_worth_eight_readings():
     assert answer.noise_scale**2 == pytest.approx((8.0 + square) / 17.0)
     assert answer.dof == 17.0
     assert (exact.noise_scale, exact.dof) == (1.0, np.inf)
-    limit = answer.tre(LESION).limit()
+    limit = answer.tre(LESION, curved=False).limit()
     assert limit == pytest.approx(3 * fisher.ppf(0.95, 3, 17))
     unknown = registered(Kabsch(), ct, robot, replace(ALIKE, freedoms=0.0))
     assert unknown.noise_scale**2 == pytest.approx(square / 9.0)
