@@ -12,8 +12,8 @@ from plumbline.optim.diagnosis.calibrate import check
 from plumbline.optim.diagnosis.calibrate.simulation import Fault
 from plumbline.optim.diagnosis.design import next_experiment
 from plumbline.optim.diagnosis.design.course import Course, _cooled
-from plumbline.optim.diagnosis.design.future_rows import _within_reach
-from plumbline.optim.diagnosis.design.rows import DesignOptions
+from plumbline.optim.diagnosis.design.future_rows import FutureRows, _within_reach
+from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.discrepancy import dependences
 from plumbline.optim.diagnosis.discrepancy.alternatives import _shared_shift, spread_of_noise
 from plumbline.optim.diagnosis.discrepancy.torque_dependences import _thinned_path
@@ -272,6 +272,19 @@ def test_tips_may_leave_the_box_of_those_seen_by_a_tenth_of_it(beyond, near):
     recording = SimpleNamespace(kind=seen.kind, q=seen.q, chain=seen, tool_offset=None)
     wide = np.array([-9.0]), np.array([9.0])
     assert _within_reach(recording, np.array([[1.0 + beyond]]), *wide, seen=True)[0] == near
+
+
+@pytest.mark.parametrize(("adds", "rests"), [(1.1, False), (1.3, True)])
+def test_a_row_rests_before_it_only_if_that_adds_a_fifth(adds, rests):
+    """Of gains beyond that of no row at all, which may be other than nought."""
+    gains = SimpleNamespace(gains=lambda *_: np.array([5.0, 5.0 + adds, 6.0]))
+    course = SimpleNamespace(rows_next=lambda row: row)
+    design = SimpleNamespace(
+        options=SimpleNamespace(criterion=gains), jacobians=lambda _: [np.eye(3)]
+    )
+    row = FutureRows(np.zeros((1, 6)), wait=np.array([60.0]))
+    found, _ = Design._rested(design, course, None, row, np.eye(3))
+    assert (found.wait[0] > 0.0) == rests
 
 
 # Rounds of what hangs on its own answer, and ties
