@@ -611,7 +611,8 @@ def test_the_fit_of_an_ideal_drive_is_its_residual():
 def test_readings_under_torques_are_smoothed_as_fits_best_from_a_twentieth_of_a_second(
     best, monkeypatch
 ):
-    monkeypatch.setattr(signals_module, "_foretold", lambda _, seconds, __: seconds)
+    monkeypatch.setattr(signals_module, "_smoothed", lambda _, seconds, __: seconds)
+    monkeypatch.setattr(signals_module, "_foretold", lambda _, seconds: seconds)
     monkeypatch.setattr(signals_module, "_misfit", lambda seconds: abs(seconds - best))
     pushed = SimpleNamespace(law=Law.TORQUE)
     assert signals_of(pushed) == pytest.approx(best, rel=0.2)

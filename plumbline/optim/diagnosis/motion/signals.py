@@ -227,7 +227,8 @@ def signals_of(recording: MotionRecording, most: int = MOST_SAMPLES) -> Signals:
     """A recording on an even clock, at most so many samples a window.
 
     Under torques the other joints' accelerations are part of a load: readings are smoothed over
-    that time which leaves ideal drives the least misfit, all joints together.
+    that time which leaves ideal drives the least misfit, all joints together, with what torques
+    foretell of a fast motion or, where a drive does not give them, without.
 
     Raises:
         PlumblineError: No run of it is as long as a window.
@@ -235,17 +236,18 @@ def signals_of(recording: MotionRecording, most: int = MOST_SAMPLES) -> Signals:
     if not recording.law.pushes:
         seconds = POSTURE if recording.law.ideal else SMOOTH
         return _smoothed(recording, seconds, most)
-    return min((_foretold(recording, seconds, most) for seconds in SMOOTHED), key=_misfit)
+    plain = [_smoothed(recording, seconds, most) for seconds in SMOOTHED]
+    foretold = (_foretold(s, span) for s, span in zip(plain, SMOOTHED, strict=True))
+    return min((*foretold, *plain), key=_misfit)
 
 
-def _foretold(recording: MotionRecording, seconds: float, most: int) -> Signals:
-    """Smoothed over so long, but for what the model foretells of a fast motion.
+def _foretold(s: Signals, seconds: float) -> Signals:
+    """The same, smoothed over so long, with what the model foretells of a fast motion.
 
     Of the way x that the torques make of the bodies, x less its own smoothed form is what
     smoothing would take: it is given back. So readings tell what is slow, whatever is wrong with
     a drive, and no fast swing of a neighbour is lost.
     """
-    s = _smoothed(recording, seconds, most)
     chosen, *bodies = s.bodies
     masses, h = (scipy.interpolate.interp1d(chosen, x, axis=0)(np.arange(len(s.q))) for x in bodies)
     pushed = np.linalg.solve(masses, (s.command - h)[..., None])[..., 0]
