@@ -22,6 +22,7 @@ from plumbline.optim.measurement.nuisance import half_widths
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.stand_in import points_robot, pose_readings, poses_robot
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
+from tests.answer_contract import contradicts_nothing
 from tests.benches import bench
 from tests.dh_sessions import simulated_recording
 from tests.fuzz.recordings import sound
@@ -108,6 +109,7 @@ def test_what_the_library_lacks_is_outside_of_it(made, name):
     verdict = diagnosed(made(name)[0]).verdict
     assert verdict.outside_probability > 0.9
     assert not verdict.causes
+    contradicts_nothing(verdict)
 
 
 def test_a_marker_touched_once_that_moved_is_a_cause_and_no_gross_row():
@@ -133,6 +135,7 @@ def test_causes_whose_choice_foretells_worse_than_none_are_not_named(monkeypatch
     assert not found.verdict.causes
     assert found.verdict.gap.after == found.verdict.gap.before
     assert any("not named" in n and truth.name in n for n in found.verdict.notes)
+    contradicts_nothing(found.verdict)
     monkeypatch.undo()
     told = Evaluation(
         *np.ones((2, 3, 1)), *np.ones((2, 3), bool), "rows", (0, 0), (0, 0), "m", False

@@ -41,7 +41,7 @@ from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals, own_past
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
-from tests.answer_contract import keeps_the_contract
+from tests.answer_contract import contradicts_nothing, keeps_the_contract
 from tests.motions import arm, multisine, recorded, servo
 
 LAWS = tuple(Law)
@@ -290,6 +290,7 @@ def test_a_limit_that_one_window_reached_is_named_and_what_was_left_out_said_as_
     assert verdict.gap.shrink_ci95[0] < 0.0
     assert verdict.verdict == Outcome.PARTLY
     assert "rows that were left out do not show" in verdict.meaning
+    contradicts_nothing(verdict)
 
 
 def test_an_effect_that_is_left_out_is_not_named():

@@ -15,6 +15,7 @@ from plumbline.optim.recording.constants import AT_ITS_END, BELIED, ENDS_OFF, EN
 from plumbline.optim.recording.efforts import nominal_efforts, without_saturated
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.table import Origin
+from tests.answer_contract import contradicts_nothing
 from tests.random_trees import Tree
 
 TIME = np.arange(0.0, 8.0, 0.02)
@@ -200,7 +201,9 @@ def test_logs_of_efforts_one_or_back_to_back_are_motions_that_lack_nothing(robot
     seams = int((np.diff(kept) > 1).sum())
     assert any(f"elsewhere at once {seams} times" in note for note in rec.notes) is (seams > 0)
     assert np.abs(rec.acceleration).max() < 1.2 * np.abs(motion()[2]).max()
-    assert diagnose(rec).verdict.verdict == "no-gap"
+    verdict = diagnose(rec).verdict
+    assert verdict.verdict == "no-gap"
+    contradicts_nothing(verdict)
     assert not any("elsewhere" in note for note in whole.notes)
 
 
