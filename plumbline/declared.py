@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from functools import cache
 from math import inf, isfinite
 from numbers import Integral, Real
-from typing import Annotated, Any, Protocol, TypeAlias, Union, get_args, get_origin
+from typing import Annotated, Any, TypeAlias, Union, get_args, get_origin
 
 import numpy as np
 
@@ -54,12 +54,13 @@ class Range:
         return above and (value < self.most if ")" in self.open else value <= self.most)
 
     def __str__(self) -> str:
-        if isfinite(self.least) and isfinite(self.most) and not self.open:
-            return f"{self.least:.12g} to {self.most:.12g}"
-        low = f"{'more than' if '(' in self.open else 'at least'} {self.least:g}"
-        high = f"{'less than' if ')' in self.open else 'at most'} {self.most:g}"
-        ends = ((low, isfinite(self.least)), (high, isfinite(self.most)))
-        return " and ".join(words for words, there in ends if there)
+        ends = f"{self.least:.12g}", f"{self.most:.12g}"
+        if isfinite(self.least) and isfinite(self.most) and self.open in ("", "()"):
+            return f"between {' and '.join(ends)}" if self.open else " to ".join(ends)
+        low = f"{'more than' if '(' in self.open else 'at least'} {ends[0]}"
+        high = f"{'less than' if ')' in self.open else 'at most'} {ends[1]}"
+        told = ((low, isfinite(self.least)), (high, isfinite(self.most)))
+        return " and ".join(words for words, there in told if there)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,15 +84,6 @@ Positive = Annotated[float, Range(0.0, open="(")]
 NotNegative = Annotated[float, Range(0.0)]
 Share = Annotated[float, Range(0.0, 1.0, "(")]
 Point = tuple[float, float, float]
-
-
-class Limits(Protocol):
-    """What an annotation adds to a kind: which of its values are taken, and the way out."""
-
-    mend: str
-
-    def holds(self, value: Any) -> bool:
-        """Whether a value is taken."""
 
 
 class Declared:
@@ -127,7 +119,10 @@ def _wrong(value: Any, kind: Any) -> Wrong | None:
     """What was expected of a value instead, and the way out; None of one that is as declared."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
-        return _wrong(value, parts[0]) or _outside(value, parts[1])
+        wrong, limits = _wrong(value, parts[0]), parts[1]
+        if wrong or not limits.holds(value):
+            return f"{wrong[0]}, {limits}" if wrong else str(limits), limits.mend
+        return None
     if origin in (Union, types.UnionType):
         return _none_of(value, parts)
     if origin in (tuple, list, Sequence):
@@ -136,10 +131,6 @@ def _wrong(value: Any, kind: Any) -> Wrong | None:
         fits = isinstance(value, type) and issubclass(value, parts[0])
         return None if fits else (f"a class of {parts[0].__name__}", MEND)
     return _wrong_plain(value, origin if isinstance(origin, type) else kind)
-
-
-def _outside(value: Any, limits: Limits) -> Wrong | None:
-    return None if limits.holds(value) else (str(limits), limits.mend)
 
 
 def _none_of(value: Any, kinds: Sequence[Any]) -> Wrong | None:

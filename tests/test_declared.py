@@ -96,14 +96,14 @@ def _refused(made: Any, name: str, value: object) -> str | None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"steps": 2.5}, "steps: found 2.5, expected a whole number; give it so"),
+        ({"steps": 2.5}, "steps: found 2.5, expected a whole number, 1 to 500; give it so"),
         ({"steps": True}, "steps: found True, expected a whole number"),
         ({"steps": 0}, "steps: found 0, expected 1 to 500"),
         ({"steps": 501}, "steps: found 501, expected 1 to 500"),
         ({"clearance": 0.0}, "expected more than 0 and at most 0.1; give it in m"),
         ({"clearance": 2}, "clearance: found 2, expected more than 0 and at most 0.1"),
         ({"clearance": float("nan")}, "clearance: found nan, expected a finite number"),
-        ({"share": 1}, "share: found 1, expected more than 0 and less than 1"),
+        ({"share": 1}, "share: found 1, expected between 0 and 1"),
         ({"form": "plane"}, "form: found 'plane', expected one of planes, scalar; choose one"),
         ({"form": 3}, "form: found 3, expected text"),
         ({"sure": 1}, "sure: found 1, expected True or False"),
