@@ -1,12 +1,13 @@
 r"""Channels of one log that are read late: what is found of a motion by how it runs with another.
 
 What a channel should read is a combination of columns, :math:`y_j(t + d) = X_j(t)\,\theta_j`, and
-how late it is the same for all joints. Of rows k later, noise in readings and all, the logarithm
-of the likelihood is
+how late it is the same for all joints. Of n rows k later, noise in readings and all, the logarithm
+of the likelihood of any :math:`\theta` (Harville 1974) is
 
-.. math:: L(k) = -\sum_j \frac{n}{2 \tau_j} \log \min_\theta |y_j(t + k h) - X_j \theta_j|^2
+.. math:: L(k) = -\sum_j \frac{n - p_j}{2 \tau_j} \log \min_\theta |y_j(t + k h) - X_j \theta_j|^2
 
-with the correlation time :math:`\tau_j` of what is left. Between rows each joint's squares run by
+with the number :math:`p_j` of columns and the correlation time :math:`\tau_j` of what is left: a
+few rows that as many columns fit say nothing. Between rows each joint's squares run by
 the parabola through the best three. A channel is late where that is by :data:`SURELY_LATE` more
 probable than that it is not, whichever joint is not asked: one alone may have friction with a
 memory.
@@ -54,7 +55,8 @@ def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> 
     shifts = np.arange(-most, most + 1)
     left = np.array([_left(read[rows + k], designs) for k in shifts])
     past = left[np.argmin(np.log(left[..., 0]).sum(axis=-1)), :, 1]
-    effective = len(rows) * (1.0 - past) / (1.0 + past)
+    free = len(rows) - np.array([X.shape[1] for X in designs])
+    effective = np.maximum(free, 0) * (1.0 - past) / (1.0 + past)
     best = int(np.clip(np.argmin(np.log(left[..., 0]) @ effective), 1, len(shifts) - 2))
     before, there, after = left[best - 1 : best + 2, :, 0]
     off = np.linspace(-1.0, 1.0, constants.FINE)[:, None]

@@ -128,6 +128,25 @@ def test_a_channel_is_late_where_that_is_surely_more_probable(robot, noise, seen
     assert bool(told(recorded(robot, efforts=0.01, noise=0.45 * noise))) is seen
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5])
+def test_a_few_short_stretches_that_as_many_columns_fit_say_nothing_of_lateness(seed):
+    """Six of half a second: what is trimmed for the latest leaves 36 rows for 40 columns a joint."""
+    robot, rng = Robot.from_urdf(Tree(3, ("revolute",) * 6).urdf()), np.random.default_rng(seed)
+    time = (3.0 * np.arange(6)[:, None] + 0.02 * np.arange(26)).ravel()
+    w, phase = 2 * np.pi * rng.uniform(0.05, 0.35, (3, 6)), rng.uniform(0, 6, (3, 6))
+    angle = w * time[:, None, None] + phase
+    waves = 0.4 * np.sin(angle), 0.4 * w * np.cos(angle), -0.4 * w**2 * np.sin(angle)
+    q, v, a = (x.sum(axis=1) for x in waves)
+    tau = tree_of(robot).dynamics.torques(q, v, a) + np.tanh(v / 0.05) + 0.5 * v
+    read = tau + rng.normal(0.0, 0.3, tau.shape)
+    rec = build_recording(
+        observation="joint_torque", robot=robot, time=time, q=q, velocity=v, measured=read,
+        noise_by_joint=np.full(6, 0.3),
+    )  # fmt: skip
+    assert told(rec) == []
+    assert len(rec) == len(time)
+
+
 def test_two_joints_that_carry_one_weight_are_told_apart_by_size():
     """Where their efforts run together by more than 0.99, directions alone say nothing."""
     own = np.sin(0.7 * TIME) + 0.3 * np.sin(2.3 * TIME + 1.0)
