@@ -130,7 +130,7 @@ def test_a_channel_is_late_where_that_is_surely_more_probable(robot, noise, seen
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5])
 def test_a_few_short_stretches_that_as_many_columns_fit_say_nothing_of_lateness(seed):
-    """Six of half a second: what is trimmed for the latest leaves 36 rows for 40 columns a joint."""
+    """Six of half a second: less what is trimmed for the latest, 36 rows for 40 columns."""
     robot, rng = Robot.from_urdf(Tree(3, ("revolute",) * 6).urdf()), np.random.default_rng(seed)
     time = (3.0 * np.arange(6)[:, None] + 0.02 * np.arange(26)).ravel()
     w, phase = 2 * np.pi * rng.uniform(0.05, 0.35, (3, 6)), rng.uniform(0, 6, (3, 6))

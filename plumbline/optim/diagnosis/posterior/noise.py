@@ -24,8 +24,7 @@ from plumbline.optim.recording.recording import Recording
 def noise_of(recording: Recording, best: Solution) -> NoiseLevel:
     """One standard deviation of one measured axis, and the residual's ratio to it."""
     rows = best.gram - best.mapped.shared_gram(best.x)
-    used = _used(best, rows)
-    residual = float(np.sqrt(rows.square / max(rows.count - used, 1.0)))
+    residual = scatter_of(best, rows)
     known = stated_noise(recording)
     if known:
         stated = max(known, ROUNDING)
@@ -35,6 +34,11 @@ def noise_of(recording: Recording, best: Solution) -> NoiseLevel:
     if repeats is not None and FINEST < repeats.sigma <= residual * (1.0 + _chance(repeats)):
         return replace(repeats, ratio=residual / repeats.sigma)
     return NoiseLevel(residual, "fit", 1.0)
+
+
+def scatter_of(best: Solution, rows: Gram) -> float:
+    """Standard deviation of what a fit leaves of rows, some or all, less what it has used up."""
+    return float(np.sqrt(rows.square / max(rows.count - _used(best, rows), 1.0)))
 
 
 def _used(best: Solution, rows: Gram) -> float:

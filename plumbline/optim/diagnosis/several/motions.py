@@ -10,7 +10,8 @@ with standard errors that know of what nobody has listed.
 Several recordings of one robot, one verdict: each searched alone, then all of them at once.
 
 What each recording's own search names is asked again of all: as a cause that all of them share,
-and as one that is at work in that recording only. Residuals are in units of each one's noise.
+and as one that is at work in that recording only. Residuals are in units of each one's noise, as
+its own fit has it, then as that of all does.
 """
 
 import math
@@ -39,14 +40,15 @@ from plumbline.optim.diagnosis.motion.search import Joint, errors_of, prior_at
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
 from plumbline.optim.diagnosis.of_recordings import Carries, Compared, OfRecording, Transfer
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.noise import noise_of
+from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.noise import noise_of, scatter_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, find_causes
-from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED, ROUNDING
+from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED, ROUNDING, SAME_CORRELATION
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.refit import gap_unit, runs_once
-from plumbline.optim.measurement.torque import newton_metres
+from plumbline.optim.measurement.torque import newton_metres, stated_noise
 from plumbline.optim.model.constants import CHANGED
 from plumbline.optim.recording.constants import ONE_ROBOT
 from plumbline.optim.recording.recording import Recording, Session, hash_of
@@ -243,12 +245,47 @@ def diagnose_session(
     suspects = _suspects(alone)
     session = replace(session, parts=tuple(a.recording for a in alone), suspects=suspects)
     efforts = session.parts[0].kind.efforts
-    joint = joined(session, [a.sigma / UNIT if efforts else a.weighing for a in alone])
-    found = diagnose(
-        joint, options, progress=lambda words, share: tell(words, OWN_SHARE + 0.6 * share)
-    )
+    weighing = [a.sigma / UNIT if efforts else a.weighing for a in alone]
+
+    def together(noises: Sequence[float]) -> Diagnosis:
+        return diagnose(
+            joined(session, noises), options,
+            progress=lambda words, share: tell(words, OWN_SHARE + 0.6 * share),
+        )  # fmt: skip
+
+    found = together(weighing)
     noises = [(a.sigma * newton_metres(a.recording), a.source) for a in alone]
+    if not efforts:
+        settled = _noises_together(found, session)
+        if not _weigh_alike(settled, weighing):
+            found = together(settled)
+            settled = _noises_together(found, session)
+        given = zip(noises, settled, strict=True)
+        noises = [(new if by == "fit" else old, by) for (old, by), new in given]
     return _with_each(found, session, noises)
+
+
+def _noises_together(found: Diagnosis, session: Session) -> list[float]:
+    """The noise of each recording as the fit of all has it, towards what is stated of it [unit].
+
+    Of few rows a fit of their own finds less, and takes what it has not found for noise.
+    """
+    each, noises = Each(found.selected, session, apart(found.recording.training)[1]), []
+    shape = found.recording.training.noise_shape
+    for k, part in enumerate(session.parts):
+        over = 1.0 if shape is None else np.mean(shape[each.part == k][:, session.live(k)])
+        own = 1.0 if part.noise_shape is None else float(np.mean(part.noise_shape))
+        sigma = float(over / own) * scatter_of(found.selected.best, each.grams[k])
+        count = max(each.grams[k].count, 1.0)
+        stated = NoisePrior.of(stated_noise(part))
+        noises.append(float(np.sqrt(stated.variance(sigma**2 * count, count))))
+    return noises
+
+
+def _weigh_alike(noises: Sequence[float], before: Sequence[float]) -> bool:
+    """Whether rows of such noises count for as much beside each other as before."""
+    now, was = (np.square(n) / np.mean(np.square(n)) for n in (noises, before))
+    return bool((np.abs(now - was) <= SAME_CORRELATION * (now + was)).all())
 
 
 def _alone(part: Recording, options: DiagnosisOptions) -> _Alone:
