@@ -82,7 +82,7 @@ Count = Annotated[int, Range(0)]
 AtLeastOne = Annotated[int, Range(1)]
 Positive = Annotated[float, Range(0.0, open="(")]
 NotNegative = Annotated[float, Range(0.0)]
-Share = Annotated[float, Range(0.0, 1.0, "(")]
+Portion = Annotated[float, Range(0.0, 1.0, "(")]
 Point = tuple[float, float, float]
 
 
@@ -158,7 +158,8 @@ def _wrong_plain(value: Any, kind: Any) -> Wrong | None:
         fits = isinstance(value, classes) and (kind is bool or not isinstance(value, bool))
         return None if fits and (not isinstance(value, Real) or isfinite(value)) else (words, MEND)
     if kind is np.ndarray and isinstance(value, kind):
-        return None if np.isfinite(value).all() else ("finite numbers", MEND)
+        finite = value.dtype.kind in "iuf" and np.isfinite(value).all()
+        return None if finite else ("finite numbers", MEND)
     if not isinstance(kind, type):
         return None
     asked = _asked(kind)

@@ -10,13 +10,14 @@ import pytest
 
 import plumbline
 from plumbline import PlumblineError
-from plumbline.declared import Among, Count, Declared, Positive, Range, Share, expect
+from plumbline.declared import Among, Count, Declared, Portion, Positive, Range, expect
 from plumbline.optim.core.solvers import Ipopt, Solver
 from plumbline.optim.registration import Kabsch
 
 ODD: tuple[Any, ...] = (
     None, "x", b"x", -1, 1.5, float("nan"), float("inf"), -1e300, True, [], ["x"], {}, (1, 2, 3),
-    [float("nan")] * 3, np.array([1.0, np.nan]), np.zeros((2, 2)), object(), Ipopt, int,
+    [float("nan")] * 3, np.array([1.0, np.nan]), np.array(["x"]), np.zeros((2, 2)), object(),
+    Ipopt, int,
 )  # fmt: skip
 
 
@@ -143,4 +144,4 @@ def test_an_argument_is_told_as_a_field_is() -> None:
     with pytest.raises(PlumblineError, match="gain: found 0, expected more than 0"):
         expect("gain", 0, Positive)
     with pytest.raises(PlumblineError, match="share: found 0, expected more than 0 and at most 1"):
-        expect("share", 0, Share)
+        expect("share", 0, Portion)

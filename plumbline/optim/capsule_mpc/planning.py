@@ -47,7 +47,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.declared import AtLeastOne, Declared, Positive, Share
+from plumbline.declared import AtLeastOne, Declared, Portion, Positive
 from plumbline.optim.capsule_mpc.compiled import (
     Compiled,
     backend,
@@ -237,7 +237,7 @@ class OneStep(Declared):
     """Options of one step."""
 
     # share of its distance that a pair may lose in a step
-    gamma: Share = 0.3
+    gamma: Portion = 0.3
     compiled: bool = True  # whether to compile, where there is a compiler
 
     def ready(self, statement: Statement) -> Ready:

@@ -56,7 +56,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.declared import Among, AtLeastOne, Count, Declared, NotNegative, Range, Share
+from plumbline.declared import Among, AtLeastOne, Count, Declared, NotNegative, Portion, Range
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc.constants import (
@@ -95,9 +95,9 @@ Near = Annotated[float, Range(0.0, WIDEST, mend="give it in m")]
 class Confidence(Declared):
     """The coefficient along the horizon: ``max(least, first - fall * i)``."""
 
-    first: Share = 1.0  #: at the present step, in (0, 1]
+    first: Portion = 1.0  #: at the present step, in (0, 1]
     fall: NotNegative = 0.02  #: loss a step
-    least: Share = 0.5  #: never less than this, in (0, first]
+    least: Portion = 0.5  #: never less than this, in (0, first]
 
     def __post_init__(self) -> None:
         super().__post_init__()
