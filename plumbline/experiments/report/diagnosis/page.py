@@ -330,8 +330,11 @@ def joints(verdict: Verdict) -> Grid:
 
 
 def _rows(gross: Sequence[int]) -> str:
+    if not gross:
+        return "none"
     more = f" and {len(gross) - LISTED} more" if len(gross) > LISTED else ""
-    return ", ".join(map(str, gross[:LISTED])) + more or "none"
+    listed = ", ".join(map(str, gross[:LISTED]))
+    return f"{'row' if len(gross) == 1 else 'rows'} {listed}{more}"
 
 
 def transfer(verdict: Verdict) -> Grid:
