@@ -37,8 +37,9 @@ def shared(seed, wrong=0.0, count=5):
 
 
 def test_blocks_of_independent_rows_agree():
-    found = [shared(seed) for seed in SEEDS]
-    assert np.mean(found) > 0.8
+    found = [shared(seed) for seed in range(60)]
+    assert np.mean(found) > 0.935  # at face value 0.928, and 0.113 apart: all of that is chance
+    assert np.std(found) < 0.08
     assert max(found) <= 1.0
 
 

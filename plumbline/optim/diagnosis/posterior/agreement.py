@@ -3,12 +3,18 @@ r"""How far blocks of rows agree: what share of their number rows are worth wher
 At a fit the gradients :math:`g_b` of blocks sum to nought. Of independent rows their size is known:
 with normal equations A, shares :math:`H_b = A^{-1} A_b` and noise :math:`\sigma^2`,
 
-.. math:: \zeta = \min\left(1,\ \frac{\sigma^2 \sum_b (\mathrm{tr} H_b - \mathrm{tr} H_b^2)}
-          {\sum_b g_b^T A^{-1} g_b}\right)
+.. math:: \frac 1x = \frac{\sigma^2 \sum_b (\mathrm{tr} H_b - \mathrm{tr} H_b^2)}
+          {\sum_b g_b^T A^{-1} g_b}
 
-is the power of the likelihood whose posterior is as wide as estimates differ from block to block
-(Lyddon, Holmes and Walker 2019, Biometrika 106(2); on such powers where a model is nearly right,
-Miller and Dunson 2019, J. Am. Stat. Assoc. 114:527).
+estimates the power :math:`\zeta` of the likelihood whose posterior is as wide as estimates differ
+from block to block (Lyddon, Holmes and Walker 2019, Biometrika 106(2); on such powers where a model
+is nearly right, Miller and Dunson 2019, J. Am. Stat. Assoc. 114:527). A few blocks differ by chance
+too: x is about chi-square of as many degrees of freedom :math:`\nu` as its variance says, over
+:math:`\nu \zeta` (Satterthwaite 1946, Biometrics Bull. 2(6)). Beforehand rows are independent as
+probably as not, else every share is as probable, and the share is the mean of what the rows leave,
+
+.. math:: \hat\zeta = \frac{L(1) + \int_0^1 \zeta L(\zeta) d\zeta}{L(1) + \int_0^1 L(\zeta)d\zeta},
+          \qquad L(\zeta) = \zeta^{\nu/2} e^{-\nu x \zeta / 2} .
 """
 
 from __future__ import annotations
@@ -17,6 +23,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammainc, gammaln
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import JITTER
@@ -65,9 +72,23 @@ def share_of(
     A, both = A / np.outer(size, size), np.outer(size, size)
     inverse = solved(A + JITTER * np.eye(len(A)), np.eye(len(A)))
     found = sum(float(g / size @ inverse @ (g / size)) for g in slopes)
-    shares = [inverse @ (gram / both) for gram in grams]
-    freedom = sum(float(np.trace(H) - np.sum(H * H.T)) for H in shares)
-    if freedom <= 10.0 * JITTER * len(A):  # what the jitter itself leaves is one of these
+    H = np.stack([inverse @ (gram / both) for gram in grams])
+    squares = H @ H
+    mean = float(np.einsum("bii->", H - squares))
+    if mean <= 10.0 * JITTER * len(A):  # what the jitter itself leaves is one of these
         return 1.0
-    share = sigma2 * freedom / max(found, np.finfo(float).tiny)
-    return float(np.clip(share, len(grams) / readings, 1.0))
+    total, free = squares.sum(axis=0), max(readings - len(A), 1.0)
+    second = float(np.einsum("bii->", squares - 2.0 * H @ squares) + np.sum(total * total.T))
+    # Less than of a known noise: what the fit leaves tells the noise as well.
+    freedom = mean**2 * (free + 2.0) / max(free * second - mean**2, mean**2 / readings)
+    x = found / max(sigma2 * mean, np.finfo(float).tiny)
+    return float(np.clip(_expected(x, freedom), len(grams) / readings, 1.0))
+
+
+def _expected(x: float, freedom: float) -> float:
+    """The expected share where blocks are so far apart, of so many degrees of freedom."""
+    c, a = max(0.5 * freedom * x, np.finfo(float).tiny), 0.5 * freedom + np.array([1.0, 2.0])
+    with np.errstate(divide="ignore"):  # of next to nothing
+        logs = np.append(-c, gammaln(a) + np.log(gammainc(a, c)) - a * np.log(c))
+    one, every, mean = np.exp(logs - logs.max())
+    return float((one + mean) / (one + every))
