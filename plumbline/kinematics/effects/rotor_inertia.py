@@ -25,8 +25,8 @@ class RotorInertia(DriveEffect):
     words = "joint {element}'s motor has a rotor that the model does not know of"
     reference = "Featherstone (2008), Rigid Body Dynamics Algorithms, sec. 9.6 (gears, rotors)"
     source = (
-        "0.01 to 0.02 kg m^2 per N m of the largest torque (Albu-Schaeffer et al. 2007, a "
-        "light-weight arm's seven joints), of which what a log holds is a tenth or more"
+        "makers' data of servo motors, 1e-6 to 1e-4 kg m^2 behind gears of 50 to 160: up to 2.6 "
+        "kg m^2 where the largest torque is some 300 N m, of which a gentle log holds a tenth"
     )
     inertia = Parameter("kg m^2", 0.0, 10.0, scale=0.1, doc="rotor's inertia on the joint's side")
 
