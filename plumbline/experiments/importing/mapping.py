@@ -5,7 +5,7 @@ turns the sign: ``q2=-J2``. What is mapped goes before what a name says, and a n
 a column that no name tells is left out.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from plumbline.errors import PlumblineError, best_matches, shown
@@ -64,9 +64,11 @@ def mapped(raws: list[Raw], wanted: Iterable[Wanted]) -> Iterator[Match]:
     Raises:
         PlumblineError: One is not there.
     """
+    wanted = list(wanted)
+    own = {want.source for want in wanted if "#" not in want.target}
     for want in wanted:
         try:
-            sources = _family(raws, want) if "#" in want.target else [want.source]
+            sources = _family(raws, want, own) if "#" in want.target else [want.source]
             matches = [
                 _match(raws, want, want.target.replace("#", str(k)), source)
                 for k, source in enumerate(sources, start=1)
@@ -84,13 +86,13 @@ def _match(raws: list[Raw], want: Wanted, target: str, source: str) -> Match:
     return Match(target, raw, column, want.unit or _unit(raw, column), want.sign)
 
 
-def _family(raws: list[Raw], want: Wanted) -> list[str]:
-    """The columns that ``J#`` stands for, in order."""
+def _family(raws: list[Raw], want: Wanted, own: Container[str]) -> list[str]:
+    """The columns that ``J#`` stands for, in order, but for those that have a line of their own."""
     table, at, pattern = want.source.rpartition("@")
     before, mark, after = pattern.partition("#")
     names = [
         name for raw in raws if not at or raw.name == table or raw.name.startswith(f"{table}.")
-        for name in raw.columns
+        for name in raw.columns if name not in own and f"{raw.name}@{name}" not in own
     ]  # fmt: skip
     if not mark:
         raise PlumblineError(

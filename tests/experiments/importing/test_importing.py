@@ -115,6 +115,13 @@ def test_files_of_bare_numbers_go_together_row_by_row(tmp_path, bench, indent, c
     assert "expected how far apart in time" in said
 
 
+def test_numbered_columns_stand_for_joints_but_for_those_that_are_named(tmp_path, bench):
+    np.savetxt(tmp_path / "log.txt", bench[[*JOINTS, "x", "y", "z"]], fmt="%.9e")
+    tips = [word for k, a in enumerate("xyz", start=7) for word in ("--map", f"{a}={k}:m")]
+    words = ["--map", "q#=#:rad", *tips, "--robot", "ur5", "--tool", TOOL, "--yes"]
+    same(imported(tmp_path, tmp_path / "log.txt", *words), bench)
+
+
 def test_remarks_units_in_a_row_and_units_in_names_are_read(tmp_path, bench):
     log = tmp_path / "log.txt"
     rows = bench[[*JOINTS, "x", "y", "z"]].copy()
