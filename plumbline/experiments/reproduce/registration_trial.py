@@ -141,7 +141,7 @@ class Trial:
         recording = build_fiducials(points, robot, noise=noise(), labels=tuple(names))
         answer = register(recording, RegistrationOptions(method))
         region = answer.tre(LESIONS[lesion], PITCH / np.sqrt(12.0))
-        return float(region.holds(self.errors(T, lesion)).mean())
+        return float(region.foreseen.holds(self.errors(T, lesion)).mean())
 
 
 def noise() -> MarkerNoise:

@@ -24,7 +24,7 @@ variances are estimated anew (Beran 1987, Biometrika 74(3): prepivoting). For on
 that is the F quantile of Hotelling.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -60,6 +60,11 @@ class TargetError:
     distances: Array | None = None
     # the same (N,) of drawn poses along the arc of their turn, and to first order
     bent: tuple[Array, Array] | None = None
+
+    @property
+    def foreseen(self) -> Self:
+        """The same of errors to come where this is the true place: the arc as seen from there."""
+        return replace(self, mean=-self.mean)
 
     @property
     def rms(self) -> float:

@@ -301,7 +301,9 @@ def test_faults_are_one_line_with_a_way_out():
     few = recording(simulated).select(np.arange(4))
     with pytest.raises(PlumblineError, match=r"4 readings for 12 parameters.*record more poses"):
         fit_dh(few)
-    with pytest.raises(PlumblineError, match="frame 'no' not recognised"):
+    with pytest.raises(
+        PlumblineError, match="frame: found 'no', expected one of joint, registration"
+    ):
         DHOptions(frame="no")
     with pytest.raises(PlumblineError, match="delta_length"):
         DHOptions(delta_length=0.0)

@@ -445,7 +445,7 @@ def _with(model, effect):
         ({"held_out": "moon"}, "held_out: found 'moon', expected one of auto, groups"),
         ({"seed": -1}, "seed: found -1, expected 0 to 4294967295"),
         ({"without": ["backlsh"]}, "without 'backlsh' not recognised. Best matches are backlash"),
-        ({"without": "backlash"}, "without: found 'backlash', expected a list of names"),
+        ({"without": "backlash"}, "without: found 'backlash', expected a list"),
         ({"without": ["latency"], "library": (REGISTRY["joint_scale"],)}, "Best matches are"),
     ],
 )

@@ -124,6 +124,9 @@ def test_a_nearly_collinear_triple_is_covered_by_the_arc_not_by_the_tangent(name
     assert held[0] / 300 < 0.88  # the standard error of 300 draws is 1.5 %
     assert 0.91 < held[1] / 300 < SHARE[1]
     answer = registered(method, places, mapped(places), NOISE)
+    errors = errors_of(method, COLLINEAR, NOISE, LESION)
+    assert answer.tre(LESION, curved=False).holds(errors).mean() < 0.88
+    assert 0.91 < answer.tre(LESION).foreseen.holds(errors).mean() < SHARE[1]
     assert any("first order, are rough" in note for note in answer.notes) or name == "anisotropic"
 
 
