@@ -25,7 +25,7 @@ that is the F quantile of Hotelling.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
@@ -140,9 +140,9 @@ def bent(arm: Array, pose: Array, own: Array) -> tuple[Array, Array]:
 
     ``pose`` is the pose's covariance (k, k), ``own`` that of the target's reading (3, 3) [m^2].
     """
-    rng, K = np.random.default_rng(0), lever(arm, len(pose))
-    x = rng.multivariate_normal(np.zeros(len(pose)), pose, DRAWS, method="eigh")
-    straight = x @ K.T + rng.multivariate_normal(np.zeros(3), own, DRAWS, method="eigh")
+    z, K, k = _normal(), lever(arm, len(pose)), len(pose)
+    x = z[:, :k] @ _root(pose)
+    straight = x @ K.T + z[:, -3:] @ _root(own)
     back = scipy.spatial.transform.Rotation.from_rotvec(-x[:, 3:6]).apply(arm)
     mean, more = arc(arm, pose[3:6, 3:6])
     flat = K @ pose @ K.T + own
@@ -150,9 +150,21 @@ def bent(arm: Array, pose: Array, own: Array) -> tuple[Array, Array]:
     return _squares(along, flat + more), _squares(straight, flat)
 
 
+@cache
+def _normal() -> Array:
+    """Normal numbers (N, 10) for every pose and reading: the same, so that answers repeat."""
+    return np.random.default_rng(0).normal(size=(DRAWS, 10))
+
+
+def _root(covariance: Array) -> Array:
+    """The symmetric root of a covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
+
+
 def _squares(errors: Array, covariance: Array) -> Array:
     inverse = np.linalg.pinv(covariance, hermitian=True)
-    return np.einsum("ni,ij,nj->n", errors, inverse, errors)
+    return np.einsum("ni,ni->n", errors @ inverse, errors)
 
 
 @dataclass(frozen=True, eq=False)
