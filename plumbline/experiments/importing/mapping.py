@@ -5,6 +5,7 @@ turns the sign: ``q2=-J2``. What is mapped goes before what a name says, and a n
 a column that no name tells is left out.
 """
 
+import re
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from plumbline.experiments.importing.units import Unit
 
 CLOCKS = ("time", "timestamp", "stamp", "t", "clock", "zeit", "secs", "seconds")
 COMMANDS = ("motion", "tracking")  # kinds that have commands u
+INDEXED = re.compile(r"^([a-z]+)[_\[(]([0-9]{1,3})[\])]?$")  # ``q_1``, ``q[1]``: ``q1``
 MOST_NUMBERED = 200  # columns of one kind; a humanoid with hands has 70 joints (bounds work only)
 
 
@@ -141,7 +143,8 @@ def _told(raw: Raw, joints: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Column of the table -> column of a recording, and by what it is told."""
     told: dict[str, tuple[str, str]] = {}
     by_joint = _by_joint(raw, joints)
-    plains = {column: units.of_header(column)[0].lower() for column in raw.columns}
+    headers = {column: units.of_header(column)[0].lower() for column in raw.columns}
+    plains = {column: INDEXED.sub(r"\1\2", header) for column, header in headers.items()}
     for column, name in plains.items():
         plain = from_one(name, plains.values())
         if column in by_joint:

@@ -11,7 +11,7 @@ NUMBERED: Mapping[str, tuple[str, ...]] = {
     "q": JOINT, "m": JOINT, "direction": ("number",), "x": ("length", "angle"),
     "u": ("angle", "length", "angular velocity", "velocity", "torque", "force", "current"),
     "velocity": ("angular velocity", "velocity"), "effort": ("torque", "force", "current"),
-    "acceleration": ("angular acceleration", "acceleration"),
+    "acceleration": ("angular acceleration", "acceleration"), "pose": ("length",),
 }  # fmt: skip
 LENGTHS = ("x", "y", "z", "px", "py", "pz", "range", "ct_x", "ct_y", "ct_z", "robot_x", "robot_y",
            "robot_z")  # fmt: skip
@@ -27,14 +27,15 @@ LABELS = ("group", "socket", "plane", "motion", "label", "role")
 WORDS = ("label", "role", "plane", "motion")
 KINDS_BY_COLUMN = (
     (("ct_x",), "fiducials"), (("range", "plane"), "plane_range"), (("range",), "surface_scan"),
-    (("x", "qw"), "pose"), (("x",), "tip_position"), (("m1",), "joint_position"),
+    (("x", "qw"), "pose"), (("x", "rx"), "pose"), (("pose1",), "pose"),
+    (("x",), "tip_position"), (("m1",), "joint_position"),
     (("u1", "x1"), "tracking"), (("u1", "q1"), "motion"), (("socket",), "fixed_point"),
     (("q1", "effort1"), "joint_torque"),
 )  # fmt: skip
 # Kinds whose rows hold the readings of joints.
 JOINTED = ("tip_position", "pose", "fixed_point", "joint_position", "joint_torque", "motion")
 # Rows are those of the table that holds the first of these: what is measured is not interpolated.
-MEASURED = ("x", "m1", "range", "socket", "ct_x", "x1", "effort1", "q1", "u1")
+MEASURED = ("x", "pose1", "m1", "range", "socket", "ct_x", "x1", "effort1", "q1", "u1")
 
 
 def is_target(name: str) -> bool:
@@ -72,7 +73,7 @@ def dimensions(target: str, kinds: Sequence[str] = ()) -> tuple[str, ...]:
     if parts is None:
         return SINGLE[target]
     allowed, joint = NUMBERED[parts[0]], parts[1] - 1
-    if parts[0] in ("direction", "x") or joint >= len(kinds):
+    if parts[0] in ("direction", "x", "pose") or joint >= len(kinds):
         return allowed
     slides = kinds[joint] == "prismatic"
     lengthy = ("length", "velocity", "acceleration", "force", "current")

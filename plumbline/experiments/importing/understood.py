@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from plumbline.errors import PlumblineError, listed
-from plumbline.experiments.importing import joining, mapping, targets
+from plumbline.experiments.importing import joining, mapping, rotations, targets
 from plumbline.experiments.importing.joining import NOBODY, partners
 from plumbline.experiments.importing.mapping import Match, Wanted
 from plumbline.experiments.importing.tables import Array, Raw
@@ -83,21 +82,30 @@ def understand(raws: list[Raw], request: Request) -> Understood:
             f"none of {len(columns)} columns is called as a recording's or a joint of the robot "
             f"({listed(columns, 4)}); say which is which: --map x=COLUMN:mm --map q#=J#:deg"
         )
-    kind = request.observation or targets.kind_of(there | ({"qw"} if "rx" in there else set()))
+    kind = request.observation or targets.kind_of(there)
     base = _base(matches)
     _joints_are_told(raws, matches, request, kind)
     joined, left = _joined(base, matches, request)
     table, sources = _converted(base, matches, joined, request)
     table, more = _whole(table, left, base.first)
-    table = _turned(table, request.rotation) if "rx" in table else table
+    table = rotations.turned(table, request.rotation) if "rx" in table else table
+    if "pose1" in table:
+        table = rotations.posed(table, UNITS[sources["pose1"].unit].factor)
     more += _went_back(table)
     table = _derived(_in_order(table), request)
     for column in [str(c) for c in table if c not in sources]:
-        unit = "rad/s or m/s" if column.startswith("velocity") else "1"
-        sources[column] = Source("rx, ry, rz" if column in targets.QUATERNION else "derived", unit)
+        sources[column] = _made(column, sources)
     odd = [note for raw in raws for note in raw.notes]
     unused = _unused(raws, matches, request)
     return Understood(kind, table, sources, (*odd, *notes, *more, *unused))
+
+
+def _made(column: str, sources: Mapping[str, Source]) -> Source:
+    """Where a column is from that no table has."""
+    if "pose1" in sources and column in (*"xyz", *targets.QUATERNION):
+        return Source(sources["pose1"].place, sources["pose1"].unit if column in "xyz" else "1")
+    unit = "rad/s or m/s" if column.startswith("velocity") else "1"
+    return Source("rx, ry, rz" if column in targets.QUATERNION else "derived", unit)
 
 
 def _joints_are_told(
@@ -287,25 +295,6 @@ def _went_back(table: pd.DataFrame) -> list[str]:
         return []
     back = int((np.diff(table["time"]) < 0.0).sum())
     return [f"the clock goes back {counted(back, 'time')}: rows were sorted by it"] if back else []
-
-
-def _turned(table: pd.DataFrame, rotation: str) -> pd.DataFrame:
-    """``rx,ry,rz`` as a unit quaternion, scalar first."""
-    missing = [name for name in targets.ROTATION if name not in table]
-    if missing:
-        raise PlumblineError(f"rx without {', '.join(missing)}: expected all of rx, ry, rz")
-    angles = table[list(targets.ROTATION)].to_numpy(dtype=float, copy=True)
-    try:
-        turned = (Rotation.from_rotvec(angles) if rotation == "rotvec"
-                  else Rotation.from_euler(rotation, angles))  # fmt: skip
-    except ValueError:
-        raise PlumblineError(
-            f"--rotation {rotation}: expected rotvec, or three axes such as xyz (fixed) or ZYX "
-            "(moving)"
-        ) from None
-    quaternion = turned.as_quat(canonical=True)[:, [3, 0, 1, 2]]
-    table = table.drop(columns=list(targets.ROTATION))
-    return table.assign(**dict(zip(targets.QUATERNION, quaternion.T, strict=True)))
 
 
 def _derived(table: pd.DataFrame, request: Request) -> pd.DataFrame:

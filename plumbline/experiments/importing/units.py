@@ -15,6 +15,7 @@ from plumbline.errors import PlumblineError, best_matches, shown
 INCH, POUND, GRAVITY = 0.0254, 0.45359237, 9.80665  # [m], [kg], [m/s^2]
 BRACKETS = re.compile(r"^(?P<name>.*?\S)[\s_]*[\[(<](?P<unit>[^\[\]()<>]*)[\])>]\s*$")
 SUFFIX = re.compile(r"^(?P<name>.*[^_])_(?P<unit>mm|cm|um|deg|rad|mrad|ms|us|ns|s|degC|kg)$")
+INDEX = re.compile(r"\S[\[(<]1[\])>]$")  # ``q[1]``: one of several; ``qw [1]``: a plain number
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,6 @@ def of_header(header: str) -> tuple[str, Unit | None]:
     for form in (BRACKETS, SUFFIX):
         match = form.match(header.strip())
         found = known(match["unit"]) if match else None
-        if match and found:
+        if match and found and not INDEX.search(header.strip()):
             return match["name"].strip(), found
     return header.strip(), None

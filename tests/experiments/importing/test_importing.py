@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sys
 
@@ -549,7 +550,8 @@ def test_each_unit_is_what_its_definition_says():
 @pytest.mark.parametrize(
     ("header", "name", "unit"),
     [("x [mm]", "x", "mm"), ("J1 (deg)", "J1", "deg"), ("x_mm", "x", "mm"), ("ct_x", "ct_x", None),
-     ("a [left]", "a [left]", None), ("T [°C]", "T", "degC")],
+     ("a [left]", "a [left]", None), ("T [°C]", "T", "degC"), ("q[1]", "q[1]", None),
+     ("qw [1]", "qw", "1")],
 )  # fmt: skip
 def test_a_header_says_its_unit_or_none(header, name, unit):
     found, said = units.of_header(header)
@@ -567,3 +569,76 @@ def test_a_joint_has_turned_back_once_it_came_back_by_a_milliradian():
     for back, side in ((0.9e-3, 1), (1.1e-3, -1)):
         path = np.array([[0.0], [0.1], [0.1 - back]])
         assert joining.directions(path, np.zeros(3, np.int64))[-1, 0] == side
+
+
+def matrices(rows: int = 5):
+    """Rotations, places [m] and the 4 x 4 matrices that they make."""
+    rng = np.random.default_rng(1)
+    T = np.tile(np.eye(4), (rows, 1, 1))
+    turns = Rotation.from_rotvec(rng.uniform(-2.0, 2.0, (rows, 3)))
+    T[:, :3, :3], T[:, :3, 3] = turns.as_matrix(), rng.uniform(-1.0, 1.0, (rows, 3))
+    return turns, T
+
+
+def written_out(T, folder, decimals: int = 12):
+    """Matrices (N, r, c) as a log has them, one a line, and the map of its columns."""
+    numbers = T.reshape(len(T), -1)
+    names = [f"O_T_EE[{k}]" for k in range(numbers.shape[1])]
+    rows = pd.DataFrame(numbers.round(decimals), columns=names).assign(q1=0.0)
+    rows.to_csv(folder / "m.csv", index=False)
+    return files.read(folder / "m.csv")
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+@pytest.mark.parametrize("last", [slice(3), slice(4)], ids=["12", "16"])
+@pytest.mark.parametrize("columns_first", [False, True])
+def test_matrices_of_either_order_and_unit_become_places_and_quaternions(
+    tmp_path, unit, last, columns_first
+):
+    turns, T = matrices()
+    lab = T.copy()
+    lab[:, :3, 3] *= 1e3 if unit == "mm" else 1.0
+    lab = lab[:, last].transpose(0, 2, 1) if columns_first else lab[:, last]
+    line = mapping.parse(f"pose#=O_T_EE[#]:{unit}")
+    found = understand(written_out(lab, tmp_path), Request((line,)))
+    assert found.observation == "pose"
+    np.testing.assert_allclose(found.samples[["x", "y", "z"]], T[:, :3, 3], atol=1e-9)
+    made = Rotation.from_quat(found.samples[["qx", "qy", "qz", "qw"]].to_numpy())
+    assert (made.inv() * turns).magnitude().max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda T: T * [1.0, 1.0, 1.0, 1.0] * 1.01, "away from a rigid 4 x 4 matrix"),
+        (lambda T: T * [-1.0, 1.0, 1.0, 1.0], "away from a rigid 4 x 4 matrix"),
+        (lambda T: T * [1.0, 1.0, 1.0, 0.0] + np.diag([0, 0, 0, 1]), "of one order"),
+        (lambda T: T[:, :2], "expected pose1.. to 12 or to 16"),
+    ],
+    ids=["scaled", "mirrored", "told in no order", "half"],
+)
+def test_matrices_that_are_no_poses_are_refused(tmp_path, wrong, words):
+    raws = written_out(wrong(matrices()[1]), tmp_path)
+    with pytest.raises(PlumblineError, match=re.escape(words)):
+        understand(raws, Request((mapping.parse("pose#=O_T_EE[#]"),)))
+
+
+def test_matrices_of_four_decimals_are_rigid_enough(tmp_path):
+    turns, T = matrices(200)
+    raws = written_out(T, tmp_path, decimals=4)
+    found = understand(raws, Request((mapping.parse("pose#=O_T_EE[#]"),)))
+    made = Rotation.from_quat(found.samples[["qx", "qy", "qz", "qw"]].to_numpy())
+    assert (made.inv() * turns).magnitude().max() < 2e-4
+
+
+@pytest.mark.parametrize("name", ["q[{}]", "q_{}", "q({})", "Q_{}"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_an_index_in_brackets_or_behind_a_line_is_a_joints_number_and_no_unit(
+    tmp_path, bench, name, first
+):
+    rows = bench.rename(columns={f"q{k}": name.format(k - 1 + first) for k in range(1, 7)})
+    rows.to_csv(tmp_path / "log.csv", index=False)
+    same(imported(tmp_path, tmp_path / "log.csv", "--robot", "ur5", "--tool", TOOL, "--yes"), bench)
+    by_map = ["--map", f"q#={name.format('#')}", "--robot", "ur5", "--tool", TOOL, "--yes"]
+    shutil.rmtree(tmp_path / "made")
+    same(imported(tmp_path, tmp_path / "log.csv", *by_map), bench)
