@@ -18,6 +18,7 @@ import dataclasses
 import types
 import typing
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
 from math import inf, isfinite
 from numbers import Integral, Real
@@ -110,9 +111,14 @@ def expect(name: str, value: object, kind: Any) -> None:
 @cache
 def _kinds(options: Any) -> dict[str, Any]:
     """What each field of a class is declared as."""
-    hints = typing.get_type_hints(options, include_extras=True)
+    hints: dict[str, Any] = {}
+    for part in reversed(options.__mro__):
+        with suppress(
+            NameError
+        ):  # a type that is named inside a function: its values are not checked
+            hints |= typing.get_type_hints(part, include_extras=True)
     fields = dataclasses.fields(options) if dataclasses.is_dataclass(options) else ()
-    return {field.name: hints[field.name] for field in fields if field.init}
+    return {field.name: hints.get(field.name, Any) for field in fields if field.init}
 
 
 def _wrong(value: Any, kind: Any) -> Wrong | None:
@@ -160,7 +166,7 @@ def _wrong_plain(value: Any, kind: Any) -> Wrong | None:
     if kind is np.ndarray and isinstance(value, kind):
         finite = value.dtype.kind in "iuf" and np.isfinite(value).all()
         return None if finite else ("finite numbers", MEND)
-    if not isinstance(kind, type):
+    if kind is Any or not isinstance(kind, type):
         return None
     asked = _asked(kind)
     fits = all(hasattr(value, name) for name in asked) if asked else isinstance(value, kind)

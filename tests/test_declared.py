@@ -145,3 +145,17 @@ def test_an_argument_is_told_as_a_field_is() -> None:
         expect("gain", 0, Positive)
     with pytest.raises(PlumblineError, match="share: found 0, expected more than 0 and at most 1"):
         expect("share", 0, Portion)
+
+
+def test_a_type_known_in_a_function_alone_is_not_checked_and_other_fields_are() -> None:
+    class Local:
+        pass
+
+    @dataclass(frozen=True)
+    class Own(Every):
+        anything: Any = None
+        what: "Local" = dataclasses.field(default_factory=Local)
+
+    assert isinstance(Own().what, Local)
+    with pytest.raises(PlumblineError, match="steps: found 0"):
+        Own(steps=0)
