@@ -9,13 +9,13 @@ known of follows it at once. Each term below is nothing at its null:
 
 :math:`w` is a dead band: :math:`\operatorname{zone}_w(x)` is nothing within and all of x from 2 w
 on, straight between (without a lag it is at its edge at once); :math:`s` friction or play inside
-the servo's loop, :math:`T` a lag,
-:math:`k` the servo's compliance under the load :math:`h`, :math:`b` half a play behind it, which
-the output only leaves when it is pushed. One of second order, of period :math:`2 \pi s`, has
-:math:`s^2 \ddot y + (T + 2 s)\,\dot y = \tilde e`, damped so that it does not overshoot; its
-friction acts against its motion. A servo whose gains are known obeys
+the servo's loop, :math:`T` a lag, :math:`k` the servo's compliance under the load :math:`h`,
+:math:`b` half a play behind it, which the output only leaves when it is pushed. One of second
+order, of period :math:`2 \pi s`, has :math:`s^2 \ddot y + 2 s\,\dot y = \tilde e`, damped so that
+it does not overshoot; its friction acts against its motion. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
-:math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`. What has inertia may rub,
+:math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`: of these four a lag filters the
+command, :math:`T \dot c_f = c - c_f`. What has inertia may rub,
 :math:`- d \dot y - F \operatorname{sign} \dot y`: dry friction F takes no more speed than there is
 (Moreau 1988, a step that is implicit in the speed), and may have a rotor, which adds to I. Soft
 friction is a constraint of MuJoCo's, :math:`s (\ddot y + r \dot y)` up to F (Todorov 2014, ICRA).
@@ -23,8 +23,8 @@ friction is a constraint of MuJoCo's, :math:`s (\ddot y + r \dot y)` up to F (To
 Where the servo plans its way with a largest acceleration, what it plans stands for the command.
 Commands run straight from sample to sample (of velocities, lines of the same mean), or stand still
 where they are rates and torques that a digital controller holds (Franklin, Powell, Workman 1998,
-sec. 4.3); the step of what lags is exact for
-both. What has inertia takes steps by the trapezoidal rule, which no stiffness upsets.
+sec. 4.3); the step of what lags is exact for both. What has inertia takes steps by the
+trapezoidal rule, which no stiffness upsets.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ PLANNED = 8  # steps of a sample of a planned way; twice as many change its para
 # the rate at which it slows a joint.
 STIFFNESS = 0.9 / (1 - 0.9)
 SLOWS = 2 / (0.95 * 0.02)  # [1/s]
-EQUAL = 1e-6  # of its period, by which the roots of a servo without a lag are apart
+# Fadings of a lag and its servo that differ by less in a sample are told by a series, whose ninth
+# term is then below 1e-13; their quotients would lose more.
+EQUAL, TERMS = 0.1, 8  # [1]
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
 
 
@@ -221,34 +223,35 @@ class Drive:
         r"""A sample of a servo of second order, exact for an input that runs straight over it.
 
         In the end it is :math:`(T + 2 s)\,r` behind one of rate r; what it is off from there fades
-        by the roots of :math:`s^2 p^2 - (T + 2 s)\,p + 1`. A dead band takes of the error what it
-        is worth halfway, dry friction no more motion than there is.
+        at the rate 1 / s, and what its lagged command is off at 1 / T. A dead band takes of the
+        error what it is worth halfway, dry friction no more motion than there is.
         """
-        r = (self.command - before.asked) / self.dt
-        late = 2 * s if self.lag is None else self.lag + 2 * s
-        s = s + NULL  # the guard lets null be null
-        lag = EQUAL * s if self.lag is None else self.lag + EQUAL * s
-        fast = (lag + 2 * s + cs.sqrt(lag * (lag + 4 * s))) / (2 * s**2)
-        slow = 1 / (s**2 * fast)
-        stays, fades = cs.exp(-fast * self.dt), cs.exp(-slow * self.dt)
-        less = (fades - stays) / (fast - slow)
-        off, moves = before.place - before.asked + r * late, before.speed - r
-        both, lost = less * (fast * off + moves), self._lost(before)
-        answers = 1 - stays - less * fast, less / s**2  # of place and speed to a held error
-        went = self.command - r * late + stays * off + both - before.place - answers[0] * lost
-        speed = r + stays * moves - slow * both - answers[1] * lost
+        h, a, own = self.dt, 1 / (s + NULL), 2 * s  # the guard lets null be null
+        asked, sent, late = self.command, before.asked, own
+        if self.lag is not None:
+            asked, sent, late = self._lagged(asked, None, before), before.sent, self.lag + own
+        r, stays = (self.command - sent) / h, cs.exp(-a * h)
+        off, moves = before.place - sent + r * late, before.speed - r
+        to_place, to_speed = 1 - stays * (1 + a * h), a**2 * h * stays  # by a held error
+        lost = self._lost(before, asked)
+        went = self.command - r * late + (1 - to_place) * off + h * stays * moves - before.place
+        speed = r + stays * (1 - a * h) * moves - to_speed * off - to_speed * lost
+        if self.lag is not None:
+            place_by, speed_by = _chained(a * h, 1 / (self.lag / h + NULL), stays)
+            astray = before.asked - sent + r * self.lag
+            went, speed = went + place_by * astray, speed + speed_by / h * astray
+        went -= to_place * lost
         if self.stick is not None:
             went, speed = (
-                x - clipped(x, by * self.stick)
-                for x, by in zip((went, speed), answers, strict=True)
+                x - clipped(x, by * self.stick) for x, by in ((went, to_place), (speed, to_speed))
             )
-        place = before.place + self.dt * self._limited(went / self.dt, before.speed, self.dt / 2)
-        speed = self._limited(speed, before.speed, self.dt)
-        return Memory(self.command, place, speed, self._behind_play(place, before), self.command)
+        place = before.place + h * self._limited(went / h, before.speed, h / 2)
+        speed = self._limited(speed, before.speed, h)
+        return Memory(asked, place, speed, self._behind_play(place, before), self.command)
 
-    def _lost(self, before: Memory) -> cs.SX:
+    def _lost(self, before: Memory, asked: cs.SX) -> cs.SX:
         """What a dead band takes of a servo's error in the middle of a sample."""
-        error = (before.asked + self.command - before.speed * self.dt) / 2 - before.place
+        error = (before.asked + asked - before.speed * self.dt) / 2 - before.place
         return cs.SX(0) if self.band is None else error - _beyond(error, self.band)
 
     def _risen(self, asked: cs.SX, ratio: cs.SX, before: Memory) -> cs.SX:
@@ -324,6 +327,22 @@ class Drive:
         now = {name: getattr(self, name) for name in terms}
         both: dict[str, Any] = {k: v if now[k] is None else now[k] + v for k, v in terms.items()}
         return replace(self, **both)
+
+
+def _chained(pace: cs.SX, other: cs.SX, stays: cs.SX) -> tuple[cs.SX, cs.SX]:
+    r"""Place and speed [1, 1/sample] that a servo of second order gains by what fades beside it.
+
+    Divided differences of :math:`e^{-x}` at its pace, twice, and at the other's, which a series
+    tells where these are nearly one (McCurdy, Ng, Parlett 1984, Math. Comp. 43:501).
+    """
+    apart, fades = pace - other, cs.exp(-other)
+    near = cs.fabs(apart) < EQUAL
+    x, small = cs.if_else(near, 1, apart), cs.if_else(near, apart, 0)
+    terms = [(-small) ** k / math.factorial(k) for k in range(TERMS)]
+    once, twice = (fades * sum(t / (k + n) for k, t in enumerate(terms)) for n in (1, 2))
+    once = cs.if_else(near, once, (fades - stays) / x)
+    twice = cs.if_else(near, twice, (fades - (1 + x) * stays) / x**2)
+    return pace**2 * twice, pace**2 * (once - pace * twice)
 
 
 def _beyond(error: cs.SX, band: cs.SX) -> cs.SX:

@@ -18,8 +18,8 @@ STAND = {
         "FEWEST_ROWS": 500, "MOST_ROWS": 10000, "MOST_WORK": 4000, "AT_HAND": 8000000,
     },
     "drive": {
-        "EDGE": 2.0, "PLANNED": 8, "STIFFNESS": 9.0, "SLOWS": 105.26315789473685, "EQUAL": 1e-06,
-        "PARTS": 2,
+        "EDGE": 2.0, "PLANNED": 8, "STIFFNESS": 9.0, "SLOWS": 105.26315789473685, "EQUAL": 0.1,
+        "TERMS": 8, "PARTS": 2,
     },
     "budget": {
         "ROUNDING": 1e-09, "DRAWS": 2000, "FEWEST": 4, "SYMMETRIC": 1e-09, "MOST_LINKS": 100,

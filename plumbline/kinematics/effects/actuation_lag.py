@@ -1,4 +1,8 @@
-r"""A drive that follows slowly: :math:`T \dot y = c - y`."""
+r"""A drive that follows slowly: :math:`T \dot y = c - y`.
+
+Where what follows has a law of its own (a rate, a torque, known gains, a servo of second order), it
+is the command that is filtered, before all of that.
+"""
 
 from dataclasses import dataclass
 

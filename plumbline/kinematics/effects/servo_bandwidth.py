@@ -1,7 +1,7 @@
-r"""A servo of second order: :math:`s^2 \ddot y + (T + 2 s)\,\dot y = c - y`.
+r"""A servo of second order: :math:`s^2 \ddot y + 2 s\,\dot y = c - y`.
 
 It is slow to set off, as one of first order is not. Its natural period is :math:`2 \pi s`, and it
-is damped so that it does not overshoot, as loops on position are; a lag :math:`T` adds to that.
+is damped so that it does not overshoot, as loops on position are; a lag filters its command.
 """
 
 import math

@@ -208,15 +208,18 @@ def swung(u, dt, **values):
     return roll_out(windows, effects, np.array([*values.values()]))
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.03, 0.2])
+@pytest.mark.parametrize("same", [False, True])
+@pytest.mark.parametrize("lag", [0.0, 0.0002, -0.02, 0.03, 0.2])
 @pytest.mark.parametrize("period", [0.0, 0.02, 0.4, 2.0])
-def test_a_servo_of_second_order_is_its_differential_equations_solution(period, lag):
+def test_a_servo_of_second_order_is_its_differential_equations_solution(period, lag, same):
+    """Behind a lag, which may fade nearly as it does."""
     dt, s = 0.01, period / (2.0 * np.pi)
+    lag = max(lag + same * s, 0.0)
     t = np.arange(301) * dt
     u = np.where(t < 2.1, 0.0, 1.0) + 0.2 * np.sin(5.0 * np.maximum(t - 0.6, 0.0))
     values = {"servo_bandwidth": period, "actuation_lag": lag}
     q, slopes = swung(u, dt, **values)
-    law = np.trim_zeros([s**2, lag + 2.0 * s, 1.0], "f")
+    law = np.trim_zeros(np.polymul([lag, 1.0], [s**2, 2.0 * s, 1.0]), "f")
     exact = lsim(lti([1.0], law), u, t)[1] if len(law) > 1 else u
     np.testing.assert_allclose(q[0], exact[51:], atol=1e-6)
     for k, name in enumerate(values):
@@ -226,7 +229,7 @@ def test_a_servo_of_second_order_is_its_differential_equations_solution(period, 
 
 @pytest.mark.parametrize("name", ["actuation_play", "actuation_deadband"])
 def test_friction_and_a_dead_band_of_a_servo_of_second_order_are_mujocos(name):
-    """A damped spring to the command, which is as slow; its command has the band."""
+    """A damped spring to the filtered command, which is as slow; its command has the band."""
     inertia, s, lag, size, dt = 0.05, 0.05, 0.02, 0.05, 0.01
     kp = inertia / s**2
     rubs = kp * size if name == "actuation_play" else 0.0
@@ -234,7 +237,8 @@ def test_friction_and_a_dead_band_of_a_servo_of_second_order_are_mujocos(name):
         f"""<mujoco><option timestep="1e-4" gravity="0 0 0"/><worldbody><body><joint name="a"
         frictionloss="{rubs}" solreffriction="0.001 1"/><inertial pos="0 0 0" mass="1"
         diaginertia="{inertia} {inertia} {inertia}"/></body></worldbody><actuator><position
-        joint="a" kp="{kp}" kv="{kp * (lag + 2.0 * s)}"/></actuator></mujoco>"""
+        joint="a" kp="{kp}" kv="{kp * 2.0 * s}"/><general joint="a" gainprm="0"
+        dyntype="filterexact" dynprm="{lag}"/></actuator></mujoco>"""
     )
     data, t = mujoco.MjData(model), dt * np.arange(601)
     u = np.where(t < 0.5, 0.0, 0.3 * np.sin(2.0 * (t - 0.5)) + 0.1 * np.sin(7.0 * (t - 0.5)))
@@ -242,7 +246,7 @@ def test_friction_and_a_dead_band_of_a_servo_of_second_order_are_mujocos(name):
     for k in range(len(t)):
         q[k] = data.qpos[0]
         for part in range(100):
-            asked = np.interp(t[k] + part * 1e-4, t, u)
+            data.ctrl[1], asked = np.interp(t[k] + part * 1e-4, t, u), data.act[0]
             error = asked - data.qpos[0]
             held = min(max(2.0 * (abs(error) - size), 0.0), abs(error))
             data.ctrl[0] = asked if rubs else data.qpos[0] + np.sign(error) * held

@@ -99,7 +99,7 @@ def _begun(
         if progress is not None:
             progress(f"{r.noun} {j + 1}", k / len(moved) / 2)
         quick = Models(coarse.windows(j, looked_at), effects, signals.seen(j))
-        found.append(Begun(j + 1, signals.windows(j, training), quick, quick.climb()))
+        found.append(Begun(j + 1, signals.windows(j, training), quick, quick.settle(quick.climb())))
     return signals, tuple(found)
 
 

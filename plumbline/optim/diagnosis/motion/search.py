@@ -60,7 +60,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Begun:
-    """Where a joint's search stands once effects have gone in one by one."""
+    """Where a joint's search stands on a few windows."""
 
     number: int  # the joint, from 1
     windows: Windows  # what it did
@@ -84,7 +84,7 @@ def search(begun: Begun, prior: float, sigma: float | None = None) -> Joint:
     number, windows, quick = begun.number, begun.windows, begun.quick
     library, seen = quick.library, quick.seen
     models = Models(windows, library, seen)
-    key = models.completed(models.again(quick, quick.settle(begun.key)), sigma)
+    key = models.completed(models.again(quick, begun.key), sigma)
     key = models.likeliest(key)
     if (spared := models.spared(key)) != key:  # of which others contend than of more
         quick.fit(spared, models.found[spared])

@@ -105,7 +105,7 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
     inside, s = servo.value("actuation_play", inside=True), servo.value("servo_bandwidth") / TURN
     if s:  # a rotor makes the spring as slow
         rubs["rotor"] = max(s**2 * stiffness - inertia, 0.0)
-        damping, lag = stiffness * (lag + 2 * s), 0.0
+        damping = stiffness * 2 * s
     elif inside and not kp:  # its lag is the loop's own
         damping, lag = max(damping, stiffness * lag), 0.0
     elif not kp:
