@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Protocol
 
 import casadi as cs
 import numpy as np
@@ -50,6 +51,20 @@ class Gram:
     def empty(cls, size: int) -> Gram:
         """Of no rows at all."""
         return cls(np.zeros((size, size)), np.zeros(size), 0.0, 0.0)
+
+
+class Summed(Protocol):
+    """What sums a problem up about a point x (P,)."""
+
+    @property
+    def problem(self) -> Problem:
+        """The problem."""
+
+    def gram(self, x: Array) -> Gram:
+        """Its normal equations."""
+
+    def curvature_along(self, x: Array, step: Array) -> Array:
+        """The residuals' second derivative along a step (P,), back to the unknowns (P,)."""
 
 
 def less_foretold(values: Array, before: Array, follows: Array) -> Array:

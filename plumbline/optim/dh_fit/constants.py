@@ -18,22 +18,10 @@ WIDE_BOUNDS = 1e3  # of these sizes: 10 m and beyond one turn, no bound at all
 MEDIAN = 2.0 * float(gammaincinv(1.5, 0.5))  # of a squared length of Gaussian noise of variance 1
 COUNT_OF_DIRECTIONS = 2000  # of a mean over the sphere: moments to 1e-3 where axes are as 1 : 2 : 4
 
-# The steps of Gauss and Newton
-ROUGH = 1e-3  # relative drop at which a start is good enough: speed alone
-LEAST_DAMPING = 1e-9  # below it mu does not fall, so that what changes nothing rests; rounding
-NARROWING = 10.0  # between two widths of the corner of the norms: speed alone
-NEAR = 1e-2  # relative drop promised below which the whole Hessian is tried: speed
-QUICK = 6  # changes of the active set in one step; the next goes on: speed
-PATIENCE = 3  # steps before the whole Hessian is tried again where it failed: speed
-NEWTON_DAMPING = 1e-6  # mu of a step with the whole Hessian; rounding
-FLOOR = 1e-3  # of the largest curvature, that what changes nothing stays: speed
+# The steps
 FACTOR = 30.0  # between two smoothings of solvers led to the corner: speed alone
+FEW = 2000  # readings that solvers are led to the corner on: speed alone
 
-EASED, DEARER = 10.0, 5.0  # times, of mu after a good step, and after a poor one: speed
-WELL, POORLY = 0.5, 0.1  # of its promise: more is good, less is poor; speed
-FIRST_AGAIN = 1e-8  # mu at least, where a step failed; rounding
-HOPELESS = 1e10  # mu at which no step is seen to help any more; rounding
-DESCENDS = 0.3  # of its promise that a step with the whole Hessian keeps: speed
 # What the poses can tell
 DEPENDENT = 1e-8  # of a column is left where it depends on others; rounding
 ABSENT = 1e-10  # of the largest column: without effect; rounding

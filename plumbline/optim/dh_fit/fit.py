@@ -17,7 +17,7 @@ from plumbline.optim.dh_fit.constants import COARSE, RESTING, UNBOUNDED
 from plumbline.optim.dh_fit.identify import Identifiability, identify
 from plumbline.optim.dh_fit.losses import Loss
 from plumbline.optim.dh_fit.registration import spread_rows
-from plumbline.optim.dh_fit.solvers import GaussNewton, of_links
+from plumbline.optim.dh_fit.solvers import SOLVERS, of_links
 from plumbline.optim.dh_fit.statement import Pass, Readings
 from plumbline.optim.dh_fit.task import DHOptions, LinkTask, readings_of
 from plumbline.optim.recording.recording import Recording
@@ -53,7 +53,7 @@ def fit_dh(
     task = LinkTask.of(recording, options, registration)
     if wrong := wrong_set_up(recording.training):
         raise PlumblineError(one_line(f"{recording.name}: {wrong.words}; mend it"))
-    nominal = task.solved(task.always, GaussNewton())
+    nominal = task.solved(task.always, SOLVERS[0])
     known, found = _identified(task, recording.name)
     statement = of_links(found.problem).statement
     ended = (found.x, found.iterations, found.message, nominal.x)
@@ -88,7 +88,7 @@ def _identified(task: LinkTask, name: str) -> tuple[Identifiability, Solution]:
             f"{name}: {len(task.readings)} readings for {known.rank} parameters that can be "
             f"told, more than {known.rank // 3} needed; record more poses or hold out fewer"
         )
-    plain, every = GaussNewton(), task.options.parameters == "all"
+    plain, every = SOLVERS[0], task.options.parameters == "all"
     first = task.solved(known.free, plain)
     weighed = known.weighed(_noise(_unbounded(first), task.options.loss))
     if not every and weighed.kept == known.kept and task.options.solver == plain:
@@ -103,7 +103,7 @@ def _unbounded(first: Solution) -> Solution:
         return first
     wide = tuple(replace(u, delta=UNBOUNDED * u.delta) for u in stated.unknowns)
     free = replace(stated, unknowns=wide).problem(readings)
-    return GaussNewton().solve(free, first.x)
+    return SOLVERS[0].solve(free, first.x)
 
 
 def _noise(found: Solution, loss: Loss) -> float:

@@ -106,19 +106,6 @@ class Registered:
         middle = cs.kron(cs.DM(self.camera.mean(axis=0)).T, cs.DM.eye(3))
         return cs.vertcat(dR, cs.DM(np.tile(np.eye(3) / COUNT, COUNT)) - middle @ dR)
 
-    def curve(self, pull: cs.SX) -> cs.SX:
-        """Second derivative (P, P) of ``pull . value``, not traced through the iteration."""
-        R, H = cs.SX.sym("R", 3, 3), cs.SX.sym("H", 3, 3)
-        pulled = self._by_points(R, H).T @ pull
-        dR = _spin(R, R.T @ H) @ self._to_H
-        bent = cs.jacobian(pulled, cs.vec(R)) @ dR + cs.jacobian(pulled, cs.vec(H)) @ self._to_H
-        both = cs.Function("bent", [R, H, pull], [pulled, bent])
-        weights, K = both(self._R, self._H, pull)
-        held = cs.SX.sym("weights", 12)
-        points = cs.hessian(cs.dot(held, cs.vec(self.robot)), self.x)[0]
-        own = cs.Function("own", [self.x, held], [points])(self.x, weights)
-        return self._points_slope.T @ K @ self._points_slope + own
-
 
 def _spin(R: cs.SX, S: cs.SX) -> cs.SX:
     """Derivative of R by H (9, 9), both column by column."""

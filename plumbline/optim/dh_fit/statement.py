@@ -33,6 +33,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, by_columns, constant, rotation
 from plumbline.kinematics.link_table import KEYS, LinkTable
 from plumbline.optim.core.constants import CHUNK_NUMBERS
+from plumbline.optim.core.mapped import Gram
 from plumbline.optim.core.problem import Array, Flags, Indices, Integers, Problem
 from plumbline.optim.dh_fit.constants import FRAME_SCALE, TOOL_SCALE, WIDE_BOUNDS
 from plumbline.optim.dh_fit.losses import Loss
@@ -139,21 +140,6 @@ class DHStatement:
         slope = self.registered.slope if self.registered else cs.jacobian(self.frame, self.x)
         outputs = [cs.densify(self.frame), cs.densify(slope)]
         return cs.Function("frame", [self.x], outputs)
-
-    @cached_property
-    def curve_functions(self) -> tuple[cs.Function, cs.Function]:
-        """Second derivatives (P, P) of ``l f`` and of ``c m``: ``(x, (q, l))`` and ``(x, c)``."""
-        weight, pull = cs.SX.sym("l", 3), cs.SX.sym("c", 12)
-        of_tip = cs.densify(cs.hessian(cs.dot(weight, self.tip), self.x)[0])
-        if self.registered is None:
-            of_frame = cs.densify(cs.hessian(cs.dot(pull, self.frame), self.x)[0])
-        else:
-            of_frame = cs.densify(self.registered.curve(pull))
-        row = cs.vertcat(self.q, weight)
-        return (
-            cs.Function("tip_curve", [self.x, row], [of_tip]),
-            cs.Function("frame_curve", [self.x, pull], [of_frame]),
-        )
 
     def problem(self, readings: Readings) -> LinkProblem:
         """The problem of some readings: residuals of which half the mean square is the loss."""
@@ -289,26 +275,16 @@ def _free_frame(
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
-    """What one pass over the readings gives at a point."""
-
-    objective: float  # F, the mean loss [m or m^2]
-    gradient: Array  # dF/dx (P,)
-    matrix: Array  # its generalised Gauss-Newton matrix (P, P)
-
-
-@dataclass(frozen=True, eq=False)
 class Pass:
     """A statement and the readings that it is summed over."""
 
     statement: DHStatement  # the problem
     readings: Readings  # N readings
-    other: Loss | None = None  # A loss in place of the statement's own, for a start
 
-    @property
-    def loss(self) -> Loss:
-        """What a misfit costs."""
-        return self.other or self.statement.loss
+    @cached_property
+    def problem(self) -> LinkProblem:
+        """The problem of these readings."""
+        return self.statement.problem(self.readings)
 
     def misfits(self, x: Array) -> Array:
         """Predicted minus measured (N, 3) [m], in the robot's frame."""
@@ -318,7 +294,7 @@ class Pass:
 
     def objective(self, x: Array) -> float:
         """F at a point (P,)."""
-        return float(self.loss.values(self.misfits(x)).mean())
+        return float(self.statement.loss.values(self.misfits(x)).mean())
 
     def jacobians(self, x: Array) -> Iterator[tuple[Array, Array]]:
         """Chunks of misfits (n, 3) and their Jacobians (n, 3, P)."""
@@ -336,29 +312,11 @@ class Pass:
             J -= moving
             yield f[:, 0] - a @ R.T - t, J
 
-    def curving(self, x: Array) -> Array:
-        r"""What the Gauss-Newton matrix leaves out of the Hessian (P, P).
-
-        .. math:: \frac1n \sum_i \lambda_i^T \nabla^2 f_i - \nabla^2 \langle C, m(x) \rangle,
-                  \quad \lambda_i = \nabla\phi(e_i), \quad C = \frac1n \sum_i \lambda_i (a_i, 1)^T
-        """
-        stated, size = self.statement, self.statement.size
-        pull = self.loss.slopes(self.misfits(x)) / len(self.readings)
-        on_frame = np.concatenate([(self.readings.tips.T @ pull).ravel(), pull.sum(axis=0)])
-        total = -stated.curve_functions[1](x, on_frame).full()
-        table = np.hstack([self.readings.q, pull])
-        step = max(1, CHUNK_NUMBERS // size**2)
-        for start in range(0, len(table), step):
-            rows = over_rows(stated.curve_functions[0], table[start : start + step], x)[0]
-            total += rows.sum(axis=0)
-        return total
-
-    def sums(self, x: Array) -> Sums:
-        """Objective, gradient and matrix at a point (P,)."""
-        size, count = self.statement.size, len(self.readings)
+    def gram(self, x: Array) -> Gram:
+        """Twice F as a square at a point (P,), its gradient, and the loss's own matrix."""
+        size, count, loss = self.statement.size, len(self.readings), self.statement.loss
         total, gradient, matrix = 0.0, np.zeros(size), np.zeros((size, size))
         for e, J in self.jacobians(x):
-            loss = self.loss
             c, u = loss.curvatures(e)
             total += float(loss.values(e).sum())
             gradient += np.einsum("nk,nkp->p", loss.slopes(e), J)
@@ -367,4 +325,8 @@ class Pass:
             if u.any():
                 B = np.einsum("nk,nkp->np", u * np.sqrt(c)[:, None], J)
                 matrix -= B.T @ B
-        return Sums(total / count, gradient / count, matrix / count)
+        return Gram(matrix / count, gradient / count, 2.0 * total / count, 3.0)
+
+    def curvature_along(self, x: Array, step: Array) -> Array:
+        """Nothing (P,): the matrix of a convex loss is no square of residuals that bend."""
+        return np.zeros_like(x)

@@ -13,7 +13,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.solvers import Solver
 from plumbline.optim.dh_fit.constants import DELTA_ANGLE, DELTA_LENGTH
 from plumbline.optim.dh_fit.losses import Loss, Norms
-from plumbline.optim.dh_fit.solvers import GaussNewton
+from plumbline.optim.dh_fit.solvers import SOLVERS
 from plumbline.optim.dh_fit.statement import (
     DHStatement,
     Readings,
@@ -41,7 +41,7 @@ class DHOptions(Declared):
     delta_length: Positive = DELTA_LENGTH  #: half-width of the bounds of d and a [m]
     #: half-width of the bounds of alpha, theta and beta [rad]
     delta_angle: Positive = DELTA_ANGLE
-    solver: Solver = field(default_factory=GaussNewton)  #: what solves it
+    solver: Solver = SOLVERS[0]  #: what solves it
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from plumbline.optim.core.constants import (
     MOST_TURN,
 )
 from plumbline.optim.core.judged import Solution
-from plumbline.optim.core.mapped import Gram, Mapped
+from plumbline.optim.core.mapped import Gram, Mapped, Summed
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.core.solvers.solver import OfRows, refuse
 
@@ -44,15 +44,15 @@ class LevenbergMarquardt(OfRows):
         refuse(self, problem)
         return self.on(Mapped(problem), start)
 
-    def on(self, mapped: Mapped, start: ArrayLike) -> Solution:
-        """The same by functions of the problem that are there."""
+    def on(self, mapped: Summed, start: ArrayLike) -> Solution:
+        """The same by sums over the problem's rows, however they are worked out."""
         problem = mapped.problem
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         gram, mu, message = mapped.gram(x), self.damping, "iteration limit reached"
         steps, growth, bent = 0, GROWTH, False
         while steps < self.max_iterations:
             steps += 1
-            trial = _step(problem, gram, x, mu)
+            trial = damped_step(problem, gram, x, mu)
             promise = promised(gram, trial - x)
             if 0.0 < promise * gram.count <= self.still**2 * gram.square:  # Newton's decrement
                 message = "converged"
@@ -80,11 +80,11 @@ class LevenbergMarquardt(OfRows):
         return Solution(problem, x, steps, message).judged_by(gram)
 
 
-def _around_the_bend(mapped: Mapped, gram: Gram, x: Array, trial: Array, mu: float) -> Array:
+def _around_the_bend(mapped: Summed, gram: Gram, x: Array, trial: Array, mu: float) -> Array:
     """The step from x that follows the bend of a valley to second order (ibid., eq. 11)."""
     curvature = mapped.curvature_along(x, trial - x)
     turned = replace(gram, vector=gram.vector + 0.5 * curvature)
-    found, scale = _step(mapped.problem, turned, x, mu), mapped.problem.scale
+    found, scale = damped_step(mapped.problem, turned, x, mu), mapped.problem.scale
     more, straight = (np.linalg.norm(d / scale) for d in (found - trial, trial - x))
     return found if 2.0 * more <= MOST_TURN * straight else trial
 
@@ -94,7 +94,7 @@ def promised(gram: Gram, step: Array) -> float:
     return float(-2.0 * gram.vector @ step - step @ gram.matrix @ step)
 
 
-def _step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:
+def damped_step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:
     """The damped step from x; unknowns that would leave a bound stop there, the others adapt."""
     S = problem.scale
     G, g = gram.matrix * np.outer(S, S), gram.vector * S
