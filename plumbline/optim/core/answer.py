@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, get_args, get_or
 import cattrs
 import numpy as np
 
-from plumbline.errors import PlumblineError, best_matches, fault, listed, shown
+from plumbline.errors import PlumblineError, best_matches, fault, listed, one_line, shown
 from plumbline.kinematics.files import new_file, read_file, reason
 from plumbline.optim.core.constants import LARGEST_ANSWER
 from plumbline.pictures import CARDS, DRAWN
@@ -115,6 +115,8 @@ def _converter(number: Callable[[float], Any]) -> cattrs.Converter:
     converter = cattrs.Converter()
     converter.register_unstructure_hook(float, number)
     converter.register_structure_hook(float, lambda data, _: _read(data))
+    for kind in (bool, int):
+        converter.register_structure_hook(kind, _exactly)
     converter.register_structure_hook_func(lambda kind: kind == float | str, lambda data, _: data)
     array = _of_array if number is _number else _nested
     converter.register_unstructure_hook(np.ndarray, array)
@@ -136,6 +138,14 @@ def _read(data: Any) -> float:
     """A number; the one NaN that is equal to itself inside of a tuple."""
     value = float(data)
     return math.nan if math.isnan(value) else value
+
+
+def _exactly(data: Any, kind: type[Any]) -> Any:
+    """A whole number, which may be a key, or yes or no: nothing that merely can be made one."""
+    value = int(data) if kind is int and isinstance(data, str) else data
+    if type(value) is not kind:
+        raise TypeError(f"{shown(data)}, expected {kind.__name__}")
+    return value
 
 
 def _finite(value: float) -> float | None:
@@ -261,13 +271,18 @@ class Answer:
         if kind != cls.__name__:
             near = best_matches(str(kind), Answer.kinds)
             raise fault(str(path), f"kind {shown(kind)}", cls.__name__, f"load it as {near}")
-        try:
-            return restored(content["fields"], cls)
-        except (KeyError, TypeError, ValueError) as error:
-            words = str(error) or type(error).__name__
-            mend = getattr(error, "remedy", None) or SAVE_IT
-            found = f"damaged fields ({words[:80]})"
-            raise fault(str(path), found, "what save wrote", mend) from None
+        return again(content.get("fields"), cls, str(path), SAVE_IT)
+
+
+def again(data: Any, kind: type[T], where: str, mend: str) -> T:
+    """A value of a type from what a file holds of it (PlumblineError: it is damaged)."""
+    try:
+        return restored(data, kind)
+    except (KeyError, TypeError, ValueError) as error:
+        words = one_line(str(error)) or type(error).__name__
+        found = f"damaged fields ({words[:160]})"
+        remedy = getattr(error, "remedy", None) or mend
+        raise fault(where, found, "what save wrote", remedy) from None
 
 
 def _drawers(answer: Answer) -> Mapping[str, Callable[[], Any]]:

@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 from plumbline.errors import PlumblineError, best_matches, shown
-from plumbline.kinematics.effects import REGISTRY, Effect
+from plumbline.kinematics.effects import MOTION_EFFECTS, REGISTRY, Effect
 from plumbline.kinematics.effects.confined import NAMED, confined_kind
+from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.optim.core.answer import register, restored
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array
@@ -29,6 +30,20 @@ def _to_effect(data: Any) -> Effect:
 
 
 register(Effect, _of_effect, _to_effect)
+
+
+def _to_motion_effect(data: Any) -> MotionEffect:
+    """A motion's effect by its name, and by the fields that tell its forms apart."""
+    known, name = {effect.name: effect for effect in MOTION_EFFECTS}, data["name"]
+    if name not in known:
+        raise PlumblineError(
+            f"effect {shown(name)} not recognised, one of a motion's expected "
+            f"(best matches: {best_matches(name, known)}); diagnose the recording again"
+        )
+    return restored(data["fields"], known[name])
+
+
+register(MotionEffect, lambda e: {"name": e.name, "fields": asdict(e)}, _to_motion_effect)
 
 
 def effect_named(name: str, form: str = "") -> type[Effect]:

@@ -1,7 +1,7 @@
 """What a diagnosis found, to take home: where the tip is, what to command, files for others.
 
 ``rows`` and ``fitted`` hold it as data; ``statement`` and ``arm`` evaluate
-it; ``command`` inverts it; ``stored`` and ``reading`` keep it; ``export`` writes it for others;
+it; ``command`` inverts it; ``stored`` keeps it; ``export`` writes it for others;
 ``apply`` tries it on another recording; ``making`` takes it from a fit. ``drives`` is the same of
 motions.
 """

@@ -75,7 +75,6 @@ NO_TURN = 1e-6  # [rad] of a rotation vector: the series' next term is rounding
 HEAD = 10_000  # [byte] of a file of drives, within which it says so
 LARGEST_MODEL = 64_000_000  # [byte]: a thousand unknowns take 10 MB, a URDF at most 16
 MOST_EFFECTS = 2_000  # 23 joints with 40 ripple orders each, twice over
-LONGEST_CHAIN = 64  # of one chain
 
 LONGEST_WORD = 500  # characters of a name in a stored model
 # Rows

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
-from plumbline.kinematics.files import new_file
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.command import Command, goals, nearest, refuse_outside, solved, starts
@@ -23,9 +22,11 @@ from plumbline.optim.model.export.geometry import fixed_part
 from plumbline.optim.model.export.mjcf import mjcf
 from plumbline.optim.model.export.table import dh, table
 from plumbline.optim.model.export.urdf import urdf
-from plumbline.optim.model.reading import read
 from plumbline.optim.model.rows import postures
-from plumbline.optim.model.stored import text_of
+from plumbline.optim.model.stored import in_file, load, refuse_damaged, save
+from plumbline.optim.recording import storing as storing
+
+FORM = ("plumbline model", 3)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,7 +127,9 @@ class Model(Arm):
         Raises:
             PlumblineError: There is a file already, or it cannot be written.
         """
-        new_file(path, text_of(self), overwrite=overwrite)
+        known = self.nuisances | self.parameters
+        remarks = [f"{name}: {one}; {one.doc}" for name, one in known.items()]
+        save(path, self, FORM, remarks, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -138,4 +141,9 @@ class Model(Arm):
         Raises:
             PlumblineError: No such file, no model, or a damaged one.
         """
-        return cls(**read(path))
+        found = load(path, cls, FORM)
+        try:
+            refuse_damaged(Path(path).name, found)
+        except (KeyError, IndexError, ValueError) as error:
+            raise in_file(path, error) from None
+        return found

@@ -1,126 +1,126 @@
-"""A model as TOML that a person can read, whole or not at all; see ``reading`` for the way back.
+"""What is taken home as TOML that a person can read, whole or not at all, and the way back.
 
-Matrices and rows stand as lines of numbers in a literal string: the covariance as its lower
-triangle, to nine digits; all values to the last bit.
+The fields are stored as those of any answer are (:mod:`plumbline.optim.core.answer`): all values to
+the last bit, nothing that is read is run, and a model is tried at one posture before it is handed
+out.
 """
 
-import json
-from collections.abc import Iterator
-from dataclasses import fields
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
-from plumbline.errors import fault, one_line
-from plumbline.kinematics.robot import Robot
-from plumbline.kinematics.toml_text import pairs, quoted, value_text
-from plumbline.optim.model.fitted import Fitted, Known
+from plumbline.errors import PlumblineError, fault, one_line, shown
+from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES
+from plumbline.kinematics.files import new_file
+from plumbline.kinematics.toml_text import tables
+from plumbline.optim.core.answer import again, stored
+from plumbline.optim.core.problem import Array
+from plumbline.optim.model.arm import Arm
+from plumbline.optim.model.constants import (
+    AGREES,
+    LARGEST,
+    LARGEST_MODEL,
+    LONGEST_WORD,
+    MOST_EFFECTS,
+)
+from plumbline.optim.model.rows import SCALARS, VECTORS
+from plumbline.optim.recording.kinds import KINDS
+from plumbline.optim.recording.settings import read_settings_file
 
-FORMAT = "plumbline model"
-VERSION = 2
-MAKE_IT = "make it by Robot.from_urdf, from_mjcf or from_dh"
-
-
-def text_of(model: Fitted) -> str:
-    """The file's text."""
-    head = [
-        f"# {one_line(repr(model))}",
-        "# SI units: m, rad, s, kg, N, degC. Read it with plumbline.Model.load.",
-        *pairs(
-            {
-                "format": FORMAT,
-                "version": VERSION,
-                "recording": model.recording,
-                "observation": model.observation,
-                "always": list(model.always),
-            }
-        ),
-    ]
-    T = model.T_device_base
-    tool = {"nominal": model.tool_offset, "offset": model.tool, "rotation": model.R_tip_tool}
-    frame = {"rotation": T[:3, :3], "translation": T[:3, 3], "centre": model.centre}
-    sockets = {str(k): place for k, place in model.sockets.items()}
-    blocks = [
-        head,
-        ["[gap]", *pairs(vars(model.held))],
-        *robot_blocks(model.robot, model.tip_frame),
-        ["[tool]", *pairs(tool)],
-        ["[frame]  # of the robot's base in the device's frame", *pairs(frame)],
-        ["[sockets]", *pairs(sockets)] if sockets else [],
-        *_effects(model),
-        _nuisances(model),
-        ["[ranges]  # smallest and largest of what was fitted", *pairs(dict(model.ranges))],
-        _samples(model),
-        _covariance(model),
-    ]
-    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+SAVE_IT = "save it again"
+UNITS = "SI units: m, rad, s, kg, N, degC. Read it with plumbline.load."
+T = TypeVar("T")
 
 
-def robot_blocks(robot: Robot, tip_frame: str) -> Iterator[list[str]]:
-    """A robot as blocks of lines: its URDF or MJCF whole, or its DH rows."""
-    head = {"name": robot.name, "tip_frame": tip_frame, "gravity": robot.gravity}
-    for kind, text in (("urdf", robot.urdf), ("mjcf", robot.mjcf)):
-        if text is not None:
-            yield ["[robot]", *pairs(head), f"{kind} = {_text(text)}"]
-            return
-    if robot.dh is None:
-        raise fault(robot.name, "a robot made of no file", "URDF, MJCF or DH rows", MAKE_IT)
-    yield ["[robot]", *pairs(head | {"last_frame": robot.default_tip})]
-    for row in robot.dh:
-        values = {f.name: getattr(row, f.name) for f in fields(row)}
-        limits = np.isfinite([row.lower, row.upper])
-        for key, kept in zip(("lower", "upper"), limits, strict=True):
-            if not kept:
-                del values[key]
-        yield ["[[robot.dh]]", *pairs(values)]
+def save(
+    path: str | Path, found: Any, form: tuple[str, int], remarks: Iterable[str], *, overwrite: bool
+) -> None:
+    """Store it in a format of some version, remarks for the reader in front."""
+    head = [f"# {one_line(words)}" for words in (repr(found), UNITS, *remarks)]
+    named = {"format": form[0], "version": form[1]}
+    text = "\n".join([*head, *tables(named | stored(found))])
+    new_file(path, f"{text}\n", overwrite=overwrite)
 
 
-def _effects(model: Fitted) -> Iterator[list[str]]:
-    first = 0
-    known = list(model.parameters.values())
-    for effect in model.effects:
-        said = {f.name: getattr(effect, f.name) for f in fields(effect)}
-        own = {key: value for key, value in said.items() if value is not None}
-        lines = [
-            "[[effects]]",
-            *pairs({"effect": effect.name, "form": type(effect).__name__} | own),
-        ]
-        for p in effect.parameters:
-            lines.append(
-                f"values.{p.name} = {value_text(known[first].value)}  # {_said(known[first])}"
-            )
-            first += 1
-        yield lines
+def load(path: str | Path, kind: type[T], form: tuple[str, int]) -> T:
+    """What was stored (PlumblineError: no such file, of another format, or damaged)."""
+    top = read_settings_file(Path(path), LARGEST_MODEL)
+    for key, value in zip(("format", "version"), form, strict=True):
+        if top.values.get(key) != value:
+            raise top.fault(key, repr(value), "give what --model or save wrote, or save it again")
+    return again(top.values, kind, top.file, SAVE_IT)
 
 
-def _said(known: Known) -> str:
-    return one_line(f"{known.unit}, std {known.std:.3g}" + (f"; {known.doc}" if known.doc else ""))
+def refuse_odd(file: str, pieces: Mapping[str, tuple[Array, tuple[int, ...]]]) -> None:
+    """Refuse numbers that are not of their shape, or not finite."""
+    for name, (values, shape) in pieces.items():
+        if values.shape != shape or not (np.abs(values) <= LARGEST).all():
+            odd = f"numbers of shape {values.shape}"
+            raise fault(f"{file}, {name}", odd, f"finite numbers of shape {shape}", SAVE_IT)
 
 
-def _nuisances(model: Fitted) -> list[str]:
-    """For the reader alone: the same numbers stand in frame, tool and sockets."""
-    found = {n: k for n, k in model.nuisances.items() if n in model.nuisance_names}
-    lines = [f"# {name}: {known}; {known.doc}" for name, known in found.items()]
-    return [*lines, f"[unknowns]\nnuisances = {json.dumps(list(model.nuisance_names))}"]
+def refuse_words(file: str, *words: str) -> None:
+    """Refuse names that no one line holds."""
+    for word in words:
+        if len(word) > LONGEST_WORD or not word.isprintable():
+            raise fault(file, f"the name {shown(word)}", "a short one, on a line", SAVE_IT)
 
 
-def _samples(model: Fitted) -> list[str]:
-    widths = {name: v.shape[1] for name, v in model.samples.items()}
-    rows = np.hstack(list(model.samples.values()))
-    inline = ", ".join(f"{name} = {width}" for name, width in widths.items())
-    lines = "\n".join(" ".join(f"{v:.10g}" for v in row) for row in rows)
-    return ["[samples]  # some rows of the recording", f"columns = {{ {inline} }}",
-            f"rows = '''\n{lines}\n'''"]  # fmt: skip
+def refuse_damaged(file: str, arm: Arm) -> None:
+    """Refuse a model whose parts do not fit together, or that gives no finite tip."""
+    refuse_words(file, arm.recording, arm.tip_frame, *arm.nuisance_names)
+    if arm.observation not in (*KINDS, *RANGES, *FIDUCIALS):
+        raise fault(f"{file}, observation", arm.observation, ", ".join(KINDS), SAVE_IT)
+    if (count := len(arm.effects)) > MOST_EFFECTS:
+        raise fault(f"{file}, effects", f"{count:,}", f"at most {MOST_EFFECTS:,}", SAVE_IT)
+    refuse_odd(file, dict(_pieces(arm)))
+    for name, R in (("R_tip_tool", arm.R_tip_tool), ("T_device_base", arm.T_device_base[:3, :3])):
+        if np.abs(R @ R.T - np.eye(3)).max() > AGREES or np.linalg.det(R) < 0.0:
+            raise fault(f"{file}, {name}", "no rotation", "one, orthonormal to 1e-9", SAVE_IT)
+    if (np.diag(arm.covariance) < 0.0).any():
+        raise fault(f"{file}, covariance", "a negative variance", "at least 0", SAVE_IT)
+    _try_it(file, arm)
 
 
-def _covariance(model: Fitted) -> list[str]:
-    C = model.covariance
-    lower = [f"{v:.8e}" for v in C[np.tril_indices(len(C))]]
-    lines = "\n".join(" ".join(lower[k : k + 8]) for k in range(0, len(lower), 8))
-    return ["[covariance]  # of the nuisances' small changes, then of the effects' values",
-            f"lower = '''\n{lines}\n'''"]  # fmt: skip
+def _pieces(arm: Arm) -> Iterator[tuple[str, tuple[Array, tuple[int, ...]]]]:
+    """Numbers of a model by name, each with the shape that it must have."""
+    n, E = arm.chain.n, sum(len(effect.parameters) for effect in arm.effects)
+    P = len(arm.nuisance_names) + E
+    yield "values", (arm.values, (E,))
+    yield "covariance", (arm.covariance, (P, P))
+    yield "T_device_base", (arm.T_device_base, (4, 4))
+    yield "R_tip_tool", (arm.R_tip_tool, (3, 3))
+    for name in ("centre", "tool_offset", "tool"):
+        yield name, (getattr(arm, name), (3,))
+    for label, place in arm.sockets.items():
+        yield f"sockets.{label}", (place, (3,))
+    widths = {"q": n, "force": 3} | dict.fromkeys(SCALARS, 1) | dict.fromkeys(VECTORS, n)
+    for title, columns, rows in (
+        ("samples", arm.samples, len(arm.samples["q"])), ("ranges", arm.ranges, 2),
+    ):  # fmt: skip
+        for name, values in columns.items():
+            yield f"{title}.{name}", (values, (rows, widths[name]))
 
 
-def _text(text: str) -> str:
-    printable = all(c.isprintable() or c in "\n\t" for c in text)
-    plain = "'''" not in text and not text.endswith("'") and printable
-    return f"'''\n{text}'''" if plain else quoted(text)
+def _try_it(file: str, arm: Arm) -> None:
+    """Ask the model once: refused if an effect is of no joint of it, or no finite tip comes."""
+    n = arm.chain.n
+    for number, effect in enumerate(arm.effects, start=1):
+        of_arm = effect.stage in OF_AN_ARM  # others may be of a plane
+        if of_arm and effect.element is not None and not 1 <= effect.element <= n:
+            where = f"{file}, effects {number}"
+            raise fault(where, f"element {effect.element}", f"1 to {n}", SAVE_IT)
+    try:
+        tips = arm.tip(arm.samples["q"][:1])
+    except (IndexError, RuntimeError, KeyError, ValueError, TypeError, ArithmeticError) as error:
+        why = f"effects that cannot be evaluated ({one_line(str(error))[:80]})"
+        raise fault(file, why, "those of the robot", SAVE_IT) from None
+    if not np.isfinite(tips).all():
+        raise fault(file, "values that give no finite tip", "finite ones", SAVE_IT)
+
+
+def in_file(path: str | Path, error: Exception) -> PlumblineError:
+    """An error of what a file holds, with the file's name in front."""
+    return PlumblineError(one_line(f"{Path(path).name}: {error}"))

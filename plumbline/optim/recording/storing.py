@@ -20,8 +20,8 @@ from plumbline.optim.recording.recording import Recording, Session
 def _of_robot(robot: Robot) -> dict[str, Any]:
     if robot.urdf is None and robot.dh is None and robot.mjcf is None:
         raise PlumblineError(
-            f"{robot.name}: made of neither URDF, MJCF nor DH rows, one of them expected to store "
-            "it; make it by Robot.from_urdf or Robot.from_dh"
+            f"{robot.name}: made of no file, URDF, MJCF or DH rows expected to store it; make it "
+            "by Robot.from_urdf, from_mjcf or from_dh"
         )
     shared = {"name": robot.name, "gravity": robot.gravity, "tip_frame": robot.default_tip}
     if robot.mjcf is not None:
@@ -35,7 +35,7 @@ def _to_robot(data: Any) -> Robot:
         return Robot.from_urdf(data["urdf"], name=data["name"], gravity=gravity)
     if "mjcf" in data:
         return Robot.from_mjcf(data["mjcf"], name=data["name"], gravity=gravity)
-    rows = restored(data["dh"], tuple[DHRow, ...])
+    rows = [vars(row) for row in restored(data["dh"], tuple[DHRow, ...])]
     return Robot.from_dh(rows, name=data["name"], tip_frame=data["tip_frame"], gravity=gravity)
 
 

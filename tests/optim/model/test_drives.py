@@ -178,17 +178,17 @@ def test_stored_drives_come_back_whole(made, real, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("version = 1", "version = 2"),
-        ('command = "position"', 'command = "wishes"'),
+        ("version = 2", "version = 1"),
+        ('law = "position"', 'law = "wishes"'),
         ("index = [0, 1]", "index = [0, 7]"),
-        ("joint = 2", "joint = 3"),
-        ('effect = "actuation_lag"', 'effect = "actuation_wish"'),
+        ("[servos.2]", "[servos.3]"),
+        ('name = "actuation_lag"', 'name = "actuation_wish"'),
         ("inside = false", 'inside = "no"'),
-        ("value = 0.05", "value = nan"),
-        ("std = 0.0001", 'std = "small"'),
-        ("inertia = 0.3", "inertia = true"),
-        ("span = [-0.8, 0.8]", "span = [0.8]"),
-        ("[[servos]]", "[[servants]]"),
+        ("[0.05, ", "[nan, "),
+        ("[0.0001, ", '["small", '),
+        ("inertia = 0.3", "inertia = []"),
+        ("values = [-0.8, 0.8]", "values = [0.8]"),
+        ("[[servos.2.effects]]", "[[servos.2.defects]]"),
     ],
 )
 def test_damaged_drives_are_refused_in_one_line(old, new, made, tmp_path):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
-from plumbline.errors import PlumblineError, best_matches, shown
-from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
+from plumbline.kinematics.effects import MotionEffect
 from plumbline.optim.core.answer import parts_of, register, restored, restored_parts
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
@@ -59,17 +58,6 @@ class MotionDiagnosis(WithVerdict):
         return self.model().gaps(other)
 
 
-def _effect(data: Any) -> MotionEffect:
-    """A motion's effect by its name, and by the fields that tell its forms apart."""
-    known, name = {effect.name: effect for effect in MOTION_EFFECTS}, data["name"]
-    if name not in known:
-        raise PlumblineError(
-            f"effect {shown(name)} not recognised, one of a motion's expected "
-            f"(best matches: {best_matches(name, known)}); diagnose the recording again"
-        )
-    return restored(data["fields"], known[name])
-
-
 def _of_joint(j: Joint) -> dict[str, Any]:
     return parts_of(j, "windows", "fit") | {"effects": j.fit.effects, "theta": j.fit.theta}
 
@@ -97,5 +85,4 @@ def _again(data: Any) -> MotionDiagnosis:
     return MotionDiagnosis(**given, signals=signals, joints=joints, options=asked)
 
 
-register(MotionEffect, lambda e: {"name": e.name, "fields": asdict(e)}, _effect)
 register(MotionDiagnosis, _taken, _again)
