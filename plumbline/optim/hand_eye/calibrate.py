@@ -99,8 +99,8 @@ class Calibration:
         """The solver's point with its statement, weights as fitted."""
         planes, biased = len(self.frames.c), self.bias > 0.0
         arm = self.rows.shape[1] - constants.FIXED - planes - self.shapes - biased
-        symbols = direct.symbols(planes, self.shapes, arm, biased)
-        problem = direct.stated(symbols, self.rows, self.fit.relative)
+        stated = direct.statement(planes, self.shapes, arm, biased)
+        problem = stated.on(self.rows, self.fit.relative)
         return Solution(problem, self.x, self.iterations, self.message)
 
     @property

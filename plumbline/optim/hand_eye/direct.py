@@ -14,7 +14,6 @@ ask for them. kappa is the bias of slanted beams: it moves the equations as r al
 so that only a prior tells the two apart. The variances are those of :mod:`.reweighting`.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as cs
@@ -25,41 +24,15 @@ from plumbline.optim.hand_eye.constants import ARM, BIAS, BOW, FIXED, SIZES
 from plumbline.optim.hand_eye.readings import Beam, Frames, Plane, Readings, marks_of_planes, unit
 
 
-@dataclass(frozen=True, eq=False)
-class Symbols:
-    """The statement for K planes of M shapes each and A shapes of the arm, before any data."""
-
-    x: cs.SX  # unknowns: r, slope of v, slopes of the normals, offsets, shapes, bias, arm's shapes
-    # R' (9), t' (3), d, 1 for a reading, planes (K), shapes (M), 1 for the bias's prior, arm's
-    # shapes (A)
-    row: cs.SX
-    residual: cs.SX  # distance from the board [m], or the coefficient for a row of the prior
-    planes: int  # K
-    shapes: int  # M
-    arm: int  # A
-    biased: bool  # whether slanted beams may have a bias
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the unknowns."""
-        k, m = range(1, self.planes + 1), range(1, self.shapes + 1)
-        beam = ("r_x", "r_y", "r_z", "v_x", "v_y")
-        normals = (f"n{i}_{a}" for i in k for a in "xy")
-        shapes = (f"h{i}_{j}" for i in k for j in m)
-        arm = (f"g{j + 1}" for j in range(self.arm))
-        bias = ("kappa",) * self.biased
-        return (*beam, *normals, *(f"b{i}" for i in k), *shapes, *bias, *arm)
-
-    def scale(self) -> Array:
-        """Typical sizes of the unknowns."""
-        k = self.planes
-        counts = (3, 2, 2 * k, k, k * self.shapes, int(self.biased), self.arm)
-        return np.repeat(SIZES, counts)
-
-
 @lru_cache(maxsize=16)
-def symbols(planes: int, shapes: int, arm: int = 0, biased: bool = False) -> Symbols:
-    """The statement for that many planes and shapes, written once."""
+def statement(planes: int, shapes: int, arm: int = 0, biased: bool = False) -> Problem:
+    """The statement for K planes of M shapes each and A shapes of the arm, before any data.
+
+    Unknowns are r, the slopes of v and of the normals, offsets, shapes, the bias of slanted beams
+    where they may have one, and the arm's shapes. A row is R' (9), t' (3), d, 1 for a reading,
+    planes (K), shapes (M), 1 for the bias's prior, arm's shapes (A); its residual is the distance
+    from the board [m], or the coefficient for a row of the prior.
+    """
     r, v = cs.SX.sym("r", 3), cs.SX.sym("v", 2)
     n, b = cs.SX.sym("n", 2, planes), cs.SX.sym("b", planes)
     c = cs.SX.sym("c", shapes, planes)
@@ -76,7 +49,20 @@ def symbols(planes: int, shapes: int, arm: int = 0, biased: bool = False) -> Sym
     smooth = cs.dot(phi, c @ chosen) if shapes else 0
     smooth += cs.dot(rest, cs.vertcat(kappa, g)) if biased or arm else 0
     x = cs.vertcat(r, v, cs.vec(n), b, cs.vec(c), kappa, g)
-    return Symbols(x, row, real * height - smooth, planes, shapes, arm, biased)
+    counts = (3, 2, 2 * planes, planes, planes * shapes, int(biased), arm)
+    limit = np.full(x.numel(), np.inf)
+    return Problem(
+        x, _names(planes, shapes, arm, biased), -limit, limit, np.repeat(SIZES, counts),
+        residual=real * height - smooth, row=row,
+    )  # fmt: skip
+
+
+def _names(planes: int, shapes: int, arm: int, biased: bool) -> tuple[str, ...]:
+    k, m = range(1, planes + 1), range(1, shapes + 1)
+    normals = (f"n{i}_{a}" for i in k for a in "xy")
+    of_boards = (f"h{i}_{j}" for i in k for j in m)
+    beam, of_arm = ("r_x", "r_y", "r_z", "v_x", "v_y"), (f"g{j + 1}" for j in range(arm))
+    return (*beam, *normals, *(f"b{i}" for i in k), *of_boards, *("kappa",) * biased, *of_arm)
 
 
 def state(
@@ -94,7 +80,7 @@ def state(
     none = np.empty((len(readings), 0))
     phi, psi = (none if given is None else given for given in (shapes, arm))
     count = len(frames.c)
-    s = symbols(count, phi.shape[1], psi.shape[1], biased)
+    s = statement(count, phi.shape[1], psi.shape[1], biased)
     rows = np.hstack(
         [
             frames.carried(readings).rows,
@@ -105,30 +91,20 @@ def state(
             psi,
         ]
     )
-    rows = np.concatenate([rows, _prior_rows(s)])
-    return stated(s, rows, np.ones(len(rows)))
+    return s.on(np.concatenate([rows, _prior_rows(s, count, phi.shape[1])]))
 
 
-def stated(s: Symbols, rows: Array, weights: Array) -> Problem:
-    """The problem of rows (N', k) with weights (N',) [1/m^2]."""
-    limit = np.full(s.x.numel(), np.inf)
-    return Problem(
-        x=s.x, names=s.names, lower=-limit, upper=limit, scale=s.scale(),
-        residual=s.residual, row=s.row, rows=rows, weights=weights,
-    )  # fmt: skip
-
-
-def _prior_rows(s: Symbols) -> Array:
+def _prior_rows(s: Problem, planes: int, shapes: int) -> Array:
     """One row for each coefficient, in the order of :func:`prior_kinds`, to be pulled to zero."""
-    of_boards = s.planes * s.shapes
-    others = int(s.biased) + s.arm
+    of_boards = planes * shapes
+    others = s.size - 5 - 3 * planes - of_boards
     rows = np.zeros((of_boards + others, s.row.numel()))
     at = np.arange(of_boards)
     if of_boards:
-        rows[at, FIXED + at // s.shapes] = 1.0
-        rows[at, FIXED + s.planes + at % s.shapes] = 1.0
+        rows[at, FIXED + at // shapes] = 1.0
+        rows[at, FIXED + planes + at % shapes] = 1.0
     rest = np.arange(others)
-    rows[of_boards + rest, FIXED + s.planes + s.shapes + rest] = 1.0
+    rows[of_boards + rest, FIXED + planes + shapes + rest] = 1.0
     return rows
 
 

@@ -24,6 +24,7 @@ from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array, Indices, Problem
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.hand_eye.constants import MILLIMETRES, PARALLEL
+from plumbline.optim.hand_eye.direct import start as first
 from plumbline.optim.hand_eye.readings import (
     Beam,
     Frames,
@@ -56,37 +57,12 @@ class ThreePlanes:
     start: Beam  # the beam that it started from
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneSymbols:
-    """The symbols of the problem for K planes, before any data."""
-
-    planes: int  # number of planes K
-    mains: int  # number of principal planes G: as many, or one for each group
-    x: cs.SX  # unknowns
-    row: cs.SX  # a reading's or a slope's numbers
-    residual: cs.SX  # of a row
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the unknowns."""
-        k, g = range(1, self.planes + 1), range(1, self.mains + 1)
-        directions = ("v", *(f"n{i}" for i in k), *(f"m{i}" for i in g))
-        slopes = (f"{direction}_{a}" for direction in directions for a in "xy")
-        return ("r_x", "r_y", "r_z", *slopes, *(f"c{i}" for i in g))
-
-    def scale(self) -> Array:
-        """Typical sizes of the unknowns."""
-        counts = (3, 2 * (1 + self.planes + self.mains), self.mains)
-        return np.repeat(list(SCALES.values()), counts)
-
-    def start(self, beam: Beam, frames: Frames) -> Array:
-        """The unknowns at a beam, normals as the planes' frames have them."""
-        return np.concatenate([frames.of_beam(beam), np.zeros(2 * self.planes + 3 * self.mains)])
-
-
 @lru_cache(maxsize=16)
-def statement(planes: int, mains: int | None = None) -> PlaneSymbols:
-    """The symbols for that many planes (and principal planes), written once."""
+def statement(planes: int, mains: int | None = None) -> Problem:
+    """The problem of that many planes and as many principal ones or others, before any data.
+
+    A row is a reading's or a slope's numbers.
+    """
     G = planes if mains is None else mains
     r, v = cs.SX.sym("r", 3), cs.SX.sym("v", 2)
     n, m, c = cs.SX.sym("n", 2, planes), cs.SX.sym("m", 2, G), cs.SX.sym("c", G)
@@ -101,7 +77,13 @@ def statement(planes: int, mains: int | None = None) -> PlaneSymbols:
     height = root[1] * (cs.dot(main, point) + cs.dot(group, c))
     residual = of_slope * agreement + (1 - of_slope) * cs.vertcat(height, 0, 0)
     x = cs.vertcat(r, v, cs.vec(n), cs.vec(m), c)
-    return PlaneSymbols(planes, G, x, row, residual)
+    k, g = range(1, planes + 1), range(1, G + 1)
+    ways = ("v", *(f"n{i}" for i in k), *(f"m{i}" for i in g))
+    slopes = (f"{way}_{a}" for way in ways for a in "xy")
+    names = ("r_x", "r_y", "r_z", *slopes, *(f"c{i}" for i in g))
+    scale = np.repeat(list(SCALES.values()), (3, 2 * (1 + planes + G), G))
+    limit = np.full(x.numel(), np.inf)
+    return Problem(x, names, -limit, limit, scale, residual=residual, row=row)
 
 
 def state(
@@ -109,24 +91,13 @@ def state(
 ) -> Problem:
     """The problem of some readings; directions are slopes, so that their length is one."""
     mains, of_main = _mains(readings, frames, own_planes)
-    symbols = statement(len(frames.c), len(of_main))
     rows = np.concatenate([_slope_rows(readings, frames), _point_rows(readings, frames)])
     chosen = np.zeros((len(rows), len(of_main)))
     chosen[-len(readings) :] = marks_of_planes(mains, len(of_main))
     rows = np.hstack([rows, chosen])
     rows[:, 14] = np.sqrt(weights.alpha)
     rows[:, 15] = MILLIMETRES * np.sqrt(weights.beta)
-    limit = np.full(symbols.x.numel(), np.inf)
-    return Problem(
-        x=symbols.x,
-        names=symbols.names,
-        lower=-limit,
-        upper=limit,
-        scale=symbols.scale(),
-        residual=symbols.residual,
-        row=symbols.row,
-        rows=rows,
-    )
+    return statement(len(frames.c), len(of_main)).on(rows)
 
 
 def _mains(readings: Readings, frames: Frames, own_planes: bool) -> tuple[Indices, Indices]:
@@ -182,8 +153,7 @@ def solve_three_planes(
     refuse_parallel(frames, readings)
     of_main = _mains(readings, frames, own_planes)[1]
     problem = state(readings, frames, weights or Weights(), own_planes=own_planes)
-    symbols = statement(len(frames.c), len(of_main))
-    solution = (solver or LevenbergMarquardt()).solve(problem, symbols.start(start, frames))
+    solution = (solver or LevenbergMarquardt()).solve(problem, first(problem, start, frames))
     return ThreePlanes(*_read(solution.x, frames, of_main), solution, start)
 
 

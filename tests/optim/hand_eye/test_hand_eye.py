@@ -191,7 +191,7 @@ def test_the_statement_s_derivatives_are_those_of_finite_differences():
     beam = mean_beam([s.beam for s in start])
     frames = Frames.of(readings, beam)
     problem = state(readings, frames, Weights(2.0, 3.0))
-    x = statement(3).start(beam, frames) + 1e-3
+    x = direct.start(statement(3), beam, frames) + 1e-3
     _, _, J = next(Mapped(problem).jacobians(x))
     for i in range(problem.size):
         step = np.zeros(problem.size)
@@ -327,7 +327,7 @@ def test_a_statement_is_compiled_once_for_all_its_data():
     assert Mapped(one)._compiled is Mapped(two)._compiled
     other = replace(one, residual=2 * one.residual)
     assert Mapped(other)._compiled is not Mapped(one)._compiled
-    x = statement(3).start(beam, frames)
+    x = direct.start(statement(3), beam, frames)
     np.testing.assert_allclose(Mapped(other).residuals(x), 2 * Mapped(one).residuals(x))
 
 
