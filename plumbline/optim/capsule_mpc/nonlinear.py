@@ -30,14 +30,14 @@ from plumbline.optim.capsule_mpc.constants import (
     SHORT,
     WATCH,
 )
-from plumbline.optim.capsule_mpc.plane_program import Name, Program, build
+from plumbline.optim.capsule_mpc.plane_program import Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.core.solvers import Fatrop, Ipopt, Solver
 from plumbline.optim.core.solvers.programme import Programmed, compiled
 
-Duals = dict[Name, Array]
+Duals = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,8 @@ class _Taken:
 class _NonlinearReady:
     options: Nonlinear
     statement: Statement
-    _last: Duals = field(default_factory=dict)
+    # of the last solution, one stage on, and what it was of
+    _last: list[tuple[Program, Flags, Duals]] = field(default_factory=list)
     _near: list[_Taken] = field(default_factory=list)  # near to the last solution
 
     def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
@@ -122,7 +123,7 @@ class _NonlinearReady:
         return [_Taken(obstacles < most, bool((limits < most).any())) for most in least]
 
     def _solved(self, x0: Array, stages: Array, path: Array, taken: _Taken) -> Plan:
-        own, values, numbers = self._narrowed(stages, taken.obstacles)
+        own, values = self._narrowed(stages, taken.obstacles)
         solver = self.options.chosen
         program = _built(own.shape, taken.limits, isinstance(solver, Fatrop))
         low, high = program.problem.lower.copy(), program.problem.upper.copy()
@@ -132,45 +133,30 @@ class _NonlinearReady:
         problem = replace(program.problem, lower=low, upper=high, data=data)
         start = _start(program, x0, path)
         if isinstance(solver, Programmed):
-            found = solver.solve(problem, start, self._warm(program, numbers))
+            found = solver.solve(problem, start, self._warm(program, taken.obstacles))
         else:
             found = solver.solve(problem, start)
         answer = found.x
         solved = found.success and bool(np.isfinite(answer).all())
         self._last.clear()
         if solved and found.multipliers is not None:
-            self._keep(program, found.multipliers, numbers)
+            self._last.append((program, taken.obstacles, program.one_on(found.multipliers)))
         short = answer[program.part(3)].max(axis=1, initial=0.0)
         slack, lasting = float(short.max()), float(short.min())
         path = answer[program.part(1)]
         return Plan(path, solved, slack, found.iterations, found.message, lasting)
 
-    def _keep(
-        self, program: Program, multipliers: tuple[Array, Array], numbers: dict[str, str]
-    ) -> None:
-        both = zip(program.names, (program.unknowns, program.rows), multipliers, strict=True)
-        for names, places, values in both:
-            table = values[places]
-            table = np.concatenate([table[1:], table[-1:]])
-            self._last.update(
-                (_renamed(name, numbers), table[:, k]) for k, name in enumerate(names)
-            )
+    def _warm(self, program: Program, taken: Flags) -> Duals:
+        """Multipliers to start from: the last ones of the same obstacles, else of free slacks."""
+        for known, obstacles, duals in self._last:
+            if known is program and (obstacles == taken).all():
+                return duals
+        bounds, rows = np.zeros(program.problem.size), np.zeros(program.problem.g_lower.size)
+        bounds[program.part(3)] = -MM * self.statement.settings.penalty
+        return bounds, rows
 
-    def _warm(self, program: Program, numbers: dict[str, str]) -> tuple[Array, Array]:
-        """Multipliers to start from: the last ones, one stage on; else those of a free slack."""
-        p = program.problem
-        free = np.full(len(program.unknowns), -MM * self.statement.settings.penalty)
-        none, out = np.zeros(len(program.unknowns)), (np.zeros(p.size), np.zeros(p.g_lower.size))
-        both = zip(program.names, (program.unknowns, program.rows), out, strict=True)
-        for names, places, duals in both:
-            for k, name in enumerate(names):
-                duals[places[:, k]] = self._last.get(
-                    _renamed(name, numbers), free if name.kind == "s" else none
-                )
-        return out
-
-    def _narrowed(self, stages: Array, taken: Flags) -> tuple[Statement, Array, dict[str, str]]:
-        """The statement with the obstacles taken, its stages' parameters, and who they are."""
+    def _narrowed(self, stages: Array, taken: Flags) -> tuple[Statement, Array]:
+        """The statement with the obstacles taken, and its stages' parameters."""
         whole = self.statement
         count = whole.slots + whole.balls
         capsules, balls = np.nonzero(taken[: whole.slots])[0], np.nonzero(taken[whole.slots :])[0]
@@ -183,18 +169,7 @@ class _NonlinearReady:
         kept[:, slots : slots + len(balls)] = table[:, whole.slots + balls]
         rest = stages[:, g + OBSTACLE * count :]
         values = np.hstack([stages[:, :g], kept.reshape(p, -1), rest])
-        places = [*range(len(capsules)), *(slots + k for k in range(len(balls)))]
-        own = zip(places, [*capsules, *(whole.slots + balls)], strict=True)
-        numbers = {f"obstacle {place + 1}": f"obstacle {k + 1}" for place, k in own}
-        return replace(whole, slots=slots, balls=ball_slots), values, numbers
-
-
-def _renamed(name: Name, numbers: dict[str, str]) -> Name:
-    """The name with the obstacle's number among all, where it has one among those taken."""
-    if name.pair is None:
-        return name
-    one, two, k = name.pair
-    return name._replace(pair=(one, numbers.get(two, two), k))
+        return replace(whole, slots=slots, balls=ball_slots), values
 
 
 def _start(program: Program, x0: Array, path: Array) -> Array:

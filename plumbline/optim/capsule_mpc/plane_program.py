@@ -19,10 +19,8 @@ Speeds and accelerations are bounded by their norms, as they are stated: for eac
 in mm, with m what its pace allows at the state where the step begins.
 """
 
-from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import casadi as cs
 import numpy as np
@@ -33,14 +31,6 @@ from plumbline.optim.capsule_mpc.constants import MM, REGULAR, TURN
 from plumbline.optim.capsule_mpc.linearised import frozen_normal
 from plumbline.optim.capsule_mpc.statement import Shape, Statement
 from plumbline.optim.core.problem import Array, Indices, Problem
-
-
-class Name(NamedTuple):
-    """What a column of unknowns or constraints is: of which kind, whose, and which of them."""
-
-    kind: str
-    number: int
-    pair: tuple[str, str, int] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +44,6 @@ class Program:
     # they are states (FATROP)
     unknowns: Indices
     rows: Indices  # places of the constraints (p, R) of every stage
-    # what the columns of ``unknowns`` are, then those of ``rows``; the same in programs of other
-    # obstacles, so that multipliers can be taken over
-    names: tuple[tuple[Name, ...], tuple[Name, ...]]
     # number of steps, states, planes, slacks, steps before of a stage
     sizes: tuple[int, int, int, int, int]
 
@@ -64,6 +51,13 @@ class Program:
         """Places (p, .) of steps (0), states (1), planes (2), slacks (3), steps before (4)."""
         begin = sum(self.sizes[:which])
         return self.unknowns[:, begin : begin + self.sizes[which]]
+
+    def one_on(self, multipliers: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Multipliers of all stages one stage later, the last one's held."""
+        found = multipliers[0].copy(), multipliers[1].copy()
+        for places, values in zip((self.unknowns, self.rows), found, strict=True):
+            values[places[:-1]] = values[places[1:]]
+        return found
 
 
 def nearest_charts(statement: Statement) -> cs.Function:
@@ -79,31 +73,17 @@ def nearest_charts(statement: Statement) -> cs.Function:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Constraints of a stage, with bounds and names."""
+    """Constraints of a stage, with bounds."""
 
     values: list[cs.SX]
     low: list[float]
     high: list[float]
-    names: list[Name]
 
-    def add(
-        self, value: cs.SX, most: float, kind: str, pair: tuple[str, str, int] | None = None
-    ) -> None:
+    def add(self, value: cs.SX, most: float) -> None:
         count = int(value.numel())
         self.values.append(value)
         self.low.extend([0.0] * count)
         self.high.extend([most] * count)
-        self.names.extend(Name(kind, k, pair) for k in range(count))
-
-
-def pair_names(statement: Statement) -> list[tuple[str, str, int]]:
-    """A name for every pair: who they are, and the how manieth pair of the two it is."""
-    seen: Counter[tuple[str, str]] = Counter()
-    found = []
-    for pair in statement.pairs:
-        found.append((*pair.labels, seen[pair.labels]))
-        seen[pair.labels] += 1
-    return found
 
 
 def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, _Rows]:
@@ -113,8 +93,8 @@ def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, 
     pairs, planes = statement.pairs_at(x, d), statement.settings.form == "planes"
     w, slacks = cs.SX.sym("w", 2 * len(pairs)), cs.SX.sym("s", len(pairs))
     charts = cs.SX.sym("charts", 9 * len(pairs))
-    rows = _Rows([cs.SX(0, 1)], [], [], [])
-    for k, (pair, name) in enumerate(zip(pairs, pair_names(statement), strict=True)):
+    rows = _Rows([cs.SX(0, 1)], [], [])
+    for k, pair in enumerate(pairs):
         if planes:
             chart, turn = charts[9 * k : 9 * k + 9], w[2 * k : 2 * k + 2]
             v = chart[:3] + turn[0] * chart[3:6] + turn[1] * chart[6:]
@@ -124,10 +104,10 @@ def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, 
             gap = gaps[:: 2 if pair.ball else 1] - (pair.wide(pair.plain) - slacks[k]) * size
         else:
             gap = scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k]
-        rows.add(gap, np.inf, "pair", name)
-    rows.add(statement.held, 0.0, "held")
+        rows.add(gap, np.inf)
+    rows.add(statement.held, 0.0)
     if limits:
-        rows.add(statement.limits, np.inf, "limits")
+        rows.add(statement.limits, np.inf)
     given = [x, d, w, slacks, charts, stage]
     return cs.Function("g", given, [cs.vertcat(*rows.values)]), rows
 
@@ -228,31 +208,19 @@ def build(statement: Statement, limits: bool, stages_meet_in_states: bool = Fals
         g_upper=np.array(made.g_high),
         given=given,
     )
-    return _program(statement, made, stage_rows, problem)
+    return _program(statement, made, problem)
 
 
-def _program(statement: Statement, made: _Builder, rows: _Rows, problem: Problem) -> Program:
+def _program(statement: Statement, made: _Builder, problem: Problem) -> Program:
     at, n, p = made.places, statement.n, statement.settings.p
     parts = (at["d"], at["x"][1:], at["w"], at["s"], at["y"])
     sizes = (n, n, len(at["w"][0]), len(at["s"][0]), len(at["y"][0]))
-    pairs = pair_names(statement)
-    names = (
-        *(Name(kind, j) for kind in "dx" for j in range(n)),
-        *(Name("w", j, pair) for pair in pairs for j in range(sizes[2] // len(pairs))),
-        *(Name("s", 0, pair) for pair in pairs),
-        *(Name("y", j) for j in range(sizes[4])),
-    )
-    g_names = (
-        *(Name("dynamics", j) for j in range(n + sizes[4])),
-        *(Name("speeds", j) for j in range(2 * len(statement.groups))),
-        *rows.names,
-    )
     unknowns, places = (
         np.hstack([np.array(part, dtype=np.intp).reshape(p, -1) for part in every])
         for every in (parts, made.g_places.values())
     )
     charts, first = _mapped_charts(statement.shape), np.array(at["x"][0], dtype=np.intp)
-    return Program(problem, charts, first, unknowns, places, (names, g_names), sizes)
+    return Program(problem, charts, first, unknowns, places, sizes)
 
 
 @lru_cache(maxsize=32)
