@@ -14,7 +14,7 @@ import scipy
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
-from plumbline.optim.hand_eye.direct import symbols
+from plumbline.optim.hand_eye.direct import statement
 from plumbline.optim.hand_eye.readings import Beam, Frames, Readings
 
 SCALE = 0.1e-3  # [m]: beyond it they bend; finder and arm of the paper together
@@ -36,7 +36,7 @@ def scipy_direct(readings: Readings, start: Beam, loss: Loss = "linear") -> Beam
         points = Beam(x[:3], v).points(at.R, at.t, at.distance)
         return np.asarray(np.sum(normals[index] * points, axis=1) + x[5 + 2 * count :][index])
 
-    scale, least = symbols(count, 0).scale(), TOLERANCE
+    scale, least = statement(count, 0).scale, TOLERANCE
     first = np.concatenate([frames.of_beam(start), np.zeros(3 * count)])
     found = scipy.optimize.least_squares(
         residuals, first, jac="2-point", x_scale=scale,
