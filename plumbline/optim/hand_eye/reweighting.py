@@ -4,7 +4,12 @@ Robust rounds minimise Cauchy's loss (Holland and Welsch 1977) with a scale that
 residuals, so that a start that is centimetres off is no harm:
 
 .. math:: w_j = \frac{1}{1 + (e_j / c\,\hat\sigma)^2}, \quad c = 2.385, \quad
-          \hat\sigma = 1.4826\, \mathrm{median} |e_j|
+          \hat\sigma = \sqrt{N / (N - P)}\, |e|_{(h)} / \Phi^{-1}(\tfrac{1}{2} + \tfrac{h}{2 N}),
+          \quad h = (N + P) / 2
+
+P unknowns can meet P of N readings exactly: the median of few is nothing for a wrong fit, the h-th
+is not (Rousseeuw and Leroy 1987, ch. 3). It judges where the rounds ended; on their way, when many
+readings may still be gross, the scale is that of the median, h = N / 2.
 
 Rounds of largest likelihood then take turns between the unknowns and the variances
 (expectation-maximisation): with H the Hessian of the weighted cost, the expected square of reading
@@ -28,6 +33,7 @@ never be dropped, which would give it none.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
@@ -120,7 +126,7 @@ def robust_fit(
         if np.max(np.abs(step) / problem.scale) < constants.ROBUST_SETTLED:
             break
     e, _ = rows_at(mapped, x)
-    return x, e, _robust_sigma(e, len(x))
+    return x, e, _robust_sigma(e, len(x), met=len(x))
 
 
 def likely_fit(
@@ -192,12 +198,12 @@ def _settled(before: tuple[Variance, Array], after: tuple[Variance, Array]) -> b
     return bool(np.all(np.abs(np.subtract(one, two)) <= constants.VARIANCE_SETTLED * most))
 
 
-def _robust_sigma(errors: Array, unknowns: int) -> float:
+def _robust_sigma(errors: Array, unknowns: int, *, met: int = 0) -> float:
+    """Scatter [m] by the quantile of the errors (N,) that a fit to ``met`` of them leaves."""
     count = len(errors)
-    correction = np.sqrt(count / max(count - unknowns, 1))
-    return float(
-        max(constants.TO_SIGMA * correction * np.median(np.abs(errors)), constants.LEAST_SIGMA)
-    )
+    share = 0.5 + min(met, count - 1) / (2.0 * count)
+    size = np.quantile(np.abs(errors), share, method="hazen") / ndtri((1.0 + share) / 2.0)
+    return float(max(np.sqrt(count / max(count - unknowns, 1)) * size, constants.LEAST_SIGMA))
 
 
 def _step(problem: Problem, J: Array, e: Array, w: Array) -> Array:

@@ -3,7 +3,7 @@ r"""A start that a third of the readings may contradict, and poses written anoth
 Beams are tried in turn: the closed form's, beams that look every way, and those of random samples
 of single planes (MSAC's sampling: Torr and Zisserman 2000). From each the direct statement is
 solved by Cauchy's loss; kept is the one whose residuals have the least median (LMedS: Rousseeuw
-1984), :math:`\min_s\ \mathrm{median}_j\, |e_j(x_s)|`, so that readings of another board or of
+1984; of few a quantile above it: :mod:`.reweighting`), so that readings of another board or of
 something behind it have no say. A start that leaves little scatter and few readings beyond it is
 beyond doubt, and ends the search.
 

@@ -13,7 +13,16 @@ from plumbline.optim.hand_eye.calibrate import calibrate
 from plumbline.optim.hand_eye.constants import SUSPECT
 from plumbline.optim.hand_eye.readings import least_median_plane, principal_plane
 from plumbline.optim.hand_eye.start import OTHER_WAYS
-from tests.ranging_scenes import PAPER, pose_lines, spoilt, surveyed, truth
+from tests.ranging_scenes import (
+    PAPER,
+    facing,
+    pose_lines,
+    room_of,
+    seen_from,
+    spoilt,
+    surveyed,
+    truth,
+)
 
 FAR_OFF = 5e-3  # m: what no answer may be off
 
@@ -27,6 +36,25 @@ def test_gross_rows_do_not_move_the_answer(seed, boards, share):
     found = calibrate(bad)
     assert np.linalg.norm(found.beam.r - scene.finder.r) < 1.5e-3
     assert len(np.intersect1d(found.gross, rows)) == len(rows)
+
+
+def test_few_readings_with_gross_ones_are_no_fit_that_meets_as_many_as_it_has_unknowns():
+    """14 unknowns meet 14 of 24 readings, whatever the beam: their median error is nothing."""
+    scene, answers = room_of(0, PAPER), 0
+    for seed in range(16):
+        rng = np.random.default_rng([seed, 24])
+        turned = np.stack([facing(scene, rng, lean=0.4) for _ in range(8)], axis=1)
+        readings = seen_from(scene, turned, rng)
+        bad = np.isin(np.arange(24), rng.choice(24, 3, replace=False))
+        try:
+            found = calibrate(replace(readings, distance=readings.distance + 0.02 * bad))
+        except PlumblineError:
+            continue
+        answers += 1
+        away = found.beam.r - scene.finder.r
+        # Of three numbers told by seven readings beyond the unknowns: F is 14 once in 400.
+        assert away @ np.linalg.solve(found.covariance[:3, :3], away) < 3 * 14.0
+    assert answers > 8
 
 
 @pytest.mark.parametrize("seed", range(3))
