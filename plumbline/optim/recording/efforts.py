@@ -185,19 +185,22 @@ def refuse_other_rates(r: Recording, origin: Origin) -> None:
         usual = (step > 0) & (step < constants.GAP_IN_TIME * np.median(step[step > 0]))
         moved = np.where(usual, np.diff(place, axis=0), 0.0)
         told = np.where(usual, step * (rate[1:] + rate[:-1]) / 2, 0.0)
-        sizes = np.linalg.norm(told), np.linalg.norm(moved)
-        alike = np.sum(told * moved) > constants.ONE_COURSE * sizes[0] * sizes[1] > 0.0
-        if (
-            alike
-            and not 1 / constants.NEAR_SCALE
-            < (factor := float(sizes[0] / sizes[1]))
-            < constants.NEAR_SCALE
-        ):
-            names = name, "q" if place is r.q else "velocity"
-            large, other = names if factor > 1 else names[::-1]
-            found = f"{max(factor, 1 / factor):.3g} times what {other} has it by the clock"
-            mend = "divide by 57.3 if in degrees; in ms, divide time by 1000"
-            raise fault(origin.at(f"{large}1"), found, "rates of one unit", mend)
+        names = name, "q" if place is r.q else "velocity"
+        for joint, pair in enumerate(zip(told.T, moved.T, strict=True), start=1):
+            _refuse_other_unit(pair, tuple(f"{one}{joint}" for one in names), origin)
+
+
+def _refuse_other_unit(ways: tuple[Array, Array], names: tuple[str, ...], origin: Origin) -> None:
+    """Refuse a rate whose ways (N,) from row to row are those of its column in another unit."""
+    sizes = [float(np.linalg.norm(way)) for way in ways]
+    if not ways[0] @ ways[1] > constants.ONE_COURSE * sizes[0] * sizes[1] > 0.0:
+        return
+    factor = sizes[0] / sizes[1]
+    if not 1 / constants.NEAR_SCALE < factor < constants.NEAR_SCALE:
+        large, other = names if factor > 1 else names[::-1]
+        found = f"{max(factor, 1 / factor):.3g} times what {other} has it by the clock"
+        mend = "divide by 57.3 if in degrees; in ms, divide time by 1000"
+        raise fault(origin.at(large), found, "rates of one unit", mend)
 
 
 def refuse_strange(r: Recording, origin: Origin) -> None:

@@ -324,15 +324,17 @@ def test_a_rotor_is_no_other_unit_where_nothing_is_lifted():
 
 @pytest.mark.parametrize("name", ["velocity", "acceleration"])
 @pytest.mark.parametrize(("times", "refused"), [(57.3, True), (1e-3, True), (2.8, False)])
-def test_rates_in_another_unit_than_their_column_are_refused(robot, name, times, refused):
+@pytest.mark.parametrize("joints", [(0, 1, 2, 3), (2,)], ids=["all", "one"])
+def test_rates_in_another_unit_than_their_column_are_refused(robot, name, times, refused, joints):
     _, _, v, a = swing(4)
     given = {"velocity": v, "acceleration": a}
-    given[name] = given[name] * times
+    given[name] = np.array(given[name])
+    given[name][:, joints] *= times
     if not refused:
         recorded(robot, **given)
         return
     column = name if times > 1 else {"velocity": "q", "acceleration": "velocity"}[name]
-    with pytest.raises(PlumblineError, match=rf"column '{column}1'.*divide by 57.3"):
+    with pytest.raises(PlumblineError, match=rf"column '{column}{joints[0] + 1}'.*divide by 57.3"):
         recorded(robot, **given)
 
 
