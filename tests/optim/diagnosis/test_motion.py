@@ -438,6 +438,22 @@ def test_what_one_motion_says_of_a_cause_holds_on_another_within_its_error(wear)
         assert error < 2 * of_noise
 
 
+@pytest.mark.parametrize("told", [0.0, 1e3])
+def test_a_parameter_that_rows_do_not_tell_is_known_as_well_as_beforehand(told):
+    """Nothing in the readings goes with it: its prior is left, and no matrix is singular."""
+    effects = (ActuationDelay(), ActuationPlay())
+    J = np.zeros((4, 50, 2))
+    J[:, :, 0] = told * np.sin(np.arange(50))
+    r = np.random.default_rng(0).normal(0.0, 1e-3, (4, 50))
+    fit = JointFit(effects, np.array([0.02, 0.008]), r, J, np.ones(2))
+    std = np.sqrt(np.diag(fit.covariance(200.0)))
+    assert std[1] == pytest.approx(fit.scales[1])
+    if told:
+        assert std[0] == pytest.approx(1e-3 / np.linalg.norm(J[:, :, 0]), rel=0.2)
+    else:
+        assert std[0] == pytest.approx(fit.scales[0])
+
+
 def test_what_has_a_memory_is_as_large_as_what_neighbours_share_not_as_what_they_foretell():
     rng = np.random.default_rng(0)
     saw = (np.arange(500) % 40 - 19.5) * 0.05  # of a joint that sticks and slips

@@ -170,3 +170,16 @@ def test_rates_that_are_held_are_called_so(kind, told):
     notes = [note for note in answer.verdict.notes if "controller holds" in note]
     assert len(notes) == (2 if told else 0)
     assert all(note.endswith(told) for note in notes)
+
+
+@pytest.mark.parametrize(("far", "refused"), [(1.1, True), (0.9, False)])
+def test_a_joint_that_stands_where_it_is_told_beyond_any_dead_band_has_no_drive(far, refused):
+    """A band is .2 rad wide at most, and moves a joint by the whole error from twice that on."""
+    rng, command, q = np.random.default_rng(0), Q.copy(), Q.copy()
+    command[:, 1] *= far * 0.4 / np.abs(command[:, 1]).max()
+    q[:, 1] = rng.normal(0.0, 1e-4, len(q))
+    if not refused:
+        assert motion(command, q)
+    else:
+        with pytest.raises(PlumblineError, match=r"'q2': found .* rad in every row while u2 moves"):
+            motion(command, q)

@@ -77,18 +77,18 @@ class JointFit:
         return tuple(e.name for e, b in zip(self.effects, rests, strict=True) if b)
 
     def covariance(self, effective: float) -> Array:
-        """Of the parameters (P, P), so many samples counting as independent."""
-        share = effective / max(self.residual.size, 1)
-        H = self.sums[0] * share / self.square
-        scale = self.scales
-        H += np.diag(1e-12 / scale**2)
-        return np.asarray(np.linalg.inv(H), dtype=float)
+        """Of the parameters (P, P), so many samples counting as independent beside the prior."""
+        A, both = self._information(effective), np.outer(self.scales, self.scales)
+        return np.asarray(np.linalg.inv(np.eye(len(A)) + A) * both, dtype=float)
+
+    def _information(self, effective: float) -> Array:
+        """What so many samples tell of the parameters over what their priors do (P, P)."""
+        A = self.sums[0] * np.outer(self.scales, self.scales)
+        return np.asarray(A * (effective / max(self.residual.size, 1) / self.square))
 
     def evidence(self, effective: float) -> float:
         """Log evidence."""
-        scale = self.scales
-        A = self.sums[0] * np.outer(scale, scale)
-        A *= effective / max(self.residual.size, 1) / self.square
+        A = self._information(effective)
         occam = np.linalg.slogdet(np.eye(len(A)) + A)[1] / 2
         return float(-effective / 2 * np.log(self.square) - occam)
 

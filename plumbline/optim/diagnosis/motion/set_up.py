@@ -16,7 +16,9 @@ import scipy
 
 from plumbline.errors import fault
 from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
 from plumbline.kinematics.effects.actuation_offset import ActuationOffset
+from plumbline.optim.core.problem import Flags
 from plumbline.optim.diagnosis.motion.constants import ALIKE, LATEST, LENGTH, SAME_UNIT, STATED
 from plumbline.optim.recording.constants import (
     LARGEST_ARM,
@@ -68,17 +70,31 @@ def _letter(r: Motion) -> str:
 
 
 def _refuse_frozen(r: Motion, origin: Origin) -> None:
-    """A measured column without any noise while its command moves was never measured."""
+    """A column without any noise while its command moves was never measured, or has no drive."""
     still, asked = np.ptp(r.q, axis=0) == 0.0, np.ptp(r.command, axis=0) > 0.0
-    frozen = np.flatnonzero(still & asked)
     if still.all() and not asked.any():
         found, mend = "the same commands and positions in every row", "record one"
         raise fault(origin.at("u1"), found, "a motion", mend)
-    if len(frozen):
-        number = frozen[0] + 1
-        found = f"{r.q[0, frozen[0]]:.4g} in every row while u{number} moves"
-        mend = "look at the encoder, or delete both columns"
-        raise fault(origin.at(f"{_letter(r)}{number}"), found, "measured positions", mend)
+    for j in np.flatnonzero(asked & (still | _undriven(r))):
+        number, stands = j + 1, np.median(r.q[:, j])
+        within = f" within {np.ptp(r.q[:, j]):.2g} {r.unit}" if not still[j] else ""
+        found = f"{stands:.4g}{within} in every row while u{number} moves"
+        mend = f"look at drive and encoder, or write into u{number} where the joint is held"
+        raise fault(
+            origin.at(f"{_letter(r)}{number}"), found, "measured positions that follow", mend
+        )
+
+
+def _undriven(r: Motion) -> Flags:
+    """Joints (n,) told to go farther than any dead band lets them, whose readings are noise alone.
+
+    Of noise rows differ from the next by more than from their mean; a way's differ by far less.
+    """
+    if not r.law.follows:
+        return np.zeros(r.n, bool)
+    noise = np.mean(np.diff(r.q, axis=0) ** 2, axis=0) > np.var(r.q, axis=0)
+    told = np.abs(r.command - np.median(r.q, axis=0)).max(axis=0) > 2 * ActuationDeadband.band.upper
+    return np.asarray(noise & told & (np.ptp(r.command, axis=0) > MIXED_UP * np.ptp(r.q, axis=0)))
 
 
 def _refuse_sizes(r: Motion, origin: Origin) -> None:

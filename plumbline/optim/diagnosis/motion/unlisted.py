@@ -79,7 +79,7 @@ class _Beside:
         p, many = self.p, self.effective / self.square
         G = self.sums * many
         own = np.linalg.slogdet(G[:p, :p] + np.eye(p))[1] / 2
-        precision = self._precision(width, 1.0)
+        precision = self._precision(width)
         A = G + np.diag(precision)
         w = np.linalg.solve(A, self.pull * many)
         taken = float(2 * w @ self.pull - w @ self.sums @ w)
@@ -92,8 +92,8 @@ class _Beside:
         occam = np.linalg.slogdet(A / precision[:, None])[1] / 2 - own
         return better - occam, 1 - left / self.square
 
-    def _precision(self, width: float, of_effects: float) -> Array:
-        precision = np.full(len(self.sums), of_effects)
+    def _precision(self, width: float) -> Array:
+        precision = np.ones(len(self.sums))
         precision[self.p :] = 1 / max(width, 1e-150) ** 2
         return precision
 
@@ -104,7 +104,7 @@ class _Beside:
         """
         p, many = self.p, self.effective / self.square
         for width in widths:
-            C = np.linalg.inv(self.sums * many + np.diag(self._precision(width, 1e-12)))
+            C = np.linalg.inv(self.sums * many + np.diag(self._precision(width)))
             shift = (C @ self.pull * many)[:p]
             gain = self._at(width)[0] - np.log(len(widths))
             yield gain, C[:p, :p] + np.outer(shift, shift)
