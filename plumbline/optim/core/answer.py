@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T")
-_KINDS: dict[type[Any], dict[str, type[Any]]] = {}
+_KINDS: dict[Any, dict[str, type[Any]]] = {}
 
 
 def stored(value: Any) -> Any:
@@ -87,7 +87,7 @@ def register(kind: type[Any], take: Callable[[Any], Any], make: Callable[[Any], 
     )
 
 
-def register_kinds(family: type[Any], *kinds: type[Any]) -> None:
+def register_kinds(family: Any, *kinds: type[Any]) -> None:
     """Say which dataclasses a field of some protocol may hold; they are told by their names.
 
     What was said of the family before still holds.

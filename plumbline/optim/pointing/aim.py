@@ -17,7 +17,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.declared import Declared, Point, Positive
+from plumbline.declared import Declared, Point, Positive, expect
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
@@ -30,7 +30,7 @@ from plumbline.optim.pointing.constants import (
     RIGHT_ANGLE,
     ROUNDING,
 )
-from plumbline.optim.pointing.given import array, number, rigid
+from plumbline.optim.pointing.given import array, rigid
 from plumbline.optim.pointing.mesh import Scene
 from plumbline.optim.recording import storing as storing
 
@@ -181,9 +181,11 @@ class Aim:
             "lesion": f,
             "needle": needle,
             "body": body,
-            "arm_radius": number(arm_radius, "arm_radius [m]", above=0.0),
+            "arm_radius": arm_radius,
             "scene": scene,
         }
+        expect("arm_radius", arm_radius, Positive)
+        expect("scene", scene, Scene | None)
         for name, value in fields.items():
             object.__setattr__(self, name, value)
         far = float(np.linalg.norm(self.target))
@@ -198,10 +200,6 @@ class Aim:
         """Refuse a lesion that no needle may be driven to."""
         if self.scene is None:
             return
-        if not isinstance(self.scene, Scene):
-            raise PlumblineError(
-                f"scene: {type(self.scene).__name__} found, Scene(anatomy, room) expected"
-            )
         asked = [(solid, self.lesion) for solid in self.scene.anatomy]
         asked += [(solid, self.target) for solid in self.scene.room]
         for solid, point in asked:

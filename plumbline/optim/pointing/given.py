@@ -8,19 +8,6 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing.constants import ORTHONORMAL, ROUNDING
 
 
-def number(value: object, name: str, *, above: float | None = None) -> float:
-    """A finite number, larger than ``above`` if that is given; refused if it is none."""
-    try:
-        found = float(np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
-        found = np.nan
-    if not np.isfinite(found):
-        raise PlumblineError(f"{name} = {value!r}: one finite number expected; give it in SI units")
-    if above is not None and found <= above:
-        raise PlumblineError(f"{name} = {found:g}: must be > {above:g}; measure it again")
-    return found
-
-
 def array(value: ArrayLike, name: str, shape: tuple[int, ...], hint: str) -> Array:
     """A finite array of a shape; refused if it is none."""
     try:

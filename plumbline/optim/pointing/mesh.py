@@ -20,17 +20,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import coal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.declared import Declared, NotNegative, expect
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.answer import register_kinds
 from plumbline.optim.core.problem import Array, Flags, Integers
-from plumbline.optim.pointing.body import Body, Box, Capsule, Cylinder, HalfSpace, Shape, Sphere
+from plumbline.optim.pointing.body import Body, Box, Capsule, Cylinder, HalfSpace, Sphere
 from plumbline.optim.pointing.constants import (
     CHUNK,
     LARGEST,
@@ -40,7 +41,7 @@ from plumbline.optim.pointing.constants import (
     POINT,
     ROUNDING,
 )
-from plumbline.optim.pointing.given import array, number
+from plumbline.optim.pointing.given import array
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,36 +217,32 @@ def _winding(points: Array, corners: Array) -> Array:
     return np.arctan2(top, low).sum(axis=1) / (2 * np.pi)
 
 
-SHAPES = (Box, Cylinder, Sphere, Capsule, HalfSpace, Mesh)
+Solids = Box | Cylinder | Sphere | Capsule | HalfSpace | Mesh
 RESERVED = ("body", "needle", "needle path")
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class Solid(Declared):
     """A named shape."""
 
     name: str  #: what answers call it, such as "aorta"
-    shape: Shape  #: Box, Cylinder, Sphere, Capsule, HalfSpace or Mesh
-    margin: float | None = None  #: least clearance from it [m]; None takes the one of the options
+    shape: Solids  #: what it is
+    margin: NotNegative | None = (
+        None  #: least clearance from it [m]; None takes the one of the options
+    )
     enter: bool = False  #: whether the needle may be driven through it
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.strip() or "\n" in self.name:
+        super().__post_init__()
+        if not self.name.strip() or "\n" in self.name:
             raise PlumblineError(f"solid named {self.name!r}: one line of text expected; name it")
         if self.name in RESERVED or self.name.startswith("link "):
             raise PlumblineError(f"solid named {self.name!r}: the name is taken; choose another")
-        if not isinstance(self.shape, SHAPES):
-            known = ", ".join(shape.__name__ for shape in SHAPES)
-            raise PlumblineError(
-                f"{self.name}: shape {type(self.shape).__name__}, one of {known} expected"
-            )
         if np.isfinite(self.shape.half_size) and self.shape.half_size > LARGEST:
             raise PlumblineError(
                 f"{self.name}: {self.shape.half_size:g} m about its middle, at most {LARGEST:g} m; "
                 "give metres, not mm"
             )
-        if self.margin is not None and number(self.margin, f"{self.name}: margin [m]") < 0.0:
-            raise PlumblineError(f"{self.name}: margin = {self.margin:g} m: at least 0 expected")
 
     def holds(self, point: Array) -> bool:
         """Whether a point (3,) [m], in the coordinates of the shape, lies inside."""
@@ -269,11 +266,7 @@ class Scene:
         for field, given in (("anatomy", anatomy), ("room", room)):
             listed = [given] if isinstance(given, Solid) or not np.iterable(given) else given
             solids = tuple(listed)
-            for solid in solids:
-                if not isinstance(solid, Solid):
-                    raise PlumblineError(
-                        f"{field}: {type(solid).__name__} found, Solid(name, shape) expected"
-                    )
+            expect(field, solids, tuple[Solid, ...])
             object.__setattr__(self, field, solids)
         names = [solid.name for solid in (*self.anatomy, *self.room)]
         for name in names:
@@ -287,5 +280,5 @@ class Scene:
         return f"<Scene of {names or 'nothing'}>"
 
 
-register_kinds(Shape, *SHAPES)
+register_kinds(Solids, *get_args(Solids))
 register_kinds(Body, Box, Cylinder, Mesh)
