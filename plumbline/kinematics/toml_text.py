@@ -10,7 +10,12 @@ import numpy as np
 def pairs(table: Mapping[str, object]) -> Iterator[str]:
     """``key = value`` of a table, a line each."""
     for key, value in table.items():
-        yield f"{key} = {value_text(value)}"
+        yield f"{_key(key)} = {value_text(value)}"
+
+
+def document(data: Mapping[str, Any]) -> str:
+    """A file's text: keys, then tables and lists of tables."""
+    return "\n".join(tables(data)) + "\n"
 
 
 def tables(data: Mapping[str, Any], title: str = "") -> Iterator[str]:
@@ -19,7 +24,7 @@ def tables(data: Mapping[str, Any], title: str = "") -> Iterator[str]:
     yield from pairs({k: v for k, v in data.items() if k not in inner and v is not None})
     for key, value in inner.items():
         for one in value if isinstance(value, list) else [value]:
-            name = f"{title}{key}"
+            name = f"{title}{_key(key)}"
             yield from ("", f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
             yield from tables(one, f"{name}.")
 
@@ -27,7 +32,14 @@ def tables(data: Mapping[str, Any], title: str = "") -> Iterator[str]:
 def _is_inside(value: Any) -> bool:
     """Whether it is a table, or a list of such, and no array of numbers."""
     one = value[0] if isinstance(value, list) and value else value
-    return isinstance(one, dict) and "shape" not in one
+    return isinstance(one, Mapping) and set(one) != {"shape", "values"}
+
+
+def _key(key: object) -> str:
+    """A key, in quotes where it needs them."""
+    text = str(key)
+    plain = text.isascii() and text.replace("_", "").replace("-", "").isalnum()
+    return text if plain else quoted(text)
 
 
 def value_text(value: object) -> str:

@@ -1,10 +1,8 @@
-"""A recording's folder, made whole or not at all where nothing is yet, and its settings as TOML."""
+"""A recording's folder, made whole or not at all where nothing is yet."""
 
-import json
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from plumbline.errors import PlumblineError
 
@@ -37,25 +35,3 @@ def place(target: Path, fill: Callable[[Path], None]) -> None:
         raise PlumblineError(
             f"{target} cannot be written ({error.strerror}): choose another place"
         ) from error
-
-
-def toml_text(settings: Mapping[str, Any]) -> str:
-    """Settings as TOML: keys first, then tables, then lists of tables."""
-    return "\n".join(_lines(settings, "")) + "\n"
-
-
-def _lines(settings: Mapping[str, Any], prefix: str) -> Iterator[str]:
-    later: list[tuple[str, Any]] = []
-    for key, value in settings.items():
-        plain = key.isascii() and key.replace("_", "").replace("-", "").isalnum()
-        name = key if plain else json.dumps(key)
-        tables = isinstance(value, list) and value and all(isinstance(v, dict) for v in value)
-        if isinstance(value, Mapping) or tables:
-            later.append((prefix + name, value))
-        else:  # JSON's strings, numbers, booleans and lists are TOML's too
-            yield f"{name} = {json.dumps(value, ensure_ascii=False)}"
-    for name, value in later:
-        many = isinstance(value, list)
-        for table in value if many else [value]:
-            yield from ("", f"[[{name}]]" if many else f"[{name}]")
-            yield from _lines(table, f"{name}.")

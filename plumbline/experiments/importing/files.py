@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any, TypedDict, TypeVar, Unpack
 
 from plumbline.errors import MOST_LISTED, PlumblineError, fault, listed, shown
-from plumbline.experiments.console.places import place, toml_text
+from plumbline.experiments.console.places import place
 from plumbline.experiments.importing import bags, matlab, parquet, tables, text
 from plumbline.experiments.importing.asked import asked
 from plumbline.experiments.importing.tables import Raw
 from plumbline.experiments.importing.understood import Understood, si_of, understand
 from plumbline.experiments.importing.units import UNITS
+from plumbline.kinematics.toml_text import document
 from plumbline.optim.loading import load
 
 FEWEST = 2  # rows of a table
@@ -180,7 +181,7 @@ def write(
     found: list[Found] = []
 
     def fill(folder: Path) -> None:
-        (folder / "dataset.toml").write_text(toml_text(settings), encoding="utf-8")
+        (folder / "dataset.toml").write_text(document(settings), encoding="utf-8")
         # Twelve digits keep a micrometre in a kilometre, and a microsecond in a week.
         understood.samples.to_csv(
             folder / "samples.csv", index=False, float_format="%.12g", lineterminator="\n"

@@ -13,8 +13,9 @@ from typing import Any, TypeAlias
 import pandas as pd
 from numpy.typing import NDArray
 
-from plumbline.experiments.console.places import place, toml_text
+from plumbline.experiments.console.places import place
 from plumbline.experiments.sources.cache import Source
+from plumbline.kinematics.toml_text import document
 
 Scalar: TypeAlias = str | bool | int | float
 Value: TypeAlias = Scalar | list[int] | list[float] | list[str] | list[list[int]]
@@ -70,4 +71,4 @@ def dataset_toml(source: Source, draft: Draft) -> str:
     }  # fmt: skip
     hashes = {file.path: file.sha256 for file in source.files}
     notes = "".join(f"# {note}\n" for note in source.notes)
-    return notes + toml_text({**said, **draft.settings, **draft.tables, "sha256": hashes})
+    return notes + document({**said, **draft.settings, **draft.tables, "sha256": hashes})

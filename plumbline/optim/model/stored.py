@@ -14,7 +14,7 @@ import numpy as np
 from plumbline.errors import PlumblineError, fault, one_line, shown
 from plumbline.kinematics.effects.effect import FIDUCIALS, OF_AN_ARM, RANGES
 from plumbline.kinematics.files import new_file
-from plumbline.kinematics.toml_text import tables
+from plumbline.kinematics.toml_text import document
 from plumbline.optim.core.answer import again, stored
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
@@ -40,8 +40,8 @@ def save(
     """Store it in a format of some version, remarks for the reader in front."""
     head = [f"# {one_line(words)}" for words in (repr(found), UNITS, *remarks)]
     named = {"format": form[0], "version": form[1]}
-    text = "\n".join([*head, *tables(named | stored(found))])
-    new_file(path, f"{text}\n", overwrite=overwrite)
+    text = "\n".join([*head, document(named | stored(found))])
+    new_file(path, text, overwrite=overwrite)
 
 
 def load(path: str | Path, kind: type[T], form: tuple[str, int]) -> T:
