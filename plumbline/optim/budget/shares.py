@@ -21,7 +21,7 @@ from plumbline.optim.budget.constants import DRAWS, ROUNDING
 from plumbline.optim.budget.sources import Source
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.constants import SIDES
-from plumbline.optim.core.judged import Judgement
+from plumbline.optim.core.judged import Judgement, root_of
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import percent, quantity
 
@@ -211,7 +211,7 @@ class _Sum:
     def __init__(self, sources: Sequence[Source], cross: Mapping[tuple[int, int], Array]) -> None:
         count = max(source.points for source in sources)
         m = np.array([np.broadcast_to(s.mean, (count, 3)) for s in sources])
-        roots = [_root_of(s.mean_covariance) for s in sources]
+        roots = [root_of(s.mean_covariance) for s in sources]
         R = np.array([np.broadcast_to(root, (count, 3, 3)) for root in roots])
         self.products = np.einsum("kni,lni->kl", m, m) / count
         self.slopes = np.einsum("knij,lni->klj", R, m) / count
@@ -245,14 +245,6 @@ class _Sum:
 
 def _sizes(dof: float, rng: np.random.Generator) -> Array:
     return np.ones(DRAWS) if np.isinf(dof) else np.asarray(dof / rng.chisquare(dof, DRAWS))
-
-
-def _root_of(C: Array) -> Array:
-    """Symmetric square roots (N, 3, 3), which differ little where covariances do."""
-    values, vectors = np.linalg.eigh(C)
-    return np.asarray(
-        (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
-    )
 
 
 def _gain(sources: Sequence[Source], cross: Mapping[tuple[int, int], Array], k: int) -> float:

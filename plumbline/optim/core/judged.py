@@ -171,6 +171,13 @@ def standard_errors(matrix: Array, sigma: float, least: float = NO_CURVATURE) ->
     return np.where(lost, np.inf, sigma * S * np.sqrt(variance))
 
 
+def root_of(C: Array) -> Array:
+    """W (..., k, k), symmetric, with ``W W = C``: of covariances that may be singular."""
+    values, vectors = np.linalg.eigh(C)
+    sizes = np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    return np.asarray((vectors * sizes) @ np.swapaxes(vectors, -1, -2))
+
+
 LONG = re.compile(r"\d+\.\d{5,}")  # a number that was computed
 
 

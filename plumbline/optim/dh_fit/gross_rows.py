@@ -26,6 +26,7 @@ shape V from the directions of the misfits alone (Tyler 1987, Ann. Stat. 15(1)),
 import numpy as np
 from scipy.special import fdtri
 
+from plumbline.optim.core.judged import root_of
 from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.dh_fit import constants
 from plumbline.optim.dh_fit.identify import triangle
@@ -39,16 +40,10 @@ def factor(statement: DHStatement, readings: Readings, x: Array, free: Indices, 
     """
     A, B = statement.loss.moments(S)
     inverse = np.linalg.pinv(
-        triangle(statement, readings, x, root(A))[:, free], rcond=constants.RANK
+        triangle(statement, readings, x, root_of(A))[:, free], rcond=constants.RANK
     )
-    lower = triangle(statement, readings, x, root(B))[:, free]
+    lower = triangle(statement, readings, x, root_of(B))[:, free]
     return np.asarray(inverse @ inverse.T @ lower.T)
-
-
-def root(B: Array) -> Array:
-    """W (3, 3), symmetric, with ``W W = B``."""
-    values, vectors = np.linalg.eigh(B)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
 def gross_rows(statement: DHStatement, readings: Readings, x: Array, free: Indices) -> Flags:
@@ -80,7 +75,7 @@ def shape(e: Array) -> Array:
 def _deletion(statement: DHStatement, readings: Readings, x: Array, free: Indices) -> Array:
     rows = Pass(statement, readings)
     V = shape(rows.misfits(x))
-    W = root(V)
+    W = root_of(V)
     narrow = np.linalg.inv(W)
     inverse = np.linalg.pinv(triangle(statement, readings, x)[:, free], rcond=constants.RANK)
     moved = inverse.T @ triangle(statement, readings, x, W)[:, free].T

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.kinematics.link_table import LinkTable, row_matrix
+from plumbline.optim.core.judged import root_of
 from plumbline.optim.core.problem import Array, Indices
 from plumbline.optim.dh_fit.constants import LEAST_SOFT, MOST_SOFT, MOST_SOFT_ROWS, RANK, UNSEEN
-from plumbline.optim.dh_fit.gross_rows import root
 from plumbline.optim.dh_fit.statement import DHStatement, Pass, Readings
 from plumbline.optim.rigid import some_of
 
@@ -50,7 +50,7 @@ def softness(
     parts = list(Pass(statement, some).jacobians(x))
     e, J = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     J = (J * statement.scale)[:, :, free]
-    narrow, upper = np.linalg.inv(root(S)), root(statement.loss.moments(S)[0])
+    narrow, upper = np.linalg.inv(root_of(S)), root_of(statement.loss.moments(S)[0])
     M = np.linalg.pinv(_flat(upper, J), rcond=RANK) @ _flat(upper, G)
     z: Array = np.asarray(e @ narrow, dtype=float).ravel()
     return np.asarray(M * _size(_flat(narrow, J), _flat(narrow, G), z))

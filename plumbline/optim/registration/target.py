@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 from scipy.special import chdtri, fdtri
 
 from plumbline.errors import fault
+from plumbline.optim.core.judged import root_of
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.constants import (
     DRAWS,
@@ -141,8 +142,8 @@ def bent(arm: Array, pose: Array, own: Array) -> tuple[Array, Array]:
     ``pose`` is the pose's covariance (k, k), ``own`` that of the target's reading (3, 3) [m^2].
     """
     z, K, k = _normal(), lever(arm, len(pose)), len(pose)
-    x = z[:, :k] @ _root(pose)
-    straight = x @ K.T + z[:, -3:] @ _root(own)
+    x = z[:, :k] @ root_of(pose)
+    straight = x @ K.T + z[:, -3:] @ root_of(own)
     back = scipy.spatial.transform.Rotation.from_rotvec(-x[:, 3:6]).apply(arm)
     mean, more = arc(arm, pose[3:6, 3:6])
     flat = K @ pose @ K.T + own
@@ -154,12 +155,6 @@ def bent(arm: Array, pose: Array, own: Array) -> tuple[Array, Array]:
 def _normal() -> Array:
     """Normal numbers (N, 10) for every pose and reading: the same, so that answers repeat."""
     return np.random.default_rng(0).normal(size=(DRAWS, 10))
-
-
-def _root(covariance: Array) -> Array:
-    """The symmetric root of a covariance, which may be singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
 def _squares(errors: Array, covariance: Array) -> Array:

@@ -32,6 +32,7 @@ from typing import ClassVar, Self
 
 import casadi as cs
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from plumbline.declared import Declared
@@ -295,10 +296,6 @@ def _mean(T: Array, centre: Array, gains: Array) -> Array:
 
 
 def _rotation_vector(R: Array) -> Array:
-    """Rotation vectors (..., 3) [rad] of rotations (..., 3, 3) by less than half a turn."""
-    pairs = ((2, 1), (0, 2), (1, 0))
-    axis = np.stack([(R[..., i, j] - R[..., j, i]) / 2 for i, j in pairs], axis=-1)
-    sine = np.linalg.norm(axis, axis=-1)
-    angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
-    factor = np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0)
-    return axis * factor[..., None]
+    """Rotation vectors (..., 3) [rad] of rotations (..., 3, 3)."""
+    found = scipy.spatial.transform.Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(found).reshape(R.shape[:-1])

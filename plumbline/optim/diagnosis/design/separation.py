@@ -26,6 +26,7 @@ from typing import Protocol, Self
 import numpy as np
 from scipy.special import logsumexp
 
+from plumbline.optim.core.judged import root_of
 from plumbline.optim.core.problem import Array
 
 
@@ -200,11 +201,11 @@ def expected_probabilities(
     """
     rng = np.random.default_rng(seed)
     z_noise, y_noise = rng.normal(size=(2, draws, len(gram)))
-    root = _root(gram)
+    root = root_of(gram)
     found = np.full((len(rivals.labels), len(rivals.labels)), np.nan)
     for i in range(len(found)) if only is None else [only]:
         mean, C = rivals.means[i], rivals.covariances[i]
-        b = (mean + z_noise @ _root(C)) @ gram + y_noise @ root
+        b = (mean + z_noise @ root_of(C)) @ gram + y_noise @ root
         logs = np.stack([_evidence(rivals, j, gram, b) for j in range(len(found))])
         logs += np.log(np.maximum(rivals.probabilities, 1e-300))[:, None]
         found[i] = np.exp(logs - logsumexp(logs, axis=0)).mean(axis=1)
@@ -219,9 +220,3 @@ def _evidence(rivals: Rivals, j: int, gram: Array, b: Array) -> Array:
     square = -2.0 * (b @ mean) + float(mean @ gram @ mean)
     square = square - np.einsum("dp,pq,dq->d", left, np.linalg.solve(A, C), left)
     return np.asarray(-0.5 * (square + np.linalg.slogdet(A)[1]))
-
-
-def _root(C: Array) -> Array:
-    """A symmetric root (P, P) of a covariance, however singular."""
-    values, vectors = np.linalg.eigh((C + C.T) / 2)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
