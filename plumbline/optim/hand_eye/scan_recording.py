@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.errors import fault
+from plumbline.kinematics.constants import LARGEST_FILE
 from plumbline.kinematics.files import read_file
 from plumbline.optim.hand_eye.constants import (
     LARGEST_SURFACE,
@@ -32,6 +33,7 @@ from plumbline.optim.hand_eye.recording import labelled, open_ranges
 from plumbline.optim.recording.loading import read_bytes
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Array, Integers, Table, read_table
+from plumbline.optim.triangles import triangles_of
 
 
 def surface_points(place: Path, metres: float) -> Array | None:
@@ -42,7 +44,8 @@ def surface_points(place: Path, metres: float) -> Array | None:
         table.require(("x", "y", "z"))
         points = table.block(("x", "y", "z"))
     elif (place / stl).exists():
-        name, points = stl, sampled(triangles(read_bytes(place, stl)))
+        corners, faces = triangles_of(place / stl, LARGEST_FILE)
+        name, points = stl, sampled(corners[faces])
     else:
         return None
     points = points * metres
@@ -53,30 +56,6 @@ def surface_points(place: Path, metres: float) -> Array | None:
         mend = 'looks like millimetres: write surface_unit = "mm" in dataset.toml'
         raise fault(name, f"a surface of {size:.4g} m", f"at most {LARGEST_SURFACE:g} m", mend)
     return points
-
-
-def triangles(data: bytes) -> Array:
-    """Triangles (T, 3, 3) of an STL file, binary or text, refused if it is neither."""
-    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
-    if count > 0 and len(data) == 84 + 50 * count:
-        kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
-        corners = np.frombuffer(data, kind, offset=84)["corners"].astype(float)
-    else:
-        corners = _from_text(data)
-    if not len(corners) or not np.isfinite(corners).all():
-        mend = "write it again, binary or as text"
-        raise fault("surface.stl", "no triangles, or some that are not finite", "an STL file", mend)
-    return corners
-
-
-def _from_text(data: bytes) -> Array:
-    words = [line.split() for line in data.decode("ascii", errors="replace").splitlines()]
-    corners = [w[1:] for w in words if len(w) == 4 and w[0] == "vertex"]
-    try:
-        found = np.array(corners, dtype=float)
-    except ValueError:
-        return np.empty((0, 3, 3))
-    return found.reshape(-1, 3, 3) if len(found) % 3 == 0 else np.empty((0, 3, 3))
 
 
 def sampled(corners: Array) -> Array:

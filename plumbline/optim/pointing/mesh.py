@@ -42,6 +42,7 @@ from plumbline.optim.pointing.constants import (
     ROUNDING,
 )
 from plumbline.optim.pointing.given import array
+from plumbline.optim.triangles import triangles_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,23 +88,8 @@ class Mesh:
         Raises:
             PlumblineError: It is no such file, or too large, or its surface is not closed.
         """
-        file = Path(path)
-        if not file.is_file():
-            raise PlumblineError(f"mesh {str(path)!r}: no regular file; give an STL, OBJ or PLY")
-        if file.stat().st_size > LARGEST_FILE:
-            raise PlumblineError(
-                f"mesh {file.name!r}: {file.stat().st_size} bytes, at most {LARGEST_FILE}; "
-                "decimate the surface"
-            )
-        loader: Any = coal.MeshLoader()
-        try:
-            model = loader.load(str(file))
-        except (ValueError, RuntimeError) as fault:
-            said = " ".join(str(fault).split(str(file))[-1].split("Hint")[0].split())
-            why = said.strip(" .:\"'")[:120] or "no surface that can be read"
-            raise PlumblineError(f"mesh {file.name!r}: {why}; give an STL, OBJ or PLY") from None
-        faces = [[model.tri_indices(k)[i] for i in range(3)] for k in range(model.num_tris)]
-        return cls(unit * np.array(model.vertices()).reshape(-1, 3), faces)
+        corners, faces = triangles_of(Path(path), LARGEST_FILE)
+        return cls(unit * corners, faces)
 
     @cached_property
     def middle(self) -> Array:

@@ -17,8 +17,9 @@ from plumbline.experiments.reproduce.hand_eye_trials import chain
 from plumbline.optim.hand_eye.accuracy import moved
 from plumbline.optim.hand_eye.constants import SURFACE_POINTS
 from plumbline.optim.hand_eye.scan import _Face, _own_variance
-from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan, sampled, triangles
+from plumbline.optim.hand_eye.scan_recording import beam_from_json, load_scan, sampled
 from plumbline.optim.hand_eye.surface import Surface, judge, register_surface
+from plumbline.optim.triangles import triangles_of
 from tests.answer_contract import keeps_the_contract
 from tests.ranging_scenes import CLEAN, room_of, surveyed, truth, write_block, write_head
 
@@ -159,7 +160,7 @@ def test_a_flat_surface_fixes_nothing_and_is_refused(head_made, tmp_path, calibr
         (lambda f: _replaced(f, "dataset.toml", "surface_scan", "plane_range"), "run: plumbline"),
         (lambda f: _replaced(f, "samples.csv", ",face\n", ",side\n"), "neither faces"),
         (lambda f: (f / "surface.csv").write_text("x,y,z\n1,2,3\n"), "1 points, expected 100"),
-        (lambda f: (f / "surface.stl").write_bytes(b"solid nothing"), "no triangles"),
+        (lambda f: (f / "surface.stl").write_bytes(b"solid nothing"), "give an STL"),
         (lambda f: (f / "surface.stl").write_bytes(stl(1e3)), "surface_unit"),
         (lambda f: (f / "landmarks.csv").write_text("a,b\n1,2\n"), "column 'base_x'"),
     ],
@@ -188,10 +189,18 @@ def stl(size):
     return bytes(80) + (4).to_bytes(4, "little") + data.tobytes()
 
 
-def test_a_binary_stl_and_a_text_one_are_the_same_surface():
-    binary = triangles(stl(0.1))
-    text = "solid x\n" + "".join(f"vertex {a} {b} {c}\n" for a, b, c in binary.reshape(-1, 3))
-    np.testing.assert_allclose(triangles(text.encode()), binary)
+def corners_of(path, data):
+    path.write_bytes(data)
+    corners, faces = triangles_of(path, 10_000)
+    return corners[faces]
+
+
+def test_a_binary_stl_and_a_text_one_are_the_same_surface(tmp_path):
+    binary = corners_of(tmp_path / "binary.stl", stl(0.1))
+    facet = "facet normal 0 0 0\nouter loop\n{}endloop\nendfacet\n"
+    facets = ["".join(f"vertex {a} {b} {c}\n" for a, b, c in three) for three in binary]
+    text = f"solid x\n{''.join(map(facet.format, facets))}endsolid x\n"
+    np.testing.assert_allclose(corners_of(tmp_path / "text.stl", text.encode()), binary)
     points = sampled(binary)
     assert len(points) == SURFACE_POINTS
     # Even over the area: the slanted face is sqrt(3) / (3 + sqrt(3)) of it.
