@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.constants import FINER
+
+Form = TypeVar("Form", bound=Any)
 
 
 @dataclass(frozen=True)
@@ -64,3 +68,12 @@ class Parameter:
             raise PlumblineError(
                 f"Parameter {self.name or self.doc!r}: scale {self.scale} must be > 0"
             )
+
+
+def between(form: Form, name: str, ratio: float) -> list[Form]:
+    """Forms between those that are tried of a field, each so many times the one before.
+
+    However far a gap stands out of the noise, a width that is tried no finer leaves some of it.
+    """
+    value = getattr(form, name)
+    return [replace(form, **{name: value * ratio**share}) for share in FINER]

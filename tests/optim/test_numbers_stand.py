@@ -10,7 +10,9 @@ MODULES = {"kinematics": "kinematics.constants", "drive": "kinematics.drive"}
 STAND = {
     "kinematics": {
         "ROUNDING": 1e-15, "SAME": 1e-12, "SHORT": 1e-9, "NULL": 1e-9, "LEAST_LOAD": 0.01,
-        "HOURS": 7200.0, "STEP": (0.5, 0.7, 1.4, 2.0), "COARSE": (0.3, 0.55, 1.8, 3.0),
+        "HOURS": 7200.0,
+        "FINER": (-0.5, 0.5, -0.25, 0.25, -0.125, 0.125, -0.0625, 0.0625, -0.03125, 0.03125,
+                  -0.015625, 0.015625),
         "TIP_TO_AXIS": 1e-3, "UNLIMITED": 1e3, "COLD": 0.05, "PARALLEL": 0.05, "DRAWN": 1e-9,
         "SERIES_BELOW": 1e-4, "TINY": 1e-12, "ALONG": 1e-12, "SHORTEST": 1e-3, "LARGEST": 1e12,
         "LARGEST_FILE": 64000000, "LARGEST_URDF": 16000000, "STANDARD_GRAVITY": (0.0, 0.0, -9.81),

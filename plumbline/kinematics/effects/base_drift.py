@@ -6,7 +6,7 @@ r"""The base (or the device's stand) creeps while the recording lasts.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import casadi as cs
 import numpy as np
@@ -19,13 +19,11 @@ from plumbline.kinematics.effects.effect import (
     Stage,
     State,
 )
-from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.parameters import Parameter, between
 
 # Time constants of what settles [length of the recording], a grid by hand: from a twentieth, where
-# it is a step, to one and a half, where it is nearly steady, threefold apart; and factors to those
-# between them.
-SETTLING = (0.05, 0.15, 0.5, 1.5)
-BETWEEN = (0.58, 0.76, 1.3, 1.7)
+# it is a step, to one and a half, where it is nearly steady, threefold apart.
+SETTLING, APART = (0.05, 0.15, 0.5, 1.5), 3.0
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ class BaseDrift(BaseMotion):
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Time constants between those that are tried."""
-        return [replace(self, rate=self.rate / f) for f in BETWEEN] if self.rate else []
+        return between(self, "rate", APART) if self.rate else []
 
     def apply(self, state: State, *values: cs.SX) -> State:
         since, whole = state.row["time"] - self.start, self.end - self.start

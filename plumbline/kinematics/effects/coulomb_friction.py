@@ -21,14 +21,13 @@ from typing import Self
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.constants import STEP
 from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.drive import DriveEffect, largest_speed
 from plumbline.kinematics.effects.effect import Effect, Scope, State
 from plumbline.kinematics.effects.hysteresis import lag_of_play
 from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
 from plumbline.kinematics.evaluate import Array
-from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.parameters import Parameter, between
 
 WAYS = (0.006, 0.02, 0.06)  # rad or m: gears' play and twist together, 5 to 50 times an arc minute
 LONGEST = 0.1  # rad or m, of a search about them: no gear yields further
@@ -59,8 +58,8 @@ class CoulombFriction(DriveEffect):
     def variant(self) -> str:
         """Over which way, or which speeds, it changes sides, if any."""
         if self.creep:
-            return f"changes sides over {self.creep:.2g} rad/s"
-        return f"changes sides over {self.way:.2g} rad" if self.way else ""
+            return f"changes sides over {self.creep:.3g} rad/s"
+        return f"changes sides over {self.way:.3g} rad" if self.way else ""
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Self]:
@@ -72,9 +71,8 @@ class CoulombFriction(DriveEffect):
         """Over less and over more of a way, or of speeds."""
         if self.creep:
             most = SHARES[-1] * largest_speed(scope, self.joint)
-            speeds = (self.creep * f for f in STEP)
-            return [replace(self, creep=speed) for speed in speeds if speed <= most]
-        ways = (self.way * f for f in STEP)
+            return [e for e in between(self, "creep", SHARES[-1] / SHARES[-2]) if e.creep <= most]
+        ways = (finer.way for finer in between(self, "way", WAYS[-1] / WAYS[-2]))
         return self._over(scope, [way for way in ways if 0.0 < way <= LONGEST])
 
     def _over(self, scope: Scope, ways: Sequence[float]) -> list[Self]:

@@ -9,13 +9,12 @@ the drive's yielding under it is a ``joint_compliance``.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as cs
 
-from plumbline.kinematics.constants import STEP
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
-from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.parameters import Parameter, between
 
 SPEEDS = (0.03, 0.1, 0.3)
 
@@ -51,7 +50,7 @@ class Friction(JointEffect):
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Slower and faster."""
-        return [replace(self, speed=self.speed * f) for f in STEP]
+        return between(self, "speed", SPEEDS[1] / SPEEDS[0])
 
     def apply(self, state: State, *values: cs.SX) -> State:
         velocity = state.row["velocity"][self.joint - 1]

@@ -13,10 +13,9 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.constants import COARSE
 from plumbline.kinematics.effects.effect import UNSAID, Effect, JointEffect, Scope, State
 from plumbline.kinematics.evaluate import Array
-from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.parameters import Parameter, between
 
 # [rad or m] tried first, a decade apart: gears have the least, cables the most; refined afterwards.
 WIDTHS = (1e-4, 1e-3, 1e-2, 1e-1)
@@ -54,7 +53,8 @@ class Hysteresis(JointEffect):
         """Narrower and wider play; and by how much the way to the first row has taken it up."""
         lags = () if self.start else STARTS
         other = [replace(self, start=lag) for lag in lags if lag != self.start]
-        return [*self._of([self.width * f for f in COARSE], scope), *other]
+        near = [finer.width for finer in between(self, "width", WIDTHS[1] / WIDTHS[0])]
+        return [*self._of(near, scope), *other]
 
     def _of(self, widths: Sequence[float], scope: Scope) -> Sequence[Effect]:
         low, high = scope.span[f"q{self.joint}"]

@@ -19,11 +19,11 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.constants import COLD
-from plumbline.kinematics.effects.base_drift import BETWEEN, SETTLING
+from plumbline.kinematics.effects.base_drift import APART, SETTLING
 from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform
-from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.parameters import Parameter, between
 
 STANDARD_TEMPERATURE = 20.0
 SMOOTHED = 0.03  # of the recording's length on either side, over which a slope of T is taken
@@ -144,7 +144,7 @@ class LinkWarmUp(_Lengths):
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Time constants between those that are tried."""
-        return [replace(self, time_constant=self.time_constant * f) for f in BETWEEN]
+        return between(self, "time_constant", APART)
 
     def apply(self, state: State, *values: cs.SX) -> State:
         since = state.row["time"] - self.start

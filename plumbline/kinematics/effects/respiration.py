@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import FINER
 from plumbline.kinematics.effects.effect import (
     DEVICE_OBSERVATIONS,
     FIDUCIALS,
@@ -28,9 +29,6 @@ ONE_PHASE, LOOKED_AT = 0.99, 1000  # mean of a breath's phasor over so many rows
 TURNS = 2 * (FASTEST - SLOWEST)  # frequencies to be tried for each second of the recording
 
 SIZE = Parameter("m", -0.05, 0.05, scale=5e-4, doc="{}")
-# Frequencies between those that are tried [their step]: of a thousand rows that breathe by two
-# sigma a quarter of a step leaves more than noise, a sixty-fourth does not.
-FINER = tuple(sign * 0.5**k for k in range(1, 7) for sign in (-1.0, 1.0))
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import FINER
 from plumbline.kinematics.effects.effect import Effect, JointEffect, Scope, State
-from plumbline.kinematics.effects.respiration import FINER
 from plumbline.kinematics.parameters import Parameter
 
 LEAST_LEAD = 1e-3  # [m]: of the finest ball screws

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import FINER
 from plumbline.kinematics.effects.effect import DEVICE_OBSERVATIONS, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
 
@@ -57,10 +58,10 @@ class SensorDistortion(Effect):
         return [*map(cls, KINDS[:2]), *placed]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Right elsewhere in the field, by a half of the places' distance and by a quarter."""
+        """Right elsewhere in the field, between those that are tried."""
         low, high = scope.span.get(self.kind, (0.0, 0.0))
-        steps = (high - low) / (PLACES + 1) * np.array([-0.5, -0.25, 0.25, 0.5])
-        return [replace(self, right_at=self.right_at + float(by)) for by in steps if by]
+        step = float(high - low) / (PLACES + 1)
+        return [replace(self, right_at=self.right_at + k * step) for k in FINER if step]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         y = state.reading

@@ -11,10 +11,9 @@ from typing import Self
 
 import casadi as cs
 
-from plumbline.kinematics.constants import STEP
 from plumbline.kinematics.effects.drive import DriveEffect, largest_speed
 from plumbline.kinematics.effects.effect import Effect, Scope, State
-from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.parameters import Parameter, between
 
 SHARES = (0.03, 0.1, 0.3)  # of the largest speed
 
@@ -35,7 +34,7 @@ class StribeckFriction(DriveEffect):
     @property
     def variant(self) -> str:
         """Where friction falls to its dry value."""
-        return f"creeping below {self.speed:.2g} rad/s"
+        return f"creeping below {self.speed:.3g} rad/s"
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Self]:
@@ -46,7 +45,7 @@ class StribeckFriction(DriveEffect):
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
         """Slower and faster."""
-        return [replace(self, speed=self.speed * f) for f in STEP]
+        return between(self, "speed", SHARES[-1] / SHARES[-2])
 
     def apply(self, state: State, *values: cs.SX) -> State:
         creeping = cs.exp(-((state.row["velocity"][self.joint - 1] / self.speed) ** 2))
