@@ -23,8 +23,8 @@ import numpy as np
 
 from plumbline.kinematics.drive import Drive, Law
 from plumbline.kinematics.effects.drive import DriveEffect, largest_speed
-from plumbline.kinematics.effects.effect import Effect, Scope, State
-from plumbline.kinematics.effects.hysteresis import lag_of_play
+from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, State
+from plumbline.kinematics.effects.hysteresis import STARTS, lag_of_play
 from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.parameters import Parameter, between
@@ -43,6 +43,8 @@ class CoulombFriction(DriveEffect):
 
     way: float = field(default=0.0, metadata={"unit": "rad"})
     creep: float = field(default=0.0, metadata={"unit": "rad/s"})
+    # lag before the first row [way]; where it is not told, as the first motion over a way leaves it
+    start: float | None = field(default=None, metadata=UNSAID)
 
     depends_on = "velocity"
     name = "coulomb_friction"
@@ -68,12 +70,14 @@ class CoulombFriction(DriveEffect):
         return [f for e in every for f in (e, *e._over(scope, WAYS), *e._creeping(scope))]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """Over less and over more of a way, or of speeds."""
+        """Over less and more of a way, or of speeds; and wound up before as it may have been."""
         if self.creep:
             most = SHARES[-1] * largest_speed(scope, self.joint)
             return [e for e in between(self, "creep", SHARES[-1] / SHARES[-2]) if e.creep <= most]
         ways = (finer.way for finer in between(self, "way", WAYS[-1] / WAYS[-2]))
-        return self._over(scope, [way for way in ways if 0.0 < way <= LONGEST])
+        near = self._over(scope, [way for way in ways if 0.0 < way <= LONGEST])
+        lags = STARTS if self.way and self.start is None else ()
+        return [*near, *(replace(self, start=lag) for lag in lags)]
 
     def _over(self, scope: Scope, ways: Sequence[float]) -> list[Self]:
         low, high = scope.span[f"q{self.joint}"]
@@ -87,11 +91,11 @@ class CoulombFriction(DriveEffect):
     @property
     def sliding(self) -> Self:
         """The same once it has changed sides."""
-        return replace(self, way=0.0, creep=0.0)
+        return replace(self, way=0.0, creep=0.0, start=None)
 
     @property
     def _column(self) -> str:
-        return f"side{self.joint}_{self.way:g}"
+        return f"side{self.joint}_{self.way:g}_{self.start}"
 
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
         """Which way friction holds (N,), from -1 to 1, where it has a way to change sides."""
@@ -100,7 +104,8 @@ class CoulombFriction(DriveEffect):
         q = rows["q"][:, self.joint - 1]
         left = np.flatnonzero(np.abs(q - q[0]) > self.way)
         first = float(np.sign(q[left[0]] - q[0])) if len(left) else 0.0
-        return {self._column: -2.0 * lag_of_play(q, self.way, -0.5 * first)}
+        start = -0.5 * first if self.start is None else self.start
+        return {self._column: -2.0 * lag_of_play(q, self.way, start)}
 
     def apply(self, state: State, *values: cs.SX) -> State:
         side = state.row[self._column] if self.way else state.row["turning"][self.joint - 1]

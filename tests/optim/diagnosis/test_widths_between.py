@@ -48,10 +48,11 @@ def test_friction_that_falls_at_any_speed_is_listed(share):
         assert answer.verdict.outside_probability < UNSURE
 
 
+@pytest.mark.parametrize("start", [0.5, 0.0, -0.5])
 @pytest.mark.parametrize("way", [0.0085, 0.013, 0.04])
-def test_friction_that_holds_over_any_way_is_listed(way):
-    def held(q, v):
-        return -2.0 * lag_of_play(q, way, -0.5 * np.sign(v[0]))  # wound up where it begins
+def test_friction_that_holds_over_any_way_is_listed(way, start):
+    def held(q, _):
+        return -2.0 * lag_of_play(q, way, start)  # wound up by nobody knows what
 
     answer = diagnosed(held, 3)
     assert [c.label for c in answer.causes] == ["coulomb_friction of drive 2"]
