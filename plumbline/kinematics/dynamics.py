@@ -211,9 +211,13 @@ class Nominal:
         """``T_base_joint`` of every joint and last the tip (n + 1)."""
         return self.chain.joint_frames(self.q)
 
-    def load_at(self, place: cs.SX) -> cs.SX:
-        """Torque (n,) that one kilogram at a place (3,) of the base frame asks [N m or N]."""
-        return self._borne(cs.gradient(-cs.dot(place, constant(self.chain.gravity)), self.q))
+    def load_at(self, place: cs.SX, force: cs.SX | None = None) -> cs.SX:
+        """Torque (n,) that one kilogram at a place (3,) of the base frame asks [N m or N].
+
+        Or a force (3,) [N] there, in that frame.
+        """
+        force = constant(self.chain.gravity) if force is None else force
+        return self._borne(cs.gradient(-cs.dot(place, force), self.q))
 
 
 def weight_beyond(arm: Nominal, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:

@@ -25,7 +25,8 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     rows_compared,
     spread_of_noise,
 )
-from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
+from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
+from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.functions import nearness
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior

@@ -13,7 +13,7 @@ from plumbline.kinematics.effects.joint_scale import JointScale as ModelledScale
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.diagnosis.diagnose import Explained, _lacking, diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, GrossRow, Unlisted
-from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
 from plumbline.optim.diagnosis.findings import (
     Cause,
     Estimate,

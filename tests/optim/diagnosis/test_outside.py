@@ -6,7 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plumbline.experiments.reality.body_effects import JointTilt, LinkThermal
+from plumbline.experiments.reality.body_effects import (
+    BaseCompliance,
+    JointTilt,
+    LinkFlex,
+    LinkThermal,
+)
 from plumbline.experiments.reality.end_effects import SensorScale
 from plumbline.experiments.reality.joint_effects import (
     CoupledPlay,
@@ -14,6 +19,7 @@ from plumbline.experiments.reality.joint_effects import (
     JointMechanism,
     JointScale,
     LoadedPlay,
+    Payload,
     TransmissionRipple,
 )
 from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticSpot, StickSlip
@@ -23,7 +29,8 @@ from plumbline.experiments.reality.unseen.joints import HubSlip
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple as ModelledRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.discrepancy.dependences import _of_links, dependences
+from plumbline.optim.diagnosis.discrepancy.body_dependences import _of_links
+from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.meaning import NOISIER
@@ -114,7 +121,8 @@ def test_a_ripple_whose_phase_another_joint_sets_is_named(joint, other, order, m
 def test_what_nobody_lists_of_a_link_holds_no_place_of_its_own(tmp_path):
     """Else one term would stand for the geometry of several links and cost one cause."""
     recording, _ = recorded(faultless(rows=40, seed=2), tmp_path)
-    ports = SimpleNamespace(link=np.ones((recording.chain.n, 1, len(recording), 3)))
+    N, n = recording.q.shape
+    ports = SimpleNamespace(link=np.ones((n, 6, N, 3)), joint=np.zeros((n, N, 3)))
     found = list(_of_links(recording, ports))
     assert {f.on for f in found} == {"load"}
     for family in found:
@@ -191,6 +199,8 @@ def test_what_moves_a_joint_s_axis_or_comes_by_another_s_side_is_its_own(fault, 
         (SensorScale(0.0), ("sensor", None), 0.95),
         (LinkThermal(0.0, 20.0), ("link", None), 0.95),
         (LoadedPlay(0.0, 4, 0.02), ("joint", 4), 0.1),
+        (Payload(0.0, (2e4,) * 6), ("tool", None), 0.95),
+        (BaseCompliance(0.0, 1.0), ("base", None), 0.6),
     ],
 )
 def test_what_is_as_simple_as_what_the_library_lacks_is_not_taken_for_another_effect(
@@ -198,13 +208,23 @@ def test_what_is_as_simple_as_what_the_library_lacks_is_not_taken_for_another_ef
 ):
     """All lengths grow alike; a side changes with the load, as a drive does that is soft near none.
 
-    Of these two neither does better: each has what it had before the data.
+    Of these two neither does better: each has what it had before the data. A weight at the tip
+    twists all drives in one measure: two compliances had stood for it, and for a base that tilts a
+    first link that bends.
     """
     recording, _ = recorded(with_fault(faultless(rows=90, seed=8), fault, gap=2.5), tmp_path)
     found = told(recording, library_without(fault.effect))
     assert found.lacked_at[place] > 0.95
     assert found.unlisted > least
     assert all(p <= 1.0 - least for p in found.probabilities.values())
+
+
+def test_a_link_that_bends_is_told_as_the_link_not_as_the_joint_before_it(tmp_path):
+    """It bends about its middle under the weights beyond it, in one measure."""
+    recording, _ = recorded(
+        with_fault(faultless(rows=90, seed=8), LinkFlex(0.0, 3), gap=2.5), tmp_path
+    )
+    assert told(recording, library_without("link_flex")).lacked_at == {("link", 3): 1.0}
 
 
 @pytest.mark.parametrize("clock", [True, False])

@@ -14,7 +14,7 @@ from plumbline.optim.diagnosis.design import next_experiment
 from plumbline.optim.diagnosis.design.course import Course, _cooled
 from plumbline.optim.diagnosis.design.future_rows import FutureRows, _within_reach
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
-from plumbline.optim.diagnosis.discrepancy import dependences
+from plumbline.optim.diagnosis.discrepancy import dependence
 from plumbline.optim.diagnosis.discrepancy.alternatives import _shared_shift, spread_of_noise
 from plumbline.optim.diagnosis.discrepancy.torque_dependences import _thinned_path
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
@@ -123,10 +123,10 @@ def test_a_spectrum_has_the_whole_orders_up_to_some_forty():
 
 
 def test_an_unknown_shift_is_about_a_third_of_a_millimetre_and_takes_few_columns():
-    found = dependences._at("", "", "joint", 1, np.ones((1, N)), np.ones((1, N, 3)))
+    found = dependence.acting("", "", "joint", 1, np.ones((1, N)), np.ones((1, N, 3)))
     assert 2e-4 < np.abs(found.columns).max() < 5e-4
     many = np.random.default_rng(0).normal(size=(40, N, 3))
-    assert 10 < len(dependences.leading(many)) < 20
+    assert 10 < len(dependence.leading(many)) < 20
 
 
 def told(**given):
@@ -145,6 +145,20 @@ def test_a_model_is_open_where_something_unlisted_is_no_less_probable_than_befor
 def test_a_place_is_told_from_two_per_cent_on():
     places = {("joint", 1): 0.03, ("joint", 2): 0.013}
     assert [found["element"] for found in tree_of(places, {})] == [1]
+
+
+@pytest.mark.parametrize(("p", "first"), [(0.992, 2), (0.975, 1)])
+def test_of_places_as_probable_to_what_chains_repeat_the_one_that_moves_more_comes_first(p, first):
+    places, moved = {("joint", 1): 0.995, ("joint", 2): p}, {("joint", 1): 1.0, ("joint", 2): 4.0}
+    assert tree_of(places, {}, moved)[0]["element"] == first
+
+
+def test_of_mechanisms_as_probable_the_one_that_was_given_first_comes_first():
+    at = ("actuation", 1, "history")
+    both = {(*at, "actuation_play"): 0.5, (*at, "actuation_deadband"): 0.5 + 1e-12}
+    [place] = tree_of({at[:2]: 1.0}, both)
+    told = [m["effect"] for m in place["dependences"][0]["mechanisms"]]
+    assert told == ["actuation_play", "actuation_deadband"]
 
 
 def test_what_mechanisms_lack_of_their_place_is_of_none_of_the_library():

@@ -13,7 +13,7 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Unlisted
-from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
 from plumbline.optim.diagnosis.discrepancy.resembling import _modulated, _words, resembling
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior

@@ -22,7 +22,8 @@ from scipy.special import gammaln
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, dependences
+from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
+from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
 from plumbline.optim.diagnosis.findings import Key
@@ -303,8 +304,8 @@ def _not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[D
             gone[key] += np.exp(f.log_prior)
         else:
             kept.append(f)
-    share = {key: float(np.log1p(-gone[key])) for key in gone}
-    of = [share.get((f.stage, f.element, f.on), 0.0) for f in kept]
+    keys = [(f.stage, f.element, f.on) for f in kept]
+    of = [float(np.log1p(-gone[key])) for key in keys]
     return [replace(f, log_prior=f.log_prior - log) for f, log in zip(kept, of, strict=True)]
 
 

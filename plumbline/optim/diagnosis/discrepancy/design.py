@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from plumbline.optim.core.constants import CHUNK_NUMBERS
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import JITTER
-from plumbline.optim.diagnosis.discrepancy.dependences import Dependence
+from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
 from plumbline.optim.diagnosis.linearise.linear import (
     Columns,
     Linear,

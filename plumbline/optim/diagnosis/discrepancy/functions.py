@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations_with_replacement, product
 
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.constants import TIP_TO_AXIS
 from plumbline.kinematics.dynamics import Nominal, weight_beyond
 from plumbline.kinematics.effects.base_bump import LEAST_SHARE, MOST
 from plumbline.kinematics.effects.base_drift import SETTLING
@@ -143,11 +145,17 @@ def loads(recording: Recording, gravity: Array | None = None) -> Array:
     return over_rows(torque, rows)[0][:, 0]
 
 
+def _arm(recording: Recording) -> tuple[Nominal, Array]:
+    """The nominal arm in symbols, and what it is known to carry (N,) [kg]."""
+    chain = scope_of(recording).chain
+    known = np.zeros(len(recording)) if recording.payload is None else recording.payload
+    return Nominal(chain, cs.SX.sym("q", chain.n), cs.SX.sym("payload")), known
+
+
 def weights(recording: Recording) -> Array:
     """Gravity's direction, and moment [N m], in the frame of every joint (n, 2, 3, N)."""
-    chain = scope_of(recording).chain
-    payload = np.zeros(len(recording)) if recording.payload is None else recording.payload
-    arm = Nominal(chain, cs.SX.sym("q", chain.n), cs.SX.sym("payload"))
+    arm, payload = _arm(recording)
+    chain = arm.chain
     down = cs.DM(chain.gravity / max(float(np.linalg.norm(chain.gravity)), 1e-12))
     each = [
         T.R.T @ cs.horzcat(down, weight_beyond(arm, j + 1, T.t)[1])
@@ -156,6 +164,65 @@ def weights(recording: Recording) -> Array:
     borne = cs.Function("borne", [cs.vertcat(arm.q, arm.payload)], [cs.densify(cs.horzcat(*each))])
     found = over_rows(borne, np.column_stack([recording.q, payload]))[0]
     return np.asarray(found.reshape(len(found), chain.n, 2, 3).transpose(1, 2, 3, 0))
+
+
+def bending(recording: Recording) -> Array:
+    """Every link as it bends about its middle under the weights beyond it (n, 6, N), alike [N m].
+
+    A twist of its joint's frame; to a twelfth of the end's shift as a beam bends (Timoshenko 1955,
+    Strength of Materials I, ch. 5).
+    """
+    arm, payload = _arm(recording)
+    found = []
+    for i, T in enumerate(arm.frames[: arm.chain.n]):
+        beam = cs.DM(arm.chain.placements[i + 1].t)
+        u = beam / cs.fmax(cs.norm_2(beam), TIP_TO_AXIS)
+        moment = T.R.T @ weight_beyond(arm, i + 1, T.point(beam / 2))[1]
+        turned = moment - u * cs.dot(u, moment)
+        found.append(cs.vertcat(cs.cross(beam / 2, turned), turned))
+    bent = cs.Function("bent", [cs.vertcat(arm.q, arm.payload)], [cs.densify(cs.horzcat(*found))])
+    return np.asarray(
+        over_rows(bent, np.column_stack([recording.q, payload]))[0].transpose(1, 2, 0)
+    )
+
+
+def overturning(recording: Recording) -> Array:
+    """Moment (3, N) [N m] of all weights about the base's origin, in the base frame."""
+    arm, payload = _arm(recording)
+    moment = weight_beyond(arm, 1, cs.SX(3, 1))[1]
+    about = cs.Function("overturning", [cs.vertcat(arm.q, arm.payload)], [cs.densify(moment)])
+    return np.asarray(over_rows(about, np.column_stack([recording.q, payload]))[0][:, 0].T)
+
+
+def on_tip(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
+    """What bears on the tip: in words, as torques of joints (n, N), and as it bends a tool (6, N).
+
+    A kilogram at the tip frame, one at the tool's tip, and a recorded force there. A tool bends as
+    a rod does from the tip frame on (Timoshenko 1955, Strength of Materials I, sec. 20): its tip
+    shifts as the force across it and turns by 3 / 2 L of that; a twist of the last joint's frame.
+    """
+    arm, tool = _arm(recording)[0], recording.tool_offset
+    chain = arm.chain
+    (last, tip), force = arm.frames[-2:], cs.SX.sym("f", 3)
+    length = float(np.linalg.norm(tool))
+    long = length > TIP_TO_AXIS
+    u = tip.R @ cs.DM(tool / length if long else [0.0, 0.0, 1.0])
+    bent = force - u * cs.dot(u, force)
+    turned = cs.cross(u, bent) * (1.5 / length if long else 0.0)
+    shifted = bent - cs.cross(turned, tip.point(cs.DM(tool)) - last.t)
+    twist = cs.vertcat(last.R.T @ shifted, last.R.T @ turned)
+    weight = np.tile(chain.gravity, (len(recording), 1))
+    found = [("a weight at the tip", tip.t, weight)]
+    found += [("a weight at the tool's tip", tip.point(cs.DM(tool)), weight)] if long else []
+    if recording.force is not None:
+        R = chain.placement(recording.q)[:, :3, :3]
+        pressed = np.einsum("nij,nj->ni", R, recording.force)
+        found.append(("the force on the tip", tip.point(cs.DM(tool)), pressed))
+    for words, place, forces in found:
+        both = cs.densify(cs.vertcat(arm.load_at(place, force), twist))
+        bears = cs.Function("bears", [cs.vertcat(arm.q, force)], [both])
+        rows = over_rows(bears, np.column_stack([recording.q, forces]))[0][:, 0].T
+        yield words, rows[: chain.n], rows[chain.n :]
 
 
 def courses(values: Array) -> Array:

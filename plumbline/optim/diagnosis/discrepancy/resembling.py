@@ -24,7 +24,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED, VARIANTS_SEEN
-from plumbline.optim.diagnosis.discrepancy.dependences import Dependence, leading
+from plumbline.optim.diagnosis.discrepancy.dependence import Dependence, leading
 from plumbline.optim.diagnosis.discrepancy.functions import (
     as_angles,
     cosines,

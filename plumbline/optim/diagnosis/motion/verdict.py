@@ -103,11 +103,12 @@ def verdict_of(found: Found) -> Verdict:
 
 
 def _tree(joints: Sequence[Joint]) -> tuple[dict[str, Any], ...]:
-    """Drive, what its error depends on, mechanism."""
+    """Drive, what its error depends on, mechanism: of equals what is named comes first."""
     on = {effect.name: effect.depends_on for effect in MOTION_EFFECTS}
     mechanisms: dict[Mechanism, float] = {}
     for joint in joints:
-        for name, p in joint.mechanisms.items():
+        fitted = {e.name: joint.mechanisms.get(e.name, 0.0) for e in joint.fit.effects}
+        for name, p in (fitted | dict(joint.mechanisms)).items():
             listed = not name.startswith("?")
             depends = on.get(name, "nothing") if listed else OWN.get(name[1:], name[1:])
             mechanisms[STAGE, joint.number, depends, name if listed else None] = p

@@ -66,6 +66,8 @@ class Explanation:
     words: str = ""  # on what the most probable of that depends, if it is more probable than not
     # shares by place of what unlisted mechanisms move together, in the best state that has one
     lacked_at: Mapping[Place, float] = field(default_factory=dict)
+    # square that what is at work at each place moves, in the best state [of any unit]
+    moved_at: Mapping[Place, float] = field(default_factory=dict)
     # the most probable terms of the library that hold what is named
     terms: tuple[SelectedTerm, ...] = ()
     # those that chains came to, and by how much all rows make them more probable than these [nats]
@@ -127,7 +129,7 @@ class Explanation:
     @cached_property
     def tree(self) -> tuple[dict[str, Any], ...]:
         """Place, dependence, mechanism, as a verdict has them."""
-        return tree_of(self.places, self.mechanisms)
+        return tree_of(self.places, self.mechanisms, self.moved_at)
 
 
 def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> Explanation:
@@ -276,6 +278,7 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         frozenset(key for key, k in keys.items() if k in named),
         words,
         _lacked_at(alt, found),
+        _moved_at(alt, found.states[0][1] if found.states else ()),
         apart=found.apart,
         conditional=_conditional(alt, found, named, p),
         gross=rows,
@@ -284,18 +287,23 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
 
 def _lacked_at(alt: Alternatives, found: Sampled) -> dict[Place, float]:
     """Shares by place of the square that unlisted mechanisms move, in the best state with one."""
-    for _, state in found.states:
-        own: dict[Place, list[int]] = {}
-        for term in _unlisted(alt, state):
-            own.setdefault(place_of(alt, term.index), []).append(term.index)
-        if own:
-            moved = moved_by(
-                alt.problem, [t.index for t in state if not alt.problem.gross[t.index]]
-            )
-            squares = {place: moved(indices) for place, indices in own.items()}
-            total = sum(squares.values())
-            return {place: square / total for place, square in squares.items() if square > 0.0}
-    return {}
+    lacked = ((state, _unlisted(alt, state)) for _, state in found.states)
+    state, own = next((pair for pair in lacked if pair[1]), ((), []))
+    squares = _moved_at(alt, state, own)
+    total = sum(squares.values())
+    return {place: square / total for place, square in squares.items() if square > 0.0}
+
+
+def _moved_at(
+    alt: Alternatives, state: Sequence[SelectedTerm], own: Sequence[SelectedTerm] | None = None
+) -> dict[Place, float]:
+    """Squares by place that terms of a state, or some of them, move at their fit together."""
+    indices = [t.index for t in state if not alt.problem.gross[t.index]]
+    at: dict[Place, list[int]] = {}
+    for i in indices if own is None else [t.index for t in own]:
+        at.setdefault(place_of(alt, i), []).append(i)
+    moved = moved_by(alt.problem, indices) if at else None
+    return {place: moved(some) for place, some in at.items()} if moved else {}
 
 
 def _conditional(

@@ -10,7 +10,9 @@ Place = tuple[str, int | None]
 
 
 def tree_of(
-    places: Mapping[Place, float], mechanisms: Mapping[Mechanism, float]
+    places: Mapping[Place, float],
+    mechanisms: Mapping[Mechanism, float],
+    moved: Mapping[Place, float] | None = None,
 ) -> tuple[dict[str, Any], ...]:
     """Place, dependence, mechanism: probabilities add up from each level to the one above.
 
@@ -19,12 +21,21 @@ def tree_of(
     mechanisms together lack of the place's probability is a part of what the library lacks: listed
     terms may stand for it.
 
+    The most probable comes first; of places that are as probable, to what chains repeat, the one
+    that moves more, and of mechanisms the one that was given first.
+
     Args:
         places: Probability of each place, any mechanism there.
         mechanisms: Probability of each mechanism; its effect is None where the library lacks it.
+        moved: Square that what is at work at each place moves, in any unit.
     """
     found: list[dict[str, Any]] = []
-    ranked = sorted(places.items(), key=lambda item: (-item[1], str(item[0])))
+    most = moved or {}
+
+    def rank(item: tuple[Place, float]) -> tuple[int, float, str]:
+        return -round(item[1] / LEAST_TOLD), -most.get(item[0], 0.0), str(item[0])
+
+    ranked = sorted(places.items(), key=rank)
     for (stage, element), p in ranked:
         if stage and p >= LEAST_TOLD:
             own = {m: q for m, q in mechanisms.items() if m[:2] == (stage, element)}
@@ -50,7 +61,7 @@ def _dependences(own: Mapping[Mechanism, float], p: float) -> list[dict[str, Any
     own = _with_parts(own, p)
     share = p / max(sum(own.values()), 1e-300)
     by: dict[str, list[dict[str, object]]] = {}
-    for mechanism, q in sorted(own.items(), key=lambda item: (-item[1], str(item[0]))):
+    for mechanism, q in sorted(own.items(), key=lambda item: -round(item[1], 9)):
         leaf: dict[str, object] = {"effect": mechanism[3], "probability": q * share, "inclusion": q}
         by.setdefault(mechanism[2], []).append(leaf)
     totals = {on: sum(own[m] for m in own if m[2] == on) for on in by}

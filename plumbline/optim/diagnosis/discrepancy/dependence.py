@@ -1,0 +1,84 @@
+"""A family of what nobody has listed, and how one is made: functions at ports, forms that share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
+
+
+@dataclass(frozen=True, eq=False)
+class Dependence:
+    """A family of smooth functions, as columns (k, N, m) in units of the usual size.
+
+    Attributes:
+        words: On what the error depends, as the verdict says it.
+        on: The same in a word or two: ``"own angle"``, ``"load"``, ``"time"``.
+        stage: Where it would sit.
+        element: Joint or link, from 1, or None.
+        columns: Its columns.
+        log_prior: Log share among the forms of one dependence; where the data have chosen it from
+            many, of these.
+        sides: Sign that each column's number has, 0 where either; empty where all may be either.
+    """
+
+    words: str
+    on: str
+    stage: str
+    element: int | None
+    columns: Array
+    log_prior: float = 0.0
+    sides: tuple[float, ...] = ()
+
+
+def one_of(*kinds: Iterable[Dependence]) -> Iterator[Dependence]:
+    """Forms of one dependence, which share its odds: kinds of them alike, then the forms of each.
+
+    Beside what may be anything stands what is as simple as a listed effect: the price of a freedom
+    that it does not use (MacKay 1992) would else hide it behind a listed effect of another place.
+    """
+    for forms in (groups := [forms for kind in kinds if (forms := list(kind))]):
+        share = -float(np.log(len(forms) * len(groups)))
+        yield from (replace(f, log_prior=share) for f in forms)
+
+
+def of_joint(words: str, on: str, j: int, forms: Iterable[Array], ports: Array) -> list[Dependence]:
+    """Forms (K, N) of one dependence of the joint j, from 0."""
+    return [acting(words, on, "joint", j + 1, form, ports) for form in forms]
+
+
+def acting(
+    words: str, on: str, stage: str, element: int | None, functions: Array, ports: Array
+) -> Dependence:
+    """Every function (K, N) acting on every port (p, N, m)."""
+    columns = prior.USUAL * (functions[:, None, :, None] * ports[None])
+    flat = columns.reshape(-1, *ports.shape[1:])
+    return Dependence(words, on, stage, element, leading(flat))
+
+
+def each_joint(words: str, on: str, values: Array, ports: Array) -> list[Dependence]:
+    """Every joint's value (N, n) at its port (n, N, m): each as it likes, or all alike."""
+    own = prior.USUAL * values.T[:, :, None] * ports
+    forms = [own] if len(own) < 2 else [own, own.sum(axis=0, keepdims=True)]
+    return [Dependence(words, on, "joint", None, form) for form in forms]
+
+
+def leading(columns: Array) -> Array:
+    """The same process (k, N, m) in fewer columns: those of its covariance that matter."""
+    if len(columns) <= prior.FULLEST:
+        return columns
+    flat = columns.reshape(len(columns), -1)
+    vectors = np.linalg.eigh(flat @ flat.T)[1]
+    return np.asarray(
+        (vectors[:, -prior.FULLEST :].T @ flat).reshape(prior.FULLEST, *columns.shape[1:])
+    )
+
+
+def levelled(forms: Iterable[Array]) -> list[Array]:
+    """Each form (K, N) as it is, and with a constant."""
+    both = ((form, np.concatenate([np.ones((1, form.shape[1])), form])) for form in forms)
+    return [one for pair in both for one in pair]
