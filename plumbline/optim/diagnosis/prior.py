@@ -88,7 +88,8 @@ HIGHEST_ORDER = 40  # orders above it are kept as the search found them
 
 # Unknown dependences (discrepancy).
 USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn
-REACHES = (0.25, 0.6, 1.5)  # [rad, or spread of places] over which what is unknown is smooth
+# [rad, spread of places, or a joint's largest load] over which what is unknown is smooth
+REACHES = (0.25, 0.6, 1.5)
 FULLEST = 15  # columns of a family, its leading ones (cost only)
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly

@@ -320,9 +320,15 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
     assert not gone & {c.effect for c in verdict.candidates}
 
 
-def test_an_effect_left_out_is_told_by_its_joint_as_simply_as_if_it_was_listed(tmp_path):
-    """No freedom that it does not use hides it: else all joints' loads together stand for it."""
-    case = with_fault(faultless(rows=40, seed=8), JointCompliance(0.0, 3), gap=2.0)
+@pytest.mark.parametrize("stiffening", [0.0, 0.7])
+def test_an_effect_left_out_is_told_by_its_joint_as_simply_as_if_it_was_listed(
+    stiffening, tmp_path
+):
+    """No freedom that it does not use hides it: else all joints' loads together stand for it.
+
+    Nor does that it stiffens with its load: else play and another joint's tilt do.
+    """
+    case = with_fault(faultless(rows=40, seed=8), JointCompliance(0.0, 3, stiffening), gap=2.0)
     found = told(recorded(case, tmp_path)[0], library_without("joint_compliance"))
     assert found.unlisted > 0.95
     assert found.lacked_at == {("joint", 3): 1.0}

@@ -118,7 +118,7 @@ def _of_another(angle: Array, j: int, k: int, port: Array) -> list[Dependence]:
     """Harmonics of joint k's angle as an error of joint j; with a constant where its zero is."""
     words = f"joint {j + 1}'s error depends on joint {k + 1}'s angle"
     forms = [turns(angle, count, constant=False) for count in (1, prior.TURNS)]
-    forms = levelled([*forms, level(angle[None] / np.pi)])
+    forms = [*levelled(forms), angle[None] / np.pi]  # as what the library has left out would be
     return of_joint(words, "another joint's angle", j, forms, port[None])
 
 
@@ -135,8 +135,9 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     for j, port in enumerate(ports.joint):
         words, any_way, plain = f"joint {j + 1}'s error depends on its load", [], []
         if bends := np.ptp(load[:, j]) > UNMOVED:
-            share = load[:, j] / np.abs(load).max()
-            forms = np.stack([share, np.sign(share), np.abs(share), share**2])
+            share = load[:, j] / np.abs(load[:, j]).max()
+            stiffens = np.tanh(share / prior.REACHES[1])
+            forms = np.stack([share, stiffens, np.sign(share), np.abs(share)])
             any_way = of_joint(words, "load", j, [cosines(load[:, j], 4)], port[None])
             plain = of_joint(words, "load", j, forms[np.ptp(forms, axis=1) > 0.0, None], port[None])
         moment = across(axes[j].axis).T @ borne[j, 1]
