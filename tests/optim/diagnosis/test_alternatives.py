@@ -113,8 +113,9 @@ def test_all_that_the_library_lacks_shares_one(offered):
 
 def test_half_the_odds_of_a_joint_s_dependence_are_of_what_is_as_simple_as_an_effect(offered):
     _, found = offered
-    for on in ("own angle", "load", "direction"):
-        own = [f for f in found if (f.on, f.element) == (on, 2)]
+    kinds = [("joint", on) for on in ("own angle", "load", "direction")]
+    for stage, on in (*kinds, ("link", "load")):
+        own = [f for f in found if (f.stage, f.on, f.element) == (stage, on, 2)]
         simple = [f for f in own if len(f.columns) <= 2]
         assert np.exp([f.log_prior for f in simple]).sum() == pytest.approx(0.5)
         assert min(len(f.columns) for f in simple) == 1

@@ -45,8 +45,8 @@ from plumbline.optim.recording.constants import NO_SOCKET
 from plumbline.optim.recording.recording import Recording
 
 Place = tuple[str, int | None]  # stage, and joint or link, from 1
-TIP, BASE = ("tool", None), ("base", None)
-TOOL = "how the tool sits"
+TIP: Place = ("tool", None)
+BASE: Place = ("base", None)
 
 
 def body_dependences(
@@ -97,7 +97,8 @@ def _of_links(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     bent = bending(recording) if links else np.empty(0)
     for i, (port, (weight, _)) in enumerate(zip(ports.link, weights(recording), strict=False)):
         words = f"the shape of link {i + 1}, or its weight"
-        words, at = (words, ("link", i + 1)) if i + 1 < links else (f"{TOOL}, or {words}", TIP)
+        at: Place = ("link", i + 1) if i + 1 < links else TIP
+        words = f"how the tool sits, or {words}" if at == TIP else words
         any_way, plain = [], tool if at == TIP else []
         if np.ptp(weight, axis=1).max() > UNMOVED:  # about upright axes it is as if it was still
             any_way = [acting(words, "load", *at, level(weight), port)]

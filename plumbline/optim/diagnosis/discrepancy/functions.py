@@ -15,6 +15,7 @@ from plumbline.kinematics.effects.base_bump import LEAST_SHARE, MOST
 from plumbline.kinematics.effects.base_drift import SETTLING
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.evaluate import over_rows
+from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import GRID, NYSTROM, UNMOVED
 from plumbline.optim.diagnosis.prior import CENTRES, FEATURES, MESHES, PLAYS, SPOT_WIDTHS, TURNS
@@ -175,7 +176,7 @@ def bending(recording: Recording) -> Array:
     arm, payload = _arm(recording)
     found = []
     for i, T in enumerate(arm.frames[: arm.chain.n]):
-        beam = cs.DM(arm.chain.placements[i + 1].t)
+        beam = arm.chain.placements[i + 1].t
         u = beam / cs.fmax(cs.norm_2(beam), TIP_TO_AXIS)
         moment = T.R.T @ weight_beyond(arm, i + 1, T.point(beam / 2))[1]
         turned = moment - u * cs.dot(u, moment)
@@ -206,18 +207,18 @@ def on_tip(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
     (last, tip), force = arm.frames[-2:], cs.SX.sym("f", 3)
     length = float(np.linalg.norm(tool))
     long = length > TIP_TO_AXIS
-    u = tip.R @ cs.DM(tool / length if long else [0.0, 0.0, 1.0])
+    u = tip.R @ constant(tool / length if long else np.array([0.0, 0.0, 1.0]))
     bent = force - u * cs.dot(u, force)
     turned = cs.cross(u, bent) * (1.5 / length if long else 0.0)
-    shifted = bent - cs.cross(turned, tip.point(cs.DM(tool)) - last.t)
+    shifted = bent - cs.cross(turned, tip.point(constant(tool)) - last.t)
     twist = cs.vertcat(last.R.T @ shifted, last.R.T @ turned)
     weight = np.tile(chain.gravity, (len(recording), 1))
     found = [("a weight at the tip", tip.t, weight)]
-    found += [("a weight at the tool's tip", tip.point(cs.DM(tool)), weight)] if long else []
+    found += [("a weight at the tool's tip", tip.point(constant(tool)), weight)] if long else []
     if recording.force is not None:
         R = chain.placement(recording.q)[:, :3, :3]
         pressed = np.einsum("nij,nj->ni", R, recording.force)
-        found.append(("the force on the tip", tip.point(cs.DM(tool)), pressed))
+        found.append(("the force on the tip", tip.point(constant(tool)), pressed))
     for words, place, forces in found:
         both = cs.densify(cs.vertcat(arm.load_at(place, force), twist))
         bears = cs.Function("bears", [cs.vertcat(arm.q, force)], [both])
