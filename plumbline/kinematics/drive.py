@@ -151,8 +151,11 @@ class Drive:
         own = before.place if self.law == Law.POSITION else None
         if self.law == Law.RATE:
             return self._held(asked, before)
-        wanted = self._lagged(asked, own, before)
         held = self.fastest is not None or self.strongest is not None
+        if own is not None and self.fastest is not None:
+            wanted = self._chased(asked, before, self.fastest)
+        else:
+            wanted = self._lagged(asked, own, before)
         speed = (wanted - before.place) / self.dt if self.law == Law.POSITION else wanted
         speed = self._limited(speed, before.speed, self.dt)
         mean = speed
@@ -218,6 +221,27 @@ class Drive:
         late = ratio * (1 - stays)
         was, sent = (before.asked, before.sent) if place is None else (place, before.asked)
         return stays * was + (1 - late) * asked + (late - stays) * sent
+
+    def _chased(self, asked: cs.SX, before: Memory, v: cs.SX) -> cs.SX:
+        r"""Place after a sample of :math:`T \dot y = \operatorname{clip}(c - y, \pm v T)`, exactly.
+
+        At full speed until it is near to a command that runs straight, then as it lags, then at
+        full speed again behind one that is faster.
+        """
+        h, error = self.dt, before.asked - before.place
+        T = 0 if self.lag is None else self.lag + NULL
+        r, ahead = (asked - before.asked) / h, cs.sign(error)
+        closing, most = cs.fmax(v - ahead * r, NULL), clipped(r, v)
+        first = cs.fmin(h, cs.fmax(cs.fabs(error) - v * T, 0) / closing)
+        there, rest = before.place + ahead * v * first, h - first
+        if self.lag is None:
+            return there + most * rest
+        off = (error + (r - ahead * v) * first) / T - r  # from what lags in the end, by T
+        faster = cs.fabs(r) > v
+        share = cs.fmin(cs.fmax((most - r) / cs.if_else(faster, off, 1), NULL), 1)
+        lags = cs.if_else(faster, cs.fmin(rest, -T * cs.log(cs.if_else(faster, share, 1))), rest)
+        fades = 1 - cs.exp(-lags / T)
+        return there + r * lags + T * off * fades + most * (rest - lags)
 
     def _swung(self, before: Memory, s: cs.SX) -> Memory:
         r"""A sample of a servo of second order, exact for an input that runs straight over it.

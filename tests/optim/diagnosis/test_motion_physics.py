@@ -270,6 +270,24 @@ def test_a_servo_of_second_order_goes_no_faster_than_it_can():
     np.testing.assert_allclose(swung(u, dt, **values)[0][0], exact, atol=1e-3)
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.003, 0.1])
+def test_what_goes_no_faster_than_it_can_turns_between_samples(lag):
+    """Beside small steps of its law, where commands come towards the joint and pass it."""
+    dt, parts, fastest, place, exact = 0.02, 500, 0.5, 0.0, []
+    u = 0.5 * np.sin(4.0 * np.maximum(np.arange(300) * dt - 1.2, 0.0))
+    share = 1.0 - np.exp(-dt / parts / lag) if lag else 1.0
+    middles = (np.arange(50 * parts, 299 * parts) + 0.5) / parts
+    for k, c in enumerate(np.interp(middles, np.arange(300), u)):
+        place += np.clip(share * (c - place), -fastest * dt / parts, fastest * dt / parts)
+        exact += [place] * (k % parts == parts - 1)
+    values = {"velocity_limit": fastest} | ({"actuation_lag": lag} if lag else {})
+    q, slopes = swung(u, dt, **values)
+    np.testing.assert_allclose(q[0], exact, atol=2e-5)
+    for k, name in enumerate(values):
+        more = swung(u, dt, **values | {name: values[name] + 1e-7})[0][0]
+        np.testing.assert_allclose((more - q[0]) / 1e-7, slopes[0, :, k], atol=1e-4)
+
+
 def test_a_delay_is_exact_between_samples():
     t = np.arange(301) * 0.01
     q = step_response(Law.POSITION, "actuation_delay", 0.0173, t)
