@@ -25,17 +25,15 @@ from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import (
     SelectedModel,
     Task,
-    about_its_fit,
     find_causes,
-    foretold_wrongly,
 )
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
-from plumbline.optim.diagnosis.predict.negligible import worth_while
-from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain
+from plumbline.optim.diagnosis.verdict.explanation import Explanation
 from plumbline.optim.diagnosis.verdict.judge import in_own_unit, judge
 from plumbline.optim.diagnosis.verdict.lack_of_fit import is_quieter, lack_of_fit
 from plumbline.optim.diagnosis.verdict.parts import left_open
+from plumbline.optim.diagnosis.verdict.settled import settled
 from plumbline.optim.diagnosis.verdict.terms import with_terms
 from plumbline.optim.loading import load_to_diagnose
 from plumbline.optim.measurement.correlated import copied
@@ -181,46 +179,13 @@ def _in_between(found: Explained) -> Explained:
 def _explained(
     options: DiagnosisOptions, task: Task, selected: SelectedModel, bad: Flags
 ) -> Explained:
-    """The model of what is more probable than not and not negligible, and all probabilities.
-
-    All are of one linear problem. Where its fit to what is named is another than it foretold,
-    effects that bend each other were linearised too far off: they are anew, about that fit, as
-    long as that brings the two nearer to each other by half. Of the rows that were compared alone:
-    what all rows of a long recording tell is no matter of the probabilities. One that is searched
-    in part first is linearised once here, as it was in its search: its terms are those of that.
-    """
-    before, about = np.inf, selected
-    for left in reversed(range(1 if task.long else prior.ROUNDS)):
-        told = explain(about, options.seed, options.unlisted)
-        fitted, wrong = _fitted(about, told, task, bad)
-        if wrong < before:
-            selected, explanation = fitted, told
-        if not left or wrong < prior.NO_EVIDENCE or not wrong <= 0.5 * before:
-            break
-        before, about = wrong, about_its_fit(fitted, task.library)
+    """The model of what is more probable than not and not negligible, and all probabilities."""
+    selected, explanation = settled(task, selected, bad, options.seed, options.unlisted)
     if idle := _idle(selected):
         rest = [t for t in selected.chosen if t not in idle]
         selected = with_terms(selected, rest, task, bad)
     selected = replace(selected, barred=_barred(selected, explanation), states=explanation.states)
     return Explained(options, task, selected, bad, explanation)
-
-
-def _fitted(
-    about: SelectedModel, told: Explanation, task: Task, bad: Flags
-) -> tuple[SelectedModel, float]:
-    """The model of what is worth while, and by how much the linear problem errs about it [nats].
-
-    What chains came to is taken if it is better by more than that.
-    """
-    compared = told.compared / len(task.recording) if told.compared else 1.0
-    for terms, better in ((told.theirs, told.better), (told.terms, np.inf)):
-        if better > 0.0:
-            kept = worth_while(about, terms, told.named)
-            fitted = with_terms(about, kept, task, bad, tried=terms)
-            wrong = compared * foretold_wrongly(fitted)
-            if wrong < better:
-                break
-    return fitted, wrong
 
 
 def _idle(selected: SelectedModel) -> list[SelectedTerm]:

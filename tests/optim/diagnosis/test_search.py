@@ -8,14 +8,13 @@ import pytest
 
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.hysteresis import Hysteresis
-from plumbline.optim.diagnosis import diagnose as diagnosing
 from plumbline.optim.diagnosis.linearise.linear import Linear
-from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior import search as module
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import Task, search
 from plumbline.optim.diagnosis.posterior.shortlists import nearby
+from plumbline.optim.diagnosis.verdict import settled as settling
 from plumbline.optim.recording.loading import load_recording
 from tests.benches import bench
 from tests.made_up_diagnosis import BENCH
@@ -52,7 +51,9 @@ def test_four_thousand_rows_are_searched_in_part_first_fitted_briefly_and_linear
     assert (task.refitting is module.BRIEF) == long
     parts, told = (
         [],
-        SimpleNamespace(theirs=(), better=0.0, terms=(), named=frozenset(), compared=0),
+        SimpleNamespace(
+            theirs=(), better=0.0, terms=(), named=frozenset(), compared=0, one_by_one=True
+        ),
     )
     monkeypatch.setattr(module, "_from_nothing", lambda *_, **how: parts.append(how) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -60,14 +61,12 @@ def test_four_thousand_rows_are_searched_in_part_first_fitted_briefly_and_linear
     assert parts == [{"looks": 0} if long else {}]
     asked = []
     wrong = iter([100.0, 40.0, 10.0, 1.0])
-    monkeypatch.setattr(diagnosing, "explain", lambda *_: asked.append(1) or told)
+    monkeypatch.setattr(settling, "explain", lambda *_: asked.append(1) or told)
     for name in ("with_terms", "about_its_fit"):
-        monkeypatch.setattr(diagnosing, name, lambda about, *_, **__: about)
-    monkeypatch.setattr(diagnosing, "worth_while", lambda *_: ())
-    monkeypatch.setattr(diagnosing, "foretold_wrongly", lambda _: next(wrong))
-    monkeypatch.setattr(diagnosing, "_idle", lambda _: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        diagnosing._explained(DiagnosisOptions(), task, None, None)
+        monkeypatch.setattr(settling, name, lambda about, *_, **__: about)
+    monkeypatch.setattr(settling, "worth_while", lambda *_: ())
+    monkeypatch.setattr(settling, "foretold_wrongly", lambda _: next(wrong))
+    settling.settled(task, None, None, 0, 0.2)
     assert len(asked) == (1 if long else 4)
 
 

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.judged import standard_errors
-from plumbline.optim.diagnosis import diagnose as module
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.verdict import settled as module
 from plumbline.optim.diagnosis.verdict.causes import _without
 from plumbline.optim.recording.building import build_recording
 

@@ -70,6 +70,8 @@ class Explanation:
     moved_at: Mapping[Place, float] = field(default_factory=dict)
     # the most probable terms of the library that hold what is named
     terms: tuple[SelectedTerm, ...] = ()
+    # those of the most probable state, with something unlisted beside them or without
+    likeliest: tuple[SelectedTerm, ...] = ()
     # those that chains came to, and by how much all rows make them more probable than these [nats]
     theirs: tuple[SelectedTerm, ...] = ()
     better: float = 0.0
@@ -169,7 +171,9 @@ def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     logs = ((log - best[0], terms) for log, terms in found.states)
     drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
     terms, states = terms_of(selected, alt, found, told.named), tuple(_of_library(alt, found))
-    told = replace(told, terms=terms, states=states, spread=spread(alt.problem, drawn))
+    likeliest = tuple(t for t in best[1] if t.index < alt.library)
+    moved = spread(alt.problem, drawn)
+    told = replace(told, terms=terms, likeliest=likeliest, states=states, spread=moved)
     return found, best[1], told
 
 
