@@ -59,6 +59,7 @@ CLASSES = _classes()
 ZERO, ONES = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 NEEDED: dict[str, Any] = dict.fromkeys(("trocar", "centre", "lower", "start", "point"), ZERO)
 NEEDED |= {"upper": ONES, "end": ONES, "length": 0.4, "radius": 0.1, "standoff": 0.1}
+NEEDED |= {"name": "aorta", "shape": plumbline.pointing.Sphere(ZERO, 0.01)}
 
 
 def _made(options: type) -> Any:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plumbline.kinematics.constants import FINER
 from plumbline.kinematics.effects.effect import Effect, Scope
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.kinematics.parameters import Parameter
@@ -51,5 +50,5 @@ class GearRipple(TransmissionRipple):
         """Fractional orders near by, as a gear ratio need not be whole, and with the overtone."""
         low, high = scope.span[f"q{self.joint}"]
         step = min(1.0 / (high - low), 0.5)
-        near = [replace(self, order=self.order + k * step) for k in (-1.0, *FINER, 1.0)]
+        near = [replace(self, order=self.order + k * step) for k in (-1.0, -0.5, 0.5, 1.0)]
         return near if self.doubled else [*near, replace(self, doubled=True)]
