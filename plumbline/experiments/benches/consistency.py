@@ -168,11 +168,7 @@ def read(names: tuple[str, ...]) -> dict[str, Recording]:
 
 
 def measured(names: tuple[str, ...], ask: asking.Asked, rows: int) -> Found:
-    """Diagnose the recordings of so many robots.
-
-    Raises:
-        PlumblineError: A robot is not known.
-    """
+    """Diagnose the recordings of so many robots (PlumblineError: a robot is not known)."""
     odd = next((name for name in names if name not in ROBOTS), None)
     if odd is not None:
         raise fault("--robot", odd, ", ".join(ROBOTS), f"best matches: {best_matches(odd, ROBOTS)}")

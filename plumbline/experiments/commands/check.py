@@ -30,11 +30,7 @@ def check(
 
 
 def examined(folder: Path) -> tuple[dict[str, Any], str]:
-    """What is in a recording of any kind, for JSON and in words.
-
-    Raises:
-        PlumblineError: It cannot be used.
-    """
+    """What is in a recording of any kind, for JSON and in words; refused if it is none."""
     from plumbline.optim.loading import load, load_to_diagnose
     from plumbline.optim.recording.loading import open_folder
     from plumbline.optim.recording.session import is_session, open_session

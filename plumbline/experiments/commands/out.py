@@ -29,11 +29,7 @@ class Out:
         self, folders: Sequence[Path] = (), inputs: Mapping[str, Path] | None = None, /,
         **more: Path | None,
     ) -> None:  # fmt: skip
-        """Refuse files that cannot be written, and ``more`` of them by their options' names.
-
-        Raises:
-            PlumblineError: It names the option; see :func:`~.console.outputs.check_outputs`.
-        """
+        """Refuse files that cannot be written, and ``more`` of them, by their options' names."""
         files = {"json": self.json, "report": self.report, **more}
         named = {f"--{option}": path for option, path in files.items()}
         outputs.check_outputs(named, folders, inputs=inputs, overwrite=self.overwrite)

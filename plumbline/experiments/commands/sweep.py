@@ -164,11 +164,7 @@ class Tables:
             self.close()
 
     def close(self) -> None:
-        """Write what is done.
-
-        Raises:
-            PlumblineError: It cannot be written.
-        """
+        """Write what is done (PlumblineError: it cannot be written)."""
         began = monotonic()
         if self.so_far is not None and self.csv is not None:
             outputs.write_text(self.csv, as_csv(self.so_far()), "--csv")
@@ -178,11 +174,7 @@ class Tables:
 
 
 def as_parquet(found: Sweep) -> bytes:
-    """The outcomes as a table of columns.
-
-    Raises:
-        PlumblineError: Nothing that writes it is installed.
-    """
+    """The outcomes as a table of columns (PlumblineError: nothing that writes it is installed)."""
     import pandas as pd
 
     whole = io.BytesIO()

@@ -39,17 +39,10 @@ class Outputs(Out):
         models: Callable[[Any, Path], Models] | None = None,
         **page: Any,
     ) -> None:
-        """Write and print an answer.
+        """Write and print an answer, whose content is the same for JSON.
 
-        Args:
-            answer: A verdict with all that is behind it.
-            content: The same for JSON.
-            lines: What is printed below the verdict.
-            models: What is written of it as models, its one model unless given.
-            **page: What else its page shows.
-
-        Raises:
-            PlumblineError: A file cannot be written, or a model is there already.
+        ``lines`` are printed below the verdict; ``models`` gives what is written of it as models,
+        its one model unless given; ``page`` is what else its page shows.
         """
         write_json(self.json, content)
         self.write_page(answer, **page)
@@ -87,11 +80,7 @@ def diagnose_several(
     outputs: Outputs,
     asked: Mapping[str, object],
 ) -> None:
-    """Diagnose several recordings, or a session's folder, and hand out the verdict.
-
-    Raises:
-        PlumblineError: They cannot be used together, or are asked for what only one can answer.
-    """
+    """Diagnose recordings of one robot, or a session's folder, and hand out the verdict."""
     from plumbline.optim.diagnosis.of_any_kind import diagnose_several as diagnosed
     from plumbline.optim.loading import load_part
 
@@ -130,11 +119,7 @@ def _models(found: Any, path: Path) -> Models:
 def diagnose_motion(
     folder: Path, options: DiagnosisOptions, outputs: Outputs, asked: Mapping[str, object]
 ) -> None:
-    """Diagnose a motion and hand out the verdict.
-
-    Raises:
-        PlumblineError: The recording cannot be used, or is asked for what motions do not have.
-    """
+    """Diagnose a motion and hand out the verdict (PlumblineError: motions lack what is asked)."""
     from plumbline.optim.diagnosis.motion.tracking import load_drives
     from plumbline.optim.diagnosis.of_any_kind import diagnose_drives
 
@@ -169,11 +154,7 @@ def _elsewhere(found: MotionDiagnosis, other: Any, content: dict[str, Any]) -> l
 
 
 def next_motion(out: Out, folder: Path, csv: Path | None, *, seed: int) -> None:
-    """Propose motions that part what a motion leaves open, and write their commands.
-
-    Raises:
-        PlumblineError: The recording cannot be used.
-    """
+    """Propose motions that part what a motion leaves open, and write their commands."""
     from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion as diagnosed
     from plumbline.optim.diagnosis.motion.tracking import load_drives
     from plumbline.optim.diagnosis.options import DiagnosisOptions

@@ -79,11 +79,7 @@ def cell(contest: Contest, way: Way, given: Path, build: Path) -> Cell:
 
 
 def environment(build: Path, way: Way) -> Path:
-    """The interpreter that a way needs; its environment is made where there is none.
-
-    Raises:
-        EmptyCellError: It cannot be made; the installer's last word says why.
-    """
+    """The interpreter that a way needs, its environment made if need be (EmptyCellError)."""
     if not way.needs:
         return Path(sys.executable)
     folder = build / way.peer.lower().replace(".", "-")

@@ -40,12 +40,10 @@ COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")  # what a report sa
 def check_output(
     path: str | Path | None, option: str, folders: Sequence[Path] = (), *, overwrite: bool
 ) -> None:
-    """Refuse an output file of an option before anything is computed; None is always fine.
+    """Refuse an output of an option that cannot be written before anything is computed.
 
-    Raises:
-        PlumblineError: It lies in a missing folder or one that takes no files, is a folder, lies
-            inside of one of those that no output is written into, is a file that must stay, or is
-            standard output, where nothing but JSON goes.
+    It lies in a missing folder or one that takes no files, is a folder, lies inside of one that no
+    output is written into, is a file that must stay, or is standard output, where only JSON goes.
     """
     if path is None or (str(path) == STDOUT and option == "--json"):
         return
@@ -98,12 +96,7 @@ def check_outputs(
     inputs: Mapping[str, Path] | None = None,
     overwrite: bool,
 ) -> None:
-    """Refuse output files, by their options, before anything is computed.
-
-    Raises:
-        PlumblineError: One cannot be written, is there already, or has the name of another, or of
-            a file that is read.
-    """
+    """Refuse outputs that cannot be, or that have the name of another or of what is read."""
     for option, path in outputs.items():
         check_output(path, option, folders, overwrite=True)
     check_distinct({**(inputs or {}), **outputs})
@@ -123,11 +116,7 @@ def check_distinct(outputs: Mapping[str, str | Path | None]) -> None:
 
 
 def write_text(path: str | Path, text: str | bytes, option: str) -> None:
-    """Write a file, whole or not at all.
-
-    Raises:
-        PlumblineError: It cannot be written; what was there is there still.
-    """
+    """Write a file, whole or not at all (PlumblineError: it cannot be; what was there stays)."""
     try:
         write_whole(path, text)
     except OSError as error:
@@ -135,11 +124,7 @@ def write_text(path: str | Path, text: str | bytes, option: str) -> None:
 
 
 def write_json(path: str | None, content: Any) -> None:
-    """Write JSON to a file or to standard output; nothing if there is no path.
-
-    Raises:
-        PlumblineError: It cannot be written.
-    """
+    """Write JSON to a file or to standard output, refused if it cannot be; nothing if no path."""
     if path is None:
         return
     keyed = isinstance(content, Mapping)

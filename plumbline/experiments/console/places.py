@@ -16,11 +16,7 @@ def check_free(target: Path) -> None:
 
 
 def place(target: Path, fill: Callable[[Path], None]) -> None:
-    """Make a folder, whole or not at all, by what fills an empty one beside its place.
-
-    Raises:
-        PlumblineError: the target holds something already, or cannot be written.
-    """
+    """Make a folder where nothing is, whole or not at all, by what fills an empty one."""
     check_free(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)

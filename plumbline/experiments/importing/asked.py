@@ -37,17 +37,11 @@ class Asked:
 def asked(
     options: Mapping[str, Any], lines: Sequence[str], toml: Path | None, raws: Sequence[Raw] = ()
 ) -> Asked:
-    """Options over a TOML file, and this over what the tables say of the robot.
+    """What options ask, over a TOML file, over what the tables say of the robot; else refused.
 
-    Args:
-        options: Values by name, as in the TOML file; None for what was not given. ``robot`` is a
-            name or a file, ``tool`` and ``noise`` are texts with units.
-        lines: ``TARGET=COLUMN:UNIT`` each.
-        toml: The TOML file, if any.
-        raws: The tables; one may name its robot.
-
-    Raises:
-        PlumblineError: One of them cannot be read.
+    ``options`` are values by name, as in the TOML file, None for what was not given; ``robot`` is
+    a name or a file, ``tool`` and ``noise`` are texts with units. A line is
+    ``TARGET=COLUMN:UNIT``.
     """
     base = _of_file(toml) if toml else {}
     given = {**base, **{k: v for k, v in options.items() if v not in (None, (), [], {})}}
@@ -83,11 +77,7 @@ def asked(
 
 
 def shift(word: str) -> tuple[str, float]:
-    """``NAME=SECONDS``.
-
-    Raises:
-        PlumblineError: It is not of that form.
-    """
+    """``NAME=SECONDS`` (PlumblineError: it is not of that form)."""
     name, equals, seconds = word.partition("=")
     if not equals:
         raise PlumblineError(f"--shift {word}: expected NAME=SECONDS")
@@ -160,11 +150,7 @@ def _columns(base: Mapping[str, Any]) -> list[mapping.Wanted]:
 
 
 def named_robot(word: str | None) -> tuple[dict[str, Any], dict[str, Path], Robot | None]:
-    """``[robot]``, the files that it needs, and the robot of a name or a file.
-
-    Raises:
-        PlumblineError: There is none of that name, or the file cannot be read.
-    """
+    """``[robot]``, the files that it needs, and the robot of a name or a file, refused if none."""
     return _robot(word, None)
 
 

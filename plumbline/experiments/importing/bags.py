@@ -31,11 +31,7 @@ PLACES = {
 
 
 def read(path: Path) -> list[Raw]:
-    """A table for each topic of a bag.
-
-    Raises:
-        PlumblineError: It is no bag, or nothing that reads it is installed.
-    """
+    """A table for each topic of a bag, refused if it is none or nothing here reads it."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore

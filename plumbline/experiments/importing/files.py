@@ -71,11 +71,7 @@ def import_files(
 
 
 def read(path: Path) -> list[Raw]:
-    """The tables of a file, by its ending; of a folder, those of a bag or of a LeRobot data set.
-
-    Raises:
-        PlumblineError: It is not there, of no known form, or cannot be read.
-    """
+    """Tables of a file by its ending, of a bag's folder or a LeRobot data set's; else refused."""
     if not path.exists():
         raise fault(str(path), "no such file", "a CSV, Parquet, MATLAB or bag", "check the path")
     ending = path.suffix.lower()
@@ -141,11 +137,7 @@ def _aligned(lines: list[list[str]]) -> list[str]:
 
 
 def described(target: Path, understood: Understood, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """What ``dataset.toml`` says: name, kind, amperes where efforts are read in them, the asked.
-
-    Raises:
-        PlumblineError: Some efforts are in amperes, and others are not.
-    """
+    """What ``dataset.toml`` says: name, kind, the asked, amperes if all efforts are in them."""
     told = {"name": target.resolve().name, "observation": understood.observation, **asked}
     efforts = [name for name in understood.sources if name.startswith("effort")]
     amperes = [UNITS[understood.sources[e].unit].dimension == "current" for e in efforts]
@@ -163,20 +155,10 @@ def write(
     target: Path,
     accept: Callable[[Path], Found],
 ) -> Found:
-    """Write a recording folder if it can be used.
+    """Write a recording folder, whole, if it can be used; what ``accept`` found of it.
 
-    Args:
-        understood: The rows.
-        settings: What ``dataset.toml`` says.
-        files: What is copied beside it, by the name that it gets.
-        target: The folder; nothing that is there is overwritten.
-        accept: Looks at the folder before it is put in its place; raises if it cannot be used.
-
-    Returns:
-        What ``accept`` found.
-
-    Raises:
-        PlumblineError: The target holds something, cannot be written, or is not accepted.
+    ``settings`` are what ``dataset.toml`` says, ``files`` are copied under the names that they get;
+    ``accept`` looks at the folder before it is put in its place, and raises if it cannot be used.
     """
     found: list[Found] = []
 

@@ -45,15 +45,9 @@ def partners(moments: Array, others: Array, gap: float) -> NDArray[np.int64]:
 
 
 def velocities(q: Array, time: Array, group: NDArray[np.int64]) -> Array:
-    """Velocities (N, n) [rad/s or m/s] along each group's own path.
+    """Velocities (N, n) [rad/s or m/s] of joints (N, n) along each group's (N,) own path.
 
-    Args:
-        q: Joints (N, n) [rad or m].
-        time: Clock (N,) [s].
-        group: Which rows follow each other (N,).
-
-    Raises:
-        PlumblineError: A clock stands still between two rows.
+    The clock (N,) [s] is refused if it stands still between two rows.
     """
     found = np.zeros_like(q)
     for one in np.unique(group):

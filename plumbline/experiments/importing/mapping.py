@@ -44,11 +44,7 @@ class Match:
 
 
 def parse(line: str) -> Wanted:
-    """One line of a map.
-
-    Raises:
-        PlumblineError: It has no ``=`` or names no column of a recording.
-    """
+    """One line of a map (PlumblineError: it has no ``=`` or names no column of a recording)."""
     target, equals, source = (part.strip() for part in line.partition("="))
     if not equals or not target or not source:
         raise PlumblineError(f"--map {line}: expected TARGET=COLUMN or TARGET=COLUMN:UNIT")
@@ -61,11 +57,7 @@ def parse(line: str) -> Wanted:
 
 
 def mapped(raws: list[Raw], wanted: Iterable[Wanted]) -> Iterator[Match]:
-    """The columns that a map names.
-
-    Raises:
-        PlumblineError: One is not there.
-    """
+    """The columns that a map names (PlumblineError: one is not there)."""
     wanted = list(wanted)
     own = {want.source for want in wanted if "#" not in want.target}
     for want in wanted:
@@ -178,11 +170,7 @@ def _unit(raw: Raw, column: str) -> Unit | None:
 
 
 def clock_of(raw: Raw, wanted: Iterable[Wanted]) -> tuple[str, Unit | None] | None:
-    """The column with a table's clock and its unit, or None.
-
-    Raises:
-        PlumblineError: A map names one that is not there.
-    """
+    """The column with a table's clock and its unit, or None; refused if a map names none there."""
     for want in wanted:
         table, at, column = want.source.rpartition("@")
         mine = not at or table in (raw.name, raw.name.rpartition(".")[0])

@@ -24,11 +24,7 @@ LARGEST = 2**31  # [byte] of an array of version 7.3, which may say to be larger
 
 
 def read(path: Path) -> list[Raw]:
-    """The one table of a MATLAB file: its arrays of the commonest length, long ones first.
-
-    Raises:
-        PlumblineError: It cannot be read, or is of version 7.3 without h5py.
-    """
+    """The table of a MATLAB file, refused if none: arrays of the commonest length, long first."""
     try:
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError:

@@ -31,22 +31,14 @@ LARGEST_INFO = 4_000_000  # [byte]
 
 
 def read(path: Path) -> list[Raw]:
-    """The one table of a Parquet file; names of a LeRobot data set's parts where it is one.
-
-    Raises:
-        PlumblineError: It cannot be read, or nothing that reads it is installed.
-    """
+    """The one table of a Parquet file, refused if none; parts named if of a LeRobot data set."""
     info = next((up / "meta" / "info.json" for up in path.resolve().parents[:4]
                  if (up / "meta" / "info.json").is_file()), None)  # fmt: skip
     return [_raw(path.name, _table(path), _info(info))]
 
 
 def read_dataset(folder: Path) -> list[Raw]:
-    """The one table of a LeRobot data set, all of its files one after the other.
-
-    Raises:
-        PlumblineError: It has no files, or they cannot be read.
-    """
+    """The one table of a LeRobot data set, all of its files in a row (PlumblineError: none)."""
     files = sorted((folder / "data").rglob("*.parquet"))
     if not files:
         raise fault(f"{folder.name}/data", "no Parquet file", "one or more", "fetch the data set")

@@ -36,16 +36,10 @@ def turned(table: pd.DataFrame, rotation: str) -> pd.DataFrame:
 
 
 def posed(table: pd.DataFrame, factor: float) -> pd.DataFrame:
-    """``pose1..pose16`` (or 12), a 4 x 4 matrix a row, as ``x,y,z`` [m] and a quaternion.
+    """``pose1..pose16`` (or 12), a rigid matrix a row, as ``x,y,z`` [m] and a quaternion.
 
-    Whether rows or columns come first is told by the order that makes them rigid in every row.
-
-    Args:
-        table: The columns, all of them times the unit of the lengths.
-        factor: This unit [m].
-
-    Raises:
-        PlumblineError: Columns are missing or double, or the matrices are not rigid.
+    Whether rows or columns come first is told by the order that makes them rigid in every row;
+    ``factor`` is the unit [m] that all columns were multiplied with. Else refused.
     """
     names = [str(c) for c in table if str(c).startswith("pose")]
     doubled = [c for c in (*"xyz", *targets.QUATERNION, *targets.ROTATION) if c in table]

@@ -42,11 +42,7 @@ class Raw:
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
     def numbers(self, column: str) -> Array:
-        """A column as numbers (N,), nan where a cell is empty.
-
-        Raises:
-            PlumblineError: A cell is neither empty nor a finite number.
-        """
+        """A column as numbers (N,), nan of empty cells, refused if one holds anything else."""
         cells = self.columns[column]
         if cells.dtype.kind in "fiub":
             values = cells.astype(float)
@@ -124,11 +120,7 @@ def _parts(cells: NDArray[Any]) -> Array | None:
 
 
 def find(raws: list[Raw], source: str) -> tuple[Raw, str]:
-    """The table and the column that ``COLUMN`` or ``TABLE@COLUMN`` names.
-
-    Raises:
-        PlumblineError: There is none, or several tables have it.
-    """
+    """The table and column that ``COLUMN`` or ``TABLE@COLUMN`` names (PlumblineError: not one)."""
     table, at, column = source.rpartition("@")
     chosen = [raw for raw in raws if not at or table in (raw.name, Path(raw.name).stem)]
     if not chosen:
@@ -151,11 +143,7 @@ def find(raws: list[Raw], source: str) -> tuple[Raw, str]:
 
 
 def told_apart(raws: list[Raw]) -> list[Raw]:
-    """Tables whose names differ.
-
-    Raises:
-        PlumblineError: Two have one name: a column of either could not be named.
-    """
+    """Tables whose names differ, else refused: a column of either could not be named."""
     seen: set[str] = set()
     for raw in raws:
         if raw.name in seen:

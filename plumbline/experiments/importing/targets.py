@@ -83,11 +83,7 @@ def dimensions(target: str, kinds: Sequence[str] = ()) -> tuple[str, ...]:
 def unit_for(
     target: str, given: Unit | None, defaults: Iterable[Unit], kinds: Sequence[str]
 ) -> Unit:
-    """The unit of a column: the one given, else a default of what it measures, else SI's.
-
-    Raises:
-        PlumblineError: The one given is of something else.
-    """
+    """The unit of a column: the given, refused if of something else; else a default, else SI's."""
     allowed = dimensions(target, kinds)
     if given is not None:
         if given.dimension in allowed:
@@ -101,11 +97,7 @@ def unit_for(
 
 
 def kind_of(columns: Iterable[str]) -> str:
-    """The kind of recording that columns make.
-
-    Raises:
-        PlumblineError: They make none.
-    """
+    """The kind of recording that columns make (PlumblineError: they make none)."""
     there = set(columns)
     for needed, kind in KINDS_BY_COLUMN:
         if set(needed) <= there:

@@ -17,11 +17,7 @@ TEMPLATES: Mapping[str, Mapping[str, Any]] = table("plumbline.experiments.import
 
 
 def template(kind: str) -> Mapping[str, Any]:
-    """What a kind of recording needs: its ``meaning``, ``columns``, ``noise``, and goes without.
-
-    Raises:
-        PlumblineError: There is none of that name.
-    """
+    """What a kind, refused if unknown, needs: ``meaning``, ``columns``, ``noise``, ``without``."""
     if kind not in TEMPLATES:
         raise PlumblineError(
             f"--kind {shown(kind)}: not recognised. Best matches are "

@@ -32,11 +32,7 @@ REMARK = ("#", "%", "//")
 
 
 def read(path: Path) -> list[Raw]:
-    """The one table of a CSV file.
-
-    Raises:
-        PlumblineError: It cannot be read, or has no rows of equal length.
-    """
+    """The one table of a CSV file (PlumblineError: it has no rows of equal length, ...)."""
     text = _decoded(path)
     lines = text.splitlines(keepends=True)
     skipped = _head(lines)

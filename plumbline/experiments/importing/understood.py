@@ -62,15 +62,7 @@ class Understood:
 
 
 def understand(raws: list[Raw], request: Request) -> Understood:
-    """The rows of a recording.
-
-    Args:
-        raws: Tables of all files.
-        request: What is asked of them.
-
-    Raises:
-        PlumblineError: A column is missing, holds no numbers, or tables cannot be joined.
-    """
+    """The rows of a recording (PlumblineError: a column lacks, or tables cannot be joined)."""
     wanted = [want for want in request.columns if want.target != "time"]
     matches = list(mapping.mapped(raws, wanted))
     told, notes = mapping.named(raws, matches, request.joints, request.observation)

@@ -75,11 +75,7 @@ def known(word: str) -> Unit | None:
 
 
 def unit(word: str) -> Unit:
-    """The unit that a word means.
-
-    Raises:
-        PlumblineError: There is none of that name.
-    """
+    """The unit that a word means (PlumblineError: there is none of that name)."""
     found = known(word)
     if found is None:
         raise PlumblineError(

@@ -47,11 +47,7 @@ class Plan:
 
 
 def draw_case(plan: Plan, name: str, seed: int) -> Case:
-    """Draw one case.
-
-    Raises:
-        PlumblineError: No strength of the drawn effects gives the gap asked for in many scenes.
-    """
+    """Draw one case (PlumblineError: no strength of its effects gives the gap in many scenes)."""
     rng = np.random.default_rng([seed, 3])
     names = _names(plan, rng)
     gaps = tuple(float(np.exp(rng.uniform(*np.log(plan.gap)))) for _ in names)

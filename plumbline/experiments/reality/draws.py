@@ -198,11 +198,7 @@ def outside_offered(observation: str) -> tuple[str, ...]:
 
 
 def draw(name: str, scene: Scene, rng: np.random.Generator) -> Mechanism:
-    """Draw a mechanism by name; strength 0, but for its sign.
-
-    Raises:
-        PlumblineError: There is no mechanism of that name.
-    """
+    """Draw a mechanism by name, refused if unknown; strength 0, but for its sign."""
     known = LIBRARY | OUTSIDE | UNSEEN
     if name not in known:
         raise PlumblineError(f"Mechanism {name!r} not recognised; known: {', '.join(known)}")

@@ -194,11 +194,7 @@ OUTSIDE: dict[str, tuple[str, str]] = {
 
 
 def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str, object]:
-    """Draw a case, write its recording into a folder, and return the truth about it.
-
-    Raises:
-        PlumblineError: What was drawn makes no gap to speak of.
-    """
+    """Draw a case, write its recording, return its truth (PlumblineError: it makes no gap)."""
     rng = np.random.default_rng(seed)
     plane = Plane(*(tuple(RANGES.many(name, rng, 2)) for name in ("length", "mass")))
     t, u = commands(rng)

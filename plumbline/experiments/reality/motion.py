@@ -93,11 +93,7 @@ class Motion:
 
 
 def engine() -> Any:
-    """MuJoCo's module.
-
-    Raises:
-        PlumblineError: It is not installed.
-    """
+    """MuJoCo's module (PlumblineError: it is not installed)."""
     try:
         return import_module("mujoco")
     except ImportError:

@@ -153,11 +153,7 @@ class Scored:
 
 
 def simulate_moving(folder: Path, plan: Plan, name: str, seed: int) -> dict[str, object]:
-    """Move an arm, take the readings, write the recording; returns the truth.
-
-    Raises:
-        PlumblineError: Two causes, an observation or an effect that moving cases do not have.
-    """
+    """Move an arm and write its readings; the truth (PlumblineError: no kind of moving case)."""
     if plan.kind == "pair" or plan.observation not in OBSERVATIONS:
         raise PlumblineError("moving cases: one cause, tip_position or joint_position")
     rng = np.random.default_rng([seed, 5])

@@ -296,12 +296,7 @@ PRESSED: dict[str, Callable[[np.random.Generator], Draft]] = {
 
 
 def draw(family: str, seed: int, mismatch: Mismatch = STATED) -> Scenario:
-    """A task of a family.
-
-    Raises:
-        KeyError: No such family; see :data:`FAMILIES` and :data:`PRESSED`.
-        RuntimeError: No start and goal that are clear found in 4000 tries.
-    """
+    """A task of :data:`FAMILIES` or :data:`PRESSED` (RuntimeError: none is clear in 4000 tries)."""
     make = (FAMILIES | PRESSED)[family]
     rng = np.random.default_rng([seed, crc32(family.encode())])
     for _ in range(TRIES):

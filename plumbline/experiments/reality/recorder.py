@@ -282,19 +282,11 @@ def extended(
     group: NDArray[np.int64] | None = None,
     sockets: NDArray[np.int64] | None = None,
 ) -> Case:
-    """The case with more rows at its end.
+    """The case with more rows at its end: encoder readings q (M, n) [rad or m].
 
-    Args:
-        case: The case.
-        q: Encoder readings (M, n) [rad or m]; of fixed points, postures near the sockets.
-        direction: Sides of the approach (M, n), -1, 0 or 1; 0 unless given.
-        velocity: Joint velocities (M, n) [rad/s or m/s]; none unless given.
-        wait: Rest before each row (M,) [s]; none unless given.
-        group: Number of the part of the session (M,); a new one unless given.
-        sockets: Socket of each row from 0 (M,), for fixed points.
-
-    Raises:
-        PlumblineError: Fixed points come without sockets.
+    Of fixed points these are postures near the ``sockets`` (M,) from 0, which must be given. Sides
+    of the approach (M, n), velocities (M, n) [rad/s or m/s] and rests before each row (M,) [s] are
+    zero unless given; ``group`` (M,) numbers the part of the session, a new one unless given.
     """
     if case.sockets is not None and sockets is None:
         raise PlumblineError("fixed points without sockets: give one number for each row")

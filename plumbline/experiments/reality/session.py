@@ -129,11 +129,7 @@ def starts(arm: Arm, centre: Array, about: str, rows: int, rng: np.random.Genera
 
 
 def boxed(arm: Arm, rows: int, tool: Array, rng: np.random.Generator) -> Array:
-    """Poses (N, n) whose tips lie in a box of 0.2 to 0.4 m, needle directions varying.
-
-    Raises:
-        PlumblineError: No box was found that the arm fills for the better part.
-    """
+    """Poses (N, n) whose tips fill a box of 0.2 to 0.4 m, if one is found, directions varying."""
     side = RANGES.one("box", rng)
     for _ in range(50):
         centre, middle = box_middle(arm, tool, rng)
@@ -147,11 +143,7 @@ def boxed(arm: Arm, rows: int, tool: Array, rng: np.random.Generator) -> Array:
 def socketed(
     arm: Arm, rows: int, tool: Array, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Poses that touch two to four sockets: joints (N, n), and the socket of each row (N,) from 0.
-
-    Raises:
-        PlumblineError: No sockets were found that the arm reaches from many sides.
-    """
+    """Poses that touch 2 to 4 sockets, if in reach: joints (N, n), the sockets (N,) from 0."""
     count = RANGES.whole("sockets", rng)
     for _ in range(50):
         centre, middle = box_middle(arm, tool, rng)

@@ -203,11 +203,7 @@ def confounded(bench: Bench, truth: Mechanism, gap: Array, sigma: Array) -> list
 
 
 def simulate_torques(folder: Path, plan: Plan, name: str, seed: int) -> dict[str, object]:
-    """Move an arm, read its efforts, write the recording; returns the truth.
-
-    Raises:
-        PlumblineError: A mechanism would have to exert more than any drive does.
-    """
+    """Move an arm, write its efforts; the truth (PlumblineError: more than any drive exerts)."""
     rng = np.random.default_rng([seed, 13])
     build = draw_build(rng)
     rows = ROWS * int(rng.integers(plan.rows[0], plan.rows[1] + 1))

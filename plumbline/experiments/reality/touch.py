@@ -71,11 +71,7 @@ class Touch:
         return found
 
     def least(self, ends: Array) -> Closest:
-        """The least clearance of a motion (T, C, 2, 3) [mm], over all pairs and moments.
-
-        Raises:
-            RuntimeError: Coal and plain arithmetic differ by more than a micron.
-        """
+        """The least clearance of a motion (T, C, 2, 3) [mm], over all pairs and moments."""
         if not len(self.pairs):
             return Closest(np.inf, 0, len(ends), 0)
         one, two = ends[:, self.pairs[:, 0]], ends[:, self.pairs[:, 1]]

@@ -50,11 +50,7 @@ class More(TypedDict, total=False):
 
 
 def page_of(answer: Any, **more: Unpack[More]) -> Page:
-    """The page of an answer of one of the methods.
-
-    Raises:
-        PlumblineError: There is none of such an answer.
-    """
+    """The page of an answer of one of the methods (PlumblineError: there is none of such)."""
     name = type(answer).__name__
     if name not in PAGES:
         raise PlumblineError(

@@ -34,12 +34,7 @@ class Transformed:
 def given(
     paths: Sequence[Path], ct_axes: str = "LPS", robot_axes: str = "LPS"
 ) -> tuple[Fiducials, tuple[Transformed, ...]]:
-    """The recording that some paths make, and the transforms among them.
-
-    Raises:
-        PlumblineError: They do not make one, or a file cannot be used.
-        PlumblineError: The recording cannot be used.
-    """
+    """The recording that some paths make, refused if none, and the transforms among them."""
     transforms = [path for path in paths if _ends(path, TRANSFORMS)]
     lists = [path for path in paths if _ends(path, READERS)]
     folders = [path for path in paths if path not in transforms and path not in lists]

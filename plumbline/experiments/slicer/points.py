@@ -40,11 +40,7 @@ NUMBERED = {"0": "RAS", "1": "LPS"}
 
 
 def check_axes(axes: str, where: str = "axes") -> str:
-    """LPS or RAS.
-
-    Raises:
-        PlumblineError: It is neither.
-    """
+    """Refuse axes that are neither LPS nor RAS."""
     if axes not in AXES:
         mend = "state the axes that the coordinates are given along"
         raise fault(where, shown(axes), " or ".join(AXES), mend)
@@ -71,11 +67,7 @@ def points_table(
 
 
 def read_text(path: str | Path, kind: str) -> str:
-    """A Slicer file's text.
-
-    Raises:
-        PlumblineError: It cannot be read, or is no UTF-8; `kind` is what was expected.
-    """
+    """A Slicer file's text, refused if it is no UTF-8; ``kind`` is what was expected."""
     file = Path(path).name
     try:
         return read_file(path).decode("utf-8-sig")
@@ -86,11 +78,7 @@ def read_text(path: str | Path, kind: str) -> str:
 
 
 def read_fcsv(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
-    """The points of a ``.fcsv``, in m along the axes asked for.
-
-    Raises:
-        PlumblineError: The file does not say its axes or columns, or a point has no usable place.
-    """
+    """The points of a ``.fcsv`` in m along the axes asked for, refused if axes or places lack."""
     file = Path(path).name
     check_axes(axes)
     lines = read_text(path, "a .fcsv").splitlines()
@@ -145,11 +133,7 @@ def _place(file: str, line: int, row: list[str], names: list[str]) -> list[float
 
 
 def read_markups(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
-    """The points of all lists in a ``.mrk.json``, in m along the axes asked for.
-
-    Raises:
-        PlumblineError: The file is no markups file, or a point of it has no usable place.
-    """
+    """The points of a ``.mrk.json``'s lists in m along the axes asked for, else refused."""
     file = Path(path).name
     check_axes(axes)
     lists = _lists(file, Path(path))
@@ -211,11 +195,7 @@ READERS = {".mrk.json": read_markups, ".json": read_markups, ".fcsv": read_fcsv}
 
 
 def read_points(path: str | Path, axes: str = "LPS") -> pd.DataFrame:
-    """Points of a ``.mrk.json`` or ``.fcsv`` [m], columns label, x, y, z, description.
-
-    Raises:
-        PlumblineError: The file is neither, or cannot be used.
-    """
+    """Points of a ``.mrk.json`` or ``.fcsv`` [m], else refused: label, x, y, z, description."""
     return READERS[_ending(path)](path, axes)
 
 
@@ -234,19 +214,9 @@ def to_fiducials(
     name: str = "fiducials",
     noise: MarkerNoise | None = None,
 ) -> Fiducials:
-    """A recording from points in CT and points by the robot, matched by their labels.
+    """A recording, refused if too small, from points in CT and by the robot, matched by labels.
 
-    What the robot did not measure is a target.
-
-    Args:
-        ct: Points in CT, columns label, x, y, z [m].
-        robot: Points by the robot, the same columns [m]; every label must be one of CT's.
-        name: What the recording is called.
-        noise: How well they were read.
-
-    Raises:
-        PlumblineError: The robot measured a point that is not in CT.
-        PlumblineError: There are too few markers, or doubled labels.
+    Columns are label, x, y, z [m]; what the robot did not measure is a target.
     """
     stray = [label for label in robot["label"] if label not in set(ct["label"])]
     if stray:

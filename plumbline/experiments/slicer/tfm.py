@@ -41,11 +41,7 @@ GROUP = "TransformGroup"
 
 
 def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
-    """The file's text for a transform (4, 4) [m] that maps points of CT to the robot.
-
-    Raises:
-        PlumblineError: It is no transform that has an inverse.
-    """
+    """The file's text for a transform (4, 4) [m], refused if singular, from CT to the robot."""
     T = np.asarray(T_RC, dtype=float)
     if T.shape != (4, 4) or not np.isfinite(T).all() or not np.allclose(T[3], (0, 0, 0, 1)):
         mend = "give rotation and translation over the row 0, 0, 0, 1"
@@ -60,11 +56,7 @@ def tfm_text(T_RC: ArrayLike, axes: str = "LPS") -> str:
 
 
 def read_tfm(path: str | Path, axes: str = "LPS") -> Array:
-    """The transform (4, 4) [m] that moves points, "to parent", along the axes asked for.
-
-    Raises:
-        PlumblineError: The file holds no single affine transform.
-    """
+    """The one affine transform (4, 4) [m], else refused, that moves points along the axes asked."""
     file = Path(path).name
     try:
         text = read_file(path).decode("utf-8")
@@ -79,11 +71,7 @@ def read_tfm(path: str | Path, axes: str = "LPS") -> Array:
 
 
 def check_kinds(file: str, kinds: list[str]) -> None:
-    """One affine transform and nothing else.
-
-    Raises:
-        PlumblineError: It is another kind, or there are several.
-    """
+    """Refuse all but one affine transform."""
     if len(kinds) != 1 or kinds[0] not in KINDS:
         found = ", ".join(kinds) or "no transform"
         mend = "harden the transform and save one linear transform"
@@ -91,11 +79,7 @@ def check_kinds(file: str, kinds: list[str]) -> None:
 
 
 def moving(file: str, numbers: Array, centre: Array, axes: str) -> Array:
-    """The transform (4, 4) [m] that moves points, of ITK's parameters (12,) and centre (3,).
-
-    Raises:
-        PlumblineError: It has no inverse.
-    """
+    """The transform (4, 4) [m] that moves points, of ITK's parameters (12,) and centre (3,)."""
     A = numbers[:9].reshape(3, 3)
     back = homogeneous(A, (numbers[9:] + centre - A @ centre) * UNITS["mm"])
     if abs(np.linalg.det(back[:3, :3])) < 1e-12:
@@ -127,11 +111,7 @@ def _numbers(file: str, fields: dict[str, str], key: str, count: int) -> Array:
 
 
 def read_h5(path: str | Path, axes: str = "LPS") -> Array:
-    """The transform (4, 4) [m] that moves points, "to parent", along the axes asked for.
-
-    Raises:
-        PlumblineError: There is no h5py, or the file holds no single affine transform.
-    """
+    """The same of an HDF5 file (PlumblineError: no h5py, or no single affine transform)."""
     file = Path(path).name
     try:
         h5py = import_module("h5py")

@@ -39,14 +39,7 @@ def cache_folder() -> Path:
 
 
 def local_files(source: Source, *, progress: bool = False) -> dict[str, Path]:
-    """Local copy of every file of a source, each checked against its hash.
-
-    Returns:
-        Path on this machine by path in the repository.
-
-    Raises:
-        PlumblineError: a file is missing and cannot be fetched, or is not the pinned one.
-    """
+    """Local copy of a source's files by path in the repository, refused if not the pinned ones."""
     return {file.path: _local_file(source, file, progress) for file in source.files}
 
 

@@ -38,11 +38,7 @@ def convert(source: Source, local: Mapping[str, Path]) -> Draft:
 
 
 def tensors(file: Path) -> dict[str, NDArray[np.float64]]:
-    """Arrays of single precision by name, flat; their order is that of the file.
-
-    Raises:
-        PlumblineError: It is no archive of such arrays.
-    """
+    """Arrays of single precision by name, flat, in the file's order, refused if it has none."""
     try:
         with zipfile.ZipFile(file) as archive:
             (index,) = [n for n in archive.namelist() if n.endswith("/data.pkl")]

@@ -43,11 +43,7 @@ def tip_draft(robot: str, tool: float, columns: Mapping[str, NDArray[Any]]) -> D
 
 
 def write(source: Source, draft: Draft, target: Path) -> Path:
-    """Write a recording folder, whole or not at all; returns the target.
-
-    Raises:
-        PlumblineError: the target holds something already, or cannot be written.
-    """
+    """Write a recording folder, refused where something is, whole or not at all; the target."""
     place(target, lambda folder: _fill(folder, source, draft))
     return target
 

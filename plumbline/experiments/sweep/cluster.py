@@ -75,17 +75,10 @@ def done_as_configured(
 def done_on(
     address: str, work: Callable[[Path, Task], Found], folder: Path | None, tasks: Sequence[Task]
 ) -> Iterator[Found]:
-    """What comes of each task, in the order in which they are done.
+    """What comes of each task, in the order in which they are done, refused if no worker can.
 
-    Args:
-        address: The scheduler's, ``tcp://HOST:PORT``.
-        work: What is done with a recording's folder; a function of a module.
-        folder: The recording's folder, here; None where a case makes its own.
-        tasks: What it is done to.
-
-    Raises:
-        PlumblineError: Dask is not installed, no worker answers, one has other code, or a task
-            ended several workers.
+    The address is the scheduler's, ``tcp://HOST:PORT``; ``work``, a function of a module, is done
+    with the recording's folder, None where a case makes its own, and a task.
     """
     client = _connected(address)
     try:

@@ -86,11 +86,7 @@ def _rows(vary: Section) -> tuple[int | None, ...]:
 
 
 def part_of(recording: Recording, case: Case) -> Recording:
-    """The rows of a case: so many of those that may be fitted, and all that are held out.
-
-    Raises:
-        PlumblineError: There are fewer, or too few to fit anything.
-    """
+    """The rows of a case, refused if too few: so many that may be fitted, and all held out."""
     if case.rows is None:
         return recording
     kept_back = np.zeros(len(recording), dtype=bool)

@@ -25,11 +25,7 @@ class Spec:
 
 
 def read_spec(path: Path) -> Spec:
-    """Read what is to be swept.
-
-    Raises:
-        PlumblineError: It cannot be read, or asks for what there is not.
-    """
+    """Read what is to be swept, refused if it asks for what there is not."""
     settings = read_settings_file(path)
     if "reality" in settings.values:
         return _of_reality(path, settings)

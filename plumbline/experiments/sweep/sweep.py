@@ -139,11 +139,7 @@ class Kept:
     lines: tuple[dict[str, Any], ...]  # the cases that were in it
 
     def add(self, line: dict[str, Any]) -> None:
-        """Keep one more case.
-
-        Raises:
-            PlumblineError: It cannot be written.
-        """
+        """Keep one more case (PlumblineError: it cannot be written)."""
         try:
             self.file.write(json.dumps(line, allow_nan=False).encode() + b"\n")
             self.file.flush()
@@ -157,11 +153,7 @@ class Kept:
 
 @contextmanager
 def keeping(path: Path, of: dict[str, str]) -> Iterator[Kept]:
-    """The file of finished cases, new or as an earlier sweep left it.
-
-    Raises:
-        PlumblineError: It is of something else, cannot be used, or another process holds it.
-    """
+    """The file of finished cases, new or of a like sweep (PlumblineError: another's, or held)."""
     try:
         number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NONBLOCK, 0o666)
     except OSError as error:

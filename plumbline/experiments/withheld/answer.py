@@ -75,11 +75,7 @@ class StatedVerdict:
 
 
 def read_answer(path: Path) -> StatedVerdict:
-    """Read a verdict file.
-
-    Raises:
-        PlumblineError: It is no verdict.
-    """
+    """Read a verdict file (PlumblineError: it is no verdict)."""
     try:
         return _answer(path.stem, json.loads(read_file(path)))
     except OSError as error:

@@ -66,19 +66,7 @@ def bench(
     only: tuple[str, ...] = (),
     progress: Progress | None = None,
 ) -> Bench:
-    """Make, run and score every set.
-
-    Args:
-        folder: Keeps the sets; made if it is not there.
-        count: Cases of each set.
-        seed: Of all sets.
-        jobs: Processes at a time; 0 for one a core.
-        only: Names of sets; all of them when empty.
-        progress: Called with words and the share of the set done.
-
-    Raises:
-        PlumblineError: The folder holds other sets, or what it holds was changed.
-    """
+    """Make, run and score every set, or those of a name; what the folder holds already is kept."""
     results = []
     for name, (words, design) in SETS.items():
         if only and name not in only:

@@ -28,11 +28,7 @@ ATTEMPTS = 20  # draws until one makes a case
 def make_set(
     cases: Path, truth: Path, design: Design, count: int, progress: Progress | None = None
 ) -> sealing.Ledger:
-    """Write a set of sealed cases, or the part of it that is missing.
-
-    Raises:
-        PlumblineError: The folders are not apart, hold another set, or a sealed file was changed.
-    """
+    """Write what a set of sealed cases lacks (PlumblineError: it is another, or was changed)."""
     sealing.check_apart(cases, truth)
     plan = json.dumps({"design": asdict(design)}, indent=1, sort_keys=True) + "\n"
     _begin(cases, truth, plan)

@@ -90,11 +90,7 @@ def _curve(axes: Axes, found: Calibration, colour: str, label: str, shift: float
 
 
 def write_picture(score: Score, path: Path) -> None:
-    """Write the score as a page (``.html``) or as the two pictures side by side (``.png``).
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write the score as a page (``.html``) or as the two pictures side by side (``.png``)."""
     if path.suffix.lower() == ".png":
         write_whole(path, _png(score))
     else:

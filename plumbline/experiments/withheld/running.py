@@ -46,12 +46,7 @@ class Done:
 def run_set(
     cases: Path, out: Path, *, jobs: int = 0, seed: int = 0, progress: Progress | None = None
 ) -> Done:
-    """Diagnose all recordings of a set blind, one verdict a file.
-
-    Raises:
-        PlumblineError: A truth lies within or above the cases, a sealed recording was changed, or
-            the verdicts there are those of another set.
-    """
+    """Diagnose a set blind, one verdict a file (PlumblineError: a truth is near, a seal broken)."""
     entries = entries_of(cases)
     refuse_truth(cases, {entry.truth for entry in entries if entry.truth})
     _check_out(cases, out, entries)
@@ -155,11 +150,7 @@ def _sign(cases: Path, out: Path) -> None:
 
 
 def read_note(verdicts: Path) -> dict[str, str]:
-    """Which set verdicts are on, as their run noted it; empty where there is no note.
-
-    Raises:
-        PlumblineError: It cannot be understood.
-    """
+    """Which set verdicts are on, as their run noted, refused if damaged; empty without a note."""
     path = verdicts / sealing.RUN
     if not path.is_file():
         return {}

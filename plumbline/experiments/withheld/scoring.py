@@ -75,11 +75,7 @@ class Score:
 
 
 def score_run(verdicts: Path, truth: Path, *, partial: bool = False, seed: int = 0) -> Score:
-    """Open the truth and count.
-
-    Raises:
-        PlumblineError: A hash differs from the ledger's, or verdicts are missing.
-    """
+    """Open the truth and count (PlumblineError: hashes differ, or verdicts are missing)."""
     ledger = _ledger(verdicts, truth)
     judged, missing = judged_cases(verdicts, truth)
     if missing and not partial:

@@ -59,11 +59,7 @@ def hash_of_file(path: Path) -> str:
 
 
 def hash_of_recording(folder: Path) -> str:
-    """SHA-256 [hex] over all files of a recording, their names and sizes among it.
-
-    Raises:
-        PlumblineError: Something in it is a link, and so may change without a trace.
-    """
+    """SHA-256 [hex] over all files of a recording, names and sizes too; links are refused."""
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
         if path.is_symlink():
@@ -76,11 +72,7 @@ def hash_of_recording(folder: Path) -> str:
 
 
 def recordings_in(cases: Path) -> list[Path]:
-    """Folders of the recordings, by name.
-
-    Raises:
-        PlumblineError: There is none.
-    """
+    """Folders of the recordings, by name (PlumblineError: there is none)."""
     if not cases.is_dir():
         raise PlumblineError(f"{cases}: no such folder; make one with 'plumbline withheld make'")
     found = sorted(p.parent for p in cases.glob("*/dataset.toml"))
@@ -100,11 +92,7 @@ def line(entry: Entry) -> str:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder that can be written into, with all above it, if it is not there.
-
-    Raises:
-        PlumblineError: There is a file in its way, or no right to write.
-    """
+    """Make a folder, with all above it, and refuse one that cannot be written into."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
@@ -126,11 +114,7 @@ def append(path: Path, text: str) -> None:
 
 
 def read_ledger(folder: Path) -> Ledger | None:
-    """The ledger of a folder; None if it has none.
-
-    Raises:
-        PlumblineError: It is there and cannot be understood.
-    """
+    """The ledger of a folder, refused if damaged; None if it has none."""
     path = folder / LEDGER
     if not path.is_file():
         return None
@@ -156,11 +140,7 @@ def _entry(fields: dict[str, Any]) -> Entry:
 
 
 def seal_folder(cases: Path, truth: Path, without: tuple[str, ...] = ()) -> Ledger:
-    """Write the ledger of a set that was made elsewhere, beside its cases and beside its truth.
-
-    Raises:
-        PlumblineError: It is sealed already, or a recording has no truth that can be understood.
-    """
+    """Write the ledger of a set made elsewhere, beside cases and truths, refused if one lacks."""
     check_apart(cases, truth)
     if read_ledger(cases) is not None:
         raise PlumblineError(f"{cases}: sealed already; a ledger is written once")
@@ -193,11 +173,7 @@ def check_apart(cases: Path, truth: Path) -> None:
 
 
 def check_seal(entry: Entry, recording: Path | None = None, truth: Path | None = None) -> None:
-    """Compare what lies on the disk with the ledger.
-
-    Raises:
-        PlumblineError: It was changed after it was sealed.
-    """
+    """Refuse what was changed on the disk after it was sealed."""
     pairs: Iterable[tuple[Path | None, str, str]] = (
         (recording, entry.recording, "recording"),
         (truth, entry.truth, "truth"),

@@ -71,11 +71,7 @@ class Truth:
 
 
 def read_truth(path: Path, without: tuple[str, ...] = ()) -> Truth:
-    """Read a truth file.
-
-    Raises:
-        PlumblineError: It is not there, or its effects cannot be understood.
-    """
+    """Read a truth file (PlumblineError: it is not there, or its effects cannot be understood)."""
     try:
         content = json.loads(read_file(path))
         truth = _truth(path.stem, content, without)
@@ -143,11 +139,7 @@ def _level(gaps: list[float], effects: int) -> str:
 
 
 def key_of(entry: dict[str, Any]) -> Key:
-    """Effect and element of an entry; an element that is missing is none.
-
-    Raises:
-        PlumblineError: The element is no whole number.
-    """
+    """Effect and element, a whole number or none, of an entry (PlumblineError: it is another)."""
     element = entry.get("element")
     if element is not None and (isinstance(element, bool) or int(element) != float(element)):
         raise PlumblineError(f"element: found {element}, expected a whole number; mend it")

@@ -91,11 +91,7 @@ def draw_ranges(
 def draw_reached(
     folder: Path, arm: Arm, name: str | None, gap: float, seeds: Iterable[int], given: RangePlan
 ) -> Truth:
-    """The same by the first of some seeds in whose room the arm reaches all boards.
-
-    Raises:
-        PlumblineError: There is none.
-    """
+    """The same by the first seed in whose room the arm reaches all boards, refused if none."""
     for seed in seeds:
         with suppress(ValueError):
             return draw_ranges(folder, arm, name, gap, seed, given)

@@ -107,11 +107,7 @@ def _sphere(o: Array, w: Array, cap: Cap) -> Array:
 
 
 def plan(room: Room, rows: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-    """Postures (rows, n) whose beams meet boards, as many on each, and the boards from 0.
-
-    Raises:
-        PlumblineError: The arm reaches too few.
-    """
+    """Postures (rows, n) whose beams meet boards, as many on each, and the boards from 0."""
     q = rng.uniform(room.arm.lower, room.arm.upper, (60 * rows, room.arm.joints))
     start, way = rays(room, forward(room.arm, q)[:, -1])
     found_q, found_board = [], []

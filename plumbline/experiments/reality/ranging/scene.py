@@ -143,11 +143,7 @@ def patches() -> Array:
 
 
 def plan(scene: Scene, rng: np.random.Generator) -> Programme:
-    """The paper's programme: on each board three groups of translations and one that turns.
-
-    Raises:
-        PlumblineError: The boards stand where the arm cannot reach all patches.
-    """
+    """The paper's programme, if in reach: on each board three translations and one that turns."""
     parts = []
     for k, board in enumerate(scene.boards):
         for group in range(GROUPS):
@@ -165,11 +161,7 @@ def plan(scene: Scene, rng: np.random.Generator) -> Programme:
 def calibration(
     scene: Scene, rng: np.random.Generator, programme: Programme | None = None
 ) -> Survey:
-    """The readings of a programme, of a fresh one by default.
-
-    Raises:
-        PlumblineError: The boards are out of reach, or a beam misses its board.
-    """
+    """The readings of a programme, of a fresh one by default (PlumblineError: a beam misses)."""
     p = programme or plan(scene, rng)
     distance = measure(scene, p.q, p.plane, rng)
     distance, poor = spoil(distance, scene.instrument.poor, rng, *POOR)
@@ -226,11 +218,7 @@ def true_flange(scene: Scene, q: Array, rng: np.random.Generator) -> Array:
 
 
 def measure(scene: Scene, q: Array, plane: NDArray[np.int64], rng: np.random.Generator) -> Array:
-    """Ranges (N,) [m] at encoder readings q (N, n) on boards (N,) from 1.
-
-    Raises:
-        PlumblineError: A beam misses its board or is out of the finder's range.
-    """
+    """Ranges (N,) [m] at encoder readings q (N, n) on boards (N,) from 1, refused if one misses."""
     origins, beams = scene.finder.beams(true_flange(scene, q, rng))
     distance, cosine = np.empty(len(q)), np.empty(len(q))
     met = np.empty(len(q), dtype=bool)
