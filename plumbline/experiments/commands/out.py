@@ -56,10 +56,10 @@ class Out:
         self.write_page(answer, **more)
         if self.silent:
             return
-        from plumbline.experiments.report.page.words import print_page
+        from plumbline.experiments.report.page.words import console, print_page
         from plumbline.experiments.report.writing import page_of
 
-        print_page(page_of(answer, **more))
+        print_page(page_of(answer, **more), console())
 
 
 def with_out(command: Callable[..., None], *, report: bool = False) -> Callable[..., None]:

@@ -187,19 +187,15 @@ def as_parquet(found: Sweep) -> bytes:
 
 
 def _print(found: Sweep, table: Crossed | None) -> None:
-    from rich.console import Console
+    from plumbline.experiments.report.page.words import console, table_of
 
-    from plumbline.experiments.report.page.words import table_of
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=WIDTH)
+    out = console(WIDTH)
     title, grid = _table(found) if table is None else _crossed(table)
-    console.print(title, style="bold", markup=False)
-    console.print(table_of(grid))
-    console.print(found.agreement[:1].upper() + found.agreement[1:] + ".", markup=False)
+    out.print(title, style="bold", markup=False)
+    out.print(table_of(grid))
+    out.print(found.agreement[:1].upper() + found.agreement[1:] + ".", markup=False)
     for reason in dict.fromkeys(o.reason for o in found.outcomes if o.reason):
-        console.print(f"refused: {reason}", markup=False, soft_wrap=True)
+        out.print(f"refused: {reason}", markup=False, soft_wrap=True)
 
 
 def _crossed(crossed: Crossed) -> tuple[str, Grid]:

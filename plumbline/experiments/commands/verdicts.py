@@ -54,17 +54,15 @@ class Outputs(Out):
             model.save(path, overwrite=True)
         if self.silent:
             return
-        from rich.console import Console
-
         from plumbline.experiments.report.diagnosis.page import in_words
-        from plumbline.experiments.report.page.words import print_page
+        from plumbline.experiments.report.page.words import console, print_page
 
-        console = Console(highlight=False)
-        print_page(in_words(answer, page.get("elsewhere")), console)
+        out = console()
+        print_page(in_words(answer, page.get("elsewhere")), out)
         files = {"Report": self.report} | {name: path for name, (path, _) in made.items()}
         named = (f"\n{name}: {path}" for name, path in files.items() if path is not None)
         for line in (*lines, *named):
-            console.print(line, markup=False, soft_wrap=True)
+            out.print(line, markup=False, soft_wrap=True)
 
 
 def refuse(asked: Mapping[str, object], what: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,12 +11,11 @@ import typer
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.diagnose import Seed, effects_beginning
 from plumbline.experiments.commands.examples import BLIND, epilog
-from plumbline.experiments.commands.out import Out, with_out
+from plumbline.experiments.commands.out import Out, with_out, with_report
 from plumbline.experiments.commands.sweep import Jobs
 from plumbline.experiments.console import outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
-PICTURES = (".html", ".png")
 WIDTH = 120  # characters of a line, where no terminal says how many there are
 app = typer.Typer(
     help="Check the diagnosis on recordings whose cause it cannot know.", epilog=epilog(*BLIND)
@@ -141,41 +139,28 @@ def run(
 
 
 @app.command("score", epilog=epilog("withheld score"))
-@with_out
+@with_report
 def score(
     put: Out,
     verdicts: Annotated[Path, typer.Argument(help="Folder of the verdicts.")],
     truth: TruthFolder,
-    report: Annotated[
-        Path | None, typer.Option(metavar="OUT", help="Write a page (.html) or picture (.png).")
-    ] = None,
     partial: Annotated[bool, typer.Option("--partial", help="Verdicts may be missing.")] = False,
     seed: Seed = 0,
 ) -> None:
     """Compare the hashes, open the truth, and count."""
-    put = replace(put, report=report)
     put.check([verdicts, truth])
-    if report is not None and report.suffix.lower() not in PICTURES:
-        raise PlumblineError(f"--report {report}: a page or a picture; name it .html or .png")
+    from plumbline.experiments.report.page.page import page_html
+    from plumbline.experiments.report.page.words import console, print_page
+    from plumbline.experiments.withheld.picture import page
     from plumbline.experiments.withheld.scoring import score_run
 
     found = score_run(verdicts, truth, partial=partial, seed=seed)
+    shown = page(found)
     outputs.write_json(put.json, found.to_dict())
-    if report is not None:
-        from plumbline.experiments.withheld.picture import write_picture
-
-        try:
-            write_picture(found, report)
-        except OSError as error:
-            raise PlumblineError(f"--report {report}: cannot be written ({error})") from None
+    if put.report is not None:
+        outputs.write_text(put.report, page_html(shown), "--report")
     if not put.silent:
-        from rich.console import Console
-
-        from plumbline.experiments.report.page.words import print_page
-        from plumbline.experiments.withheld.picture import page
-
-        narrow = Console(highlight=False)  # a table of all figures is wide
-        print_page(page(found), narrow if narrow.is_terminal else Console(width=WIDTH))
+        print_page(shown, console(WIDTH))  # a table of all figures is wide
 
 
 @app.command("bench", epilog=epilog("withheld bench"))

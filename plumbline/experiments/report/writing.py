@@ -43,9 +43,8 @@ class More(TypedDict, total=False):
     transforms: Sequence[Mapping[str, Any]]  # of a registration: those found elsewhere, judged
     seed: int | None  # of a diagnosis, as its page shall tell it
     elsewhere: Elsewhere | None  # of a diagnosis: how its model does on another recording
-    ranks: Sequence[
-        int
-    ]  # of a diagnosis: true values of simulated cases by tenths of what was stated
+    # of a diagnosis: true values of simulated cases by tenths of what was stated
+    ranks: Sequence[int]
     proof: bool  # of a diagnosis: whether its files are read again by others; they are
 
 

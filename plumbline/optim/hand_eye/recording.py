@@ -21,7 +21,7 @@ from plumbline.optim.hand_eye.accuracy import Marks
 from plumbline.optim.hand_eye.constants import LARGEST_ANGLE, LARGEST_NOISE, LEAST_ROWS, LONGEST
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.recording.building import chain_to
-from plumbline.optim.recording.columns import Joints, context_columns, joint_columns
+from plumbline.optim.recording.columns import Joints, context_columns, joint_columns, known_columns
 from plumbline.optim.recording.constants import UNIT_TOLERANCE
 from plumbline.optim.recording.loading import SAMPLES, Folder, open_folder, read_robot
 from plumbline.optim.recording.settings import Section
@@ -176,7 +176,8 @@ def load_ranges(folder: str | Path) -> RangeRecording:
     motion, _ = labelled(table, "motion")
     mark, held = _marked(table), _held_out(table)
     context = context_columns(table, flange.joints, OBSERVATION)
-    used = ("range", "plane", "motion", *flange.used, *OPTIONAL, *context.used)
+    known = known_columns(flange.joints, OBSERVATION)
+    used = ("plane", "motion", *flange.used, *OPTIONAL, *known)
     lines = table.origin.lines
     rows = np.arange(len(table)) if lines is None else lines
     fitted = (mark == 0) & (held == 0)
@@ -194,7 +195,7 @@ def load_ranges(folder: str | Path) -> RangeRecording:
         held_out=every.select((held == 1) & (mark == 0)) if np.any(held == 1) else None,
         sha256=opened.sha256(flange.data),
         notes=(*settings.unused((*SETTINGS_KEYS, *TABLES)), *table.notes, *table.unused(used)),
-        every=_every(every, flange, mark == 0, held, context.values, settings),
+        every=_every(every, flange, mark == 0, held, context, settings),
     )
 
 

@@ -14,6 +14,7 @@ the base frame.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -98,10 +99,24 @@ def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance
     return _device_frame(recording, anchor)
 
 
+Block = tuple[cs.SX, Sequence[str], float]  # unknowns, their names and their typical size
+
+
+def _of_blocks(blocks: Sequence[Block], start: Array | None = None, **parts: Any) -> Nuisance:
+    """Nuisances of unknowns one below the other, started at zero unless given."""
+    symbols = [cs.vec(symbol) for symbol, _, _ in blocks]
+    names = tuple(name for _, own, _ in blocks for name in own)
+    scale = np.array([size for _, own, size in blocks for _ in own])
+    start = np.zeros(len(names)) if start is None else start
+    return Nuisance(cs.vertcat(*symbols), names, scale, start, **parts)
+
+
+def _along(what: str, axes: Iterable[str] = "xyz") -> list[str]:
+    return [f"{what}{axis}" for axis in axes]
+
+
 def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
-    names: list[str] = []
-    symbols: list[cs.SX] = []
-    scales: list[float] = []
+    blocks: list[Block] = []
     parts: dict[str, Any] = {}
     if "frame" in recording.always:
         anchor = anchor or (registered(recording), recording.measured[:, :3].mean(axis=0))
@@ -111,30 +126,23 @@ def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
         R = rotation(turn)
         t = constant(centre) + R @ constant(T_start[:3, 3] - centre) + shift
         parts["T_device_world"] = Transform(R @ constant(T_start[:3, :3]), t)
-        names += [f"frame {c}" for c in ("x", "y", "z", "rx", "ry", "rz")]
-        symbols += [shift, turn]
-        scales += [FRAME_SCALE[0]] * 3 + [FRAME_SCALE[1]] * 3
+        blocks += [(shift, _along("frame "), FRAME_SCALE[0])]
+        blocks += [(turn, _along("frame r"), FRAME_SCALE[1])]
     if "tool" in recording.always:
-        parts |= _tool(names, symbols, scales, recording.kind.oriented)
-    start = np.zeros(len(names))
+        parts |= _tool(blocks, recording.kind.oriented)
+    start = np.zeros(sum(len(names) for _, names, _ in blocks))
     if "R_tip_tool" in parts:
         start[-3:] = tool_turn(recording, parts["anchor"][0] if "anchor" in parts else np.eye(4))
-    return Nuisance(cs.vertcat(*symbols), tuple(names), np.array(scales), start, **parts)
+    return _of_blocks(blocks, start, **parts)
 
 
-def _tool(
-    names: list[str], symbols: list[cs.SX], scales: list[float], turning: bool
-) -> dict[str, Any]:
-    tool = cs.SX.sym("tool", 3)
-    names += [f"tool {c}" for c in "xyz"]
-    symbols.append(tool)
-    scales += [TOOL_SCALE] * 3
+def _tool(blocks: list[Block], turning: bool) -> dict[str, Any]:
+    """Correct the tool's offset, and its turn if asked, by unknowns that join the blocks."""
+    tool, turn = cs.SX.sym("tool", 3), cs.SX.sym("tool_w", 3)
+    blocks.append((tool, _along("tool "), TOOL_SCALE))
     if not turning:
         return {"tool": tool}
-    turn = cs.SX.sym("tool_w", 3)
-    names += [f"tool r{c}" for c in "xyz"]
-    symbols.append(turn)
-    scales += [FRAME_SCALE[1]] * 3
+    blocks.append((turn, _along("tool r"), FRAME_SCALE[1]))
     return {"tool": tool, "R_tip_tool": rotation(turn)}
 
 
@@ -150,16 +158,15 @@ def _beam_and_planes(recording: Recording, anchor: Anchor | None) -> Nuisance:
     tilted = [rotation(cs.vertcat(tilt[:, k], 0))[:, 2] for k in range(count)]
     normals = [constant(basis(p[3:])) @ n for p, n in zip(planes, tilted, strict=True)]
     points = [constant(p[:3]) + off[k] * normals[k] for k, p in enumerate(planes)]
-    names = [f"beam {c}" for c in ("x", "y", "z", "rx", "ry")]
-    names += [f"plane {k} {c}" for k in range(1, count + 1) for c in ("rx", "ry")]
-    names += [f"plane {k} offset" for k in range(1, count + 1)]
-    sizes = (TOOL_SCALE, FRAME_SCALE[1], FRAME_SCALE[1], FRAME_SCALE[0])
-    scales = np.repeat(sizes, (3, 2, 2 * count, count))
-    return Nuisance(
-        cs.vertcat(shift, turn, cs.vec(tilt), off),
-        tuple(names),
-        scales,
-        np.zeros(len(names)),
+    named = [f"plane {k} " for k in range(1, count + 1)]
+    blocks = [
+        (shift, _along("beam "), TOOL_SCALE),
+        (turn, _along("beam r", "xy"), FRAME_SCALE[1]),
+        (tilt, [name for plane in named for name in _along(f"{plane}r", "xy")], FRAME_SCALE[1]),
+        (off, [f"{plane}offset" for plane in named], FRAME_SCALE[0]),
+    ]
+    return _of_blocks(
+        blocks,
         tool=shift,
         R_tip_tool=constant(basis(beam[3:])) @ rotation(cs.vertcat(turn, 0)),
         normals=cs.horzcat(*normals),
@@ -171,25 +178,15 @@ def _beam_and_planes(recording: Recording, anchor: Anchor | None) -> Nuisance:
 def _socket_places(recording: Recording) -> Nuisance:
     tips = recording.chain.tips(recording.q, recording.tool_offset)
     hot = one_hot_sockets(recording)
-    places = (hot.T @ tips) / hot.sum(axis=0)[:, None]
-    count = hot.shape[1]
-    sockets = cs.SX.sym("sockets", 3, count)
-    names = [f"socket {k} {c}" for k in socket_labels(recording) for c in "xyz"]
-    symbols, scales = [cs.vec(sockets)], [FRAME_SCALE[0]] * (3 * count)
-    start = places.ravel()
-    tool: dict[str, Any] = {}
+    start = ((hot.T @ tips) / hot.sum(axis=0)[:, None]).ravel()
+    sockets = cs.SX.sym("sockets", 3, hot.shape[1])
+    names = [name for k in socket_labels(recording) for name in _along(f"socket {k} ")]
+    blocks: list[Block] = [(sockets, names, FRAME_SCALE[0])]
+    parts = {"sockets": sockets, "shared": _known_distances(recording, sockets)}
     if "tool" in recording.always:
-        tool = _tool(names, symbols, scales, turning=False)
-        start = np.concatenate([start, np.zeros(3)])
-    return Nuisance(
-        cs.vertcat(*symbols),
-        tuple(names),
-        np.array(scales),
-        start,
-        sockets=sockets,
-        shared=_known_distances(recording, sockets),
-        **tool,
-    )
+        parts |= _tool(blocks, turning=False)
+        start = np.append(start, np.zeros(3))
+    return _of_blocks(blocks, start, **parts)
 
 
 def _known_distances(recording: Recording, sockets: cs.SX) -> cs.SX:

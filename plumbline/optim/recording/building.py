@@ -25,7 +25,6 @@ from plumbline.optim.recording.kinds import ALWAYS, ELSEWHERE, KINDS
 from plumbline.optim.recording.recording import Recording, hash_of
 from plumbline.optim.recording.table import Array, Flags, Origin, as_integers
 
-SCALAR = ("time", "temperature", "payload")
 WHOLE = ("socket", "group")
 SETTING = ("scale_std", "noise_std", "noise_std_rotation", "socket_distance")
 
@@ -141,7 +140,8 @@ def build(
     units.refuse_fast(recording, origin)  # before what was recorded is smoothed
     recording = _completed(recording, origin)
     found = [_told(assumed, origin)] if len(assumed) > 1 else []
-    found += [*checks.run(recording, origin), *units.run(recording, origin)]
+    for check in (*checks.CHECKS, *units.CHECKS):
+        found += check(recording, origin) or ()
     recording, turned = counted_from_one_turn(recording, origin)  # of what is in radians
     found += turned
     off = 0.0 if "frame" in recording.always else far_from_base(recording)
@@ -230,16 +230,14 @@ def _context(given: dict[str, Any], rows: int, n: int, origin: Origin) -> dict[s
         near = best_matches(unknown, allowed)
         raise fault(unknown, "an unknown attribute", "one of a Recording", f"best matches: {near}")
     ready = {name: value for name, value in given.items() if value is not None}
-    for name in [name for name in JOINTWISE if name in ready]:
-        ready[name] = _matrix(ready[name], name, n, origin, rows)
-    if "force" in ready:
-        ready["force"] = _matrix(ready["force"], "force", 3, origin, rows)
-    for name in [name for name in SCALAR if name in ready]:
-        ready[name] = _column(ready[name], name, rows, origin)
-    for name in [name for name in WHOLE if name in ready]:
-        ready[name] = as_integers(_column(ready[name], name, rows, origin), name, origin)
-    for name in [name for name in SETTING if name in ready]:
-        ready[name] = float(_column([ready[name]], name, 1, Origin())[0])
+    for name, value in ready.items():
+        if name in JOINTWISE or name == "force":
+            ready[name] = _matrix(value, name, 3 if name == "force" else n, origin, rows)
+        elif name in ("time", "temperature", "payload", *WHOLE):
+            column = _column(value, name, rows, origin)
+            ready[name] = as_integers(column, name, origin) if name in WHOLE else column
+        elif name in SETTING:
+            ready[name] = float(_column([value], name, 1, Origin())[0])
     if "noise_by_joint" in ready:
         ready["noise_by_joint"] = _matrix([ready["noise_by_joint"]], "noise_std", n, origin)[0]
     always = ready.get("always", ALWAYS)
@@ -309,9 +307,8 @@ def held_flags(values: ArrayLike | None, rows: int, origin: Origin) -> Flags | N
     bad = (numbers != 0) & (numbers != 1)
     origin.refuse("held_out", bad, numbers, "0 or 1", "1 keeps the row from every fit")
     if numbers.all():
-        raise fault(
-            origin.at("held_out"), "every row held out", "some of them", "delete the column"
-        )
+        found = "every row held out"
+        raise fault(origin.at("held_out"), found, "some of them", "delete the column")
     return numbers == 1
 
 

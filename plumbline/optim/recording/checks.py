@@ -1,13 +1,12 @@
 """What a recording must be before anything is fitted to it: enough rows, in order, consistent.
 
 Each check takes a recording and its origin, raises on a fault and yields notes on what is merely
-odd. Those on units are in :mod:`plumbline.optim.recording.units`.
+odd, if anything is. Those on units are in :mod:`plumbline.optim.recording.units`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from itertools import chain as joined
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -21,11 +20,6 @@ from plumbline.optim.recording.table import Array, Origin
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
-
-
-def run(recording: Recording, origin: Origin) -> list[str]:
-    """Notes of every check here (PlumblineError: the first fault found)."""
-    return list(joined.from_iterable(check(recording, origin) for check in CHECKS))
 
 
 def has_enough_rows(r: Recording, origin: Origin) -> Iterator[str]:
@@ -71,7 +65,7 @@ def moves(r: Recording, origin: Origin) -> Iterator[str]:
         yield f"{origin.file}: {names} never move: their effects cannot be told from the frame"
 
 
-def tips_leave_a_plane(r: Recording, origin: Origin) -> Iterator[str]:
+def tips_leave_a_plane(r: Recording, origin: Origin) -> None:
     """Refuse tips of which one coordinate never changes, where no plane holds the model's."""
     if not r.kind.device:
         return
@@ -83,7 +77,6 @@ def tips_leave_a_plane(r: Recording, origin: Origin) -> Iterator[str]:
         found = f"{shown(float(r.measured[0, still[0]]))} in every row"
         expected = f"a coordinate that changes: the tips leave every plane by {off:.2g} m"
         raise fault(origin.at(column), found, expected, "look at what wrote this column")
-    yield from ()  # nothing is merely odd here
 
 
 def rows_differ(r: Recording, origin: Origin) -> Iterator[str]:

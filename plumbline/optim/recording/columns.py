@@ -30,7 +30,7 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.linkage import Mimic, mimics_of
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.constants import LARGEST, TIP_AXES
-from plumbline.optim.recording.kinds import ELSEWHERE, KINDS
+from plumbline.optim.recording.kinds import ELSEWHERE, KINDS, ROWS
 from plumbline.optim.recording.settings import Section, torque_constants
 from plumbline.optim.recording.table import Array, Origin, Table, as_integers
 
@@ -58,23 +58,6 @@ class Joints:
     def all_columns(self, prefix: str) -> tuple[str, ...]:
         """Columns of every recorded joint."""
         return tuple(f"{prefix}{number}" for number in range(1, self.count + 1))
-
-
-@dataclass(frozen=True)
-class Measured:
-    """Measured values (N, m) or None, the joints they are of (from 0), and the columns read."""
-
-    values: Array | None
-    joints: tuple[int, ...]
-    used: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Context:
-    """Optional arrays by attribute, and the columns read."""
-
-    values: dict[str, Any]
-    used: tuple[str, ...]
 
 
 def numbered(names: Iterable[str], prefix: str) -> set[int]:
@@ -110,23 +93,26 @@ def _wrong_count(table: Table, chain: Chain, count: int, movable: int) -> Plumbl
     return fault(where, f"{count} joint columns", expected, mend)
 
 
-def measured_columns(table: Table, observation: str, joints: Joints, settings: Section) -> Measured:
-    """What was measured (PlumblineError: a column is missing or holds no numbers)."""
+def measured_columns(
+    table: Table, observation: str, joints: Joints, settings: Section
+) -> tuple[Array | None, tuple[int, ...]]:
+    """What was measured (N, m), if columns hold it, and the joints (from 0) that it is of.
+
+    A column that is missing or holds no numbers is refused.
+    """
     if observation == "fixed_point":
         table.require(["socket"])
-        return Measured(None, (), ())
+        return None, ()
     if observation == "joint_position":
         return _encoders(table, joints, settings)
     if observation == "joint_torque":
-        table.require(joints.columns("effort"))
         count = len(joints.names)
         efforts = table.block(joints.columns("effort")) * torque_constants(settings, count)
-        return Measured(efforts, tuple(range(count)), joints.all_columns("effort"))
-    names = KINDS[observation].columns
-    return Measured(table.block(names), (), names)
+        return efforts, tuple(range(count))
+    return table.block(KINDS[observation].columns), ()
 
 
-def _encoders(table: Table, joints: Joints, settings: Section) -> Measured:
+def _encoders(table: Table, joints: Joints, settings: Section) -> tuple[Array, tuple[int, ...]]:
     """Second encoders: those in ``measured_joints``, else every column that is not empty."""
     wanted = settings.integers("measured_joints")
     table.require(["m1"] if wanted is None and not numbered(table.columns, "m") else [])
@@ -139,9 +125,8 @@ def _encoders(table: Table, joints: Joints, settings: Section) -> Measured:
         where = f"{table.origin.file}, column {names[0]!r}"
         raise fault(where, "no second encoder read", "one or more columns m", "fill the columns")
     values = np.full((len(table), len(names)), np.nan)
-    for j in seen:
-        values[:, j] = table.numbers(names[j])
-    return Measured(values, seen, joints.all_columns("m"))
+    values[:, seen] = table.block([names[j] for j in seen])
+    return values, seen
 
 
 def _listed(wanted: tuple[int, ...], joints: Joints, settings: Section) -> tuple[int, ...]:
@@ -155,33 +140,36 @@ def _empty(table: Table, name: str) -> bool:
     return not any(cell.strip() for cell in table.columns[name])
 
 
-def context_columns(table: Table, joints: Joints, observation: str) -> Context:
+def context_columns(table: Table, joints: Joints, observation: str) -> dict[str, Any]:
     """The optional columns that are there, refused if incomplete or no numbers."""
-    values: dict[str, Any] = {}
-    used: list[str] = []
-    for name in [name for name in SCALAR if name in table]:
-        if name == "socket" and observation != "fixed_point":
-            continue
-        values[name] = table.numbers(name)
-        used.append(name)
+    scalar, jointwise = _context_of(observation)
+    values: dict[str, Any] = {name: table.numbers(name) for name in scalar if name in table}
     for name in ("socket", "group", "held_out"):
         if name in values:
             values[name] = as_integers(values[name], name, table.origin)
-    for prefix in JOINTWISE:
-        if prefix == "effort" and observation == "joint_torque":
-            continue
+    for prefix in jointwise:
         if numbered(table.columns, prefix):
-            table.require(joints.columns(prefix))
             values[prefix] = table.block(joints.columns(prefix))
-            used += joints.all_columns(prefix)
     if "noise_std" in table:
         values["noise_rows"] = table.numbers("noise_std")
-        used.append("noise_std")
     if any(name in table for name in FORCE):
         values["force"] = table.block(FORCE)
-        used += FORCE
-    # Joints outside of the chain are known, too, and no surprise.
-    return Context(values, (*used, *joints.all_columns("q")))
+    return values
+
+
+def known_columns(joints: Joints, observation: str) -> tuple[str, ...]:
+    """Every column that a recording of this kind may have, of joints outside of the chain, too."""
+    scalar, _ = _context_of(observation)
+    jointwise = ("q", *JOINTWISE, *(["m"] if observation == "joint_position" else []))
+    of_joints = (name for prefix in jointwise for name in joints.all_columns(prefix))
+    return (*ROWS[observation].columns, *of_joints, *scalar, "noise_std", *FORCE)
+
+
+def _context_of(observation: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Optional columns of a kind, and of each joint: sockets and efforts are not, of their own."""
+    scalar = tuple(name for name in SCALAR if name != "socket" or observation == "fixed_point")
+    jointwise = tuple(n for n in JOINTWISE if n != "effort" or observation != "joint_torque")
+    return scalar, jointwise
 
 
 def elsewhere_columns(table: Table, observation: str) -> None:

@@ -11,6 +11,7 @@ leaves.
 
 from bisect import bisect_left
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -137,13 +138,11 @@ def _smoothed(
     delta = float(even[1] - even[0])
     at_even = _at(even, time, values)
     first = 1 if from_place else 0
-    parts = [
-        scipy.signal.savgol_filter(
-            at_even, 2 * half + 1, constants.ORDER, deriv=order, delta=delta, axis=0
-        )
-        for order in (first, first + 1)
-    ]
-    return _at(time, even, parts[0]), _at(time, even, parts[1])
+    filtered = partial(
+        scipy.signal.savgol_filter, at_even, 2 * half + 1, constants.ORDER, delta=delta, axis=0
+    )
+    v, a = (_at(time, even, filtered(deriv=order)) for order in (first, first + 1))
+    return v, a
 
 
 def _at(wanted: Array, time: Array, values: Array) -> Array:

@@ -111,9 +111,8 @@ CONVENTIONS: Mapping[str, tuple[tuple[int, int, int, int], int]] = {
 }
 
 
-def quaternions_are_unit(r: Recording, origin: Origin) -> Iterator[str]:
+def quaternions_are_unit(r: Recording, origin: Origin) -> None:
     """Quaternions have norm one."""
-    yield from ()
     if not r.kind.oriented:
         return
     norm = np.linalg.norm(r.measured[:, 3:], axis=1)
@@ -121,14 +120,12 @@ def quaternions_are_unit(r: Recording, origin: Origin) -> Iterator[str]:
     if len(broken):
         mend = "write unit quaternions, w first"
         found = f"a quaternion of norm {norm[broken[0]]:.6g}"
-        raise fault(
-            origin.at("qw", broken[0]), found, f"1 within {constants.UNIT_TOLERANCE:g}", mend
-        )
+        expected = f"1 within {constants.UNIT_TOLERANCE:g}"
+        raise fault(origin.at("qw", broken[0]), found, expected, mend)
 
 
-def quaternions_are_in_order(r: Recording, origin: Origin) -> Iterator[str]:
+def quaternions_are_in_order(r: Recording, origin: Origin) -> None:
     """Quaternions turn with the model as they stand, w first."""
-    yield from ()
     if not r.kind.oriented:
         return
     some = some_of(len(r))

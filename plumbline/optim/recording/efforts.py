@@ -86,9 +86,8 @@ def _run_by_run(r: Recording) -> Recording:
     if r.time is None or not begins.any():
         return r
     gap = 2.0 * constants.GAP_IN_TIME * np.median(np.abs(np.diff(r.time)))
-    said = (
-        f"joints are elsewhere at once {counted(int(begins.sum()), 'time')}: motions of their own"
-    )
+    times = counted(int(begins.sum()), "time")
+    said = f"joints are elsewhere at once {times}: motions of their own"
     time = r.time + gap * np.append(0.0, np.cumsum(begins))
     return replace(r, time=time, notes=(*r.notes, said))
 
@@ -244,16 +243,12 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     factor, scaled = float(best.x), float(best.fun)
     moved = tried[0.0, 0.0, 0.0]
     heavy = np.sum((model - moved) ** 2) > np.sum(moved**2)
-    read_square, far = (
-        float(np.mean(read**2)),
-        not 1 / constants.NEAR_SCALE < factor < constants.NEAR_SCALE,
-    )
+    read_square, many = float(np.mean(read**2)), constants.MIXED_UP
     # Of drives that read next to nothing no mounting explains what they read; nor are signs alone.
-    mounted = constants.MIXED_UP * left < min(own, read_square) and left < turned
-    unit = (
-        factor > 0.0 and far and constants.MIXED_UP * scaled < min(own, constants.MIXED_UP * left)
-    )
-    if heavy and (unit or (not mounted and constants.MIXED_UP * read_square < own)):
+    mounted = many * left < min(own, read_square) and left < turned
+    far = not 1 / constants.NEAR_SCALE < factor < constants.NEAR_SCALE
+    unit = factor > 0.0 and far and many * scaled < min(own, many * left)
+    if heavy and (unit or (not mounted and many * read_square < own)):
         times = factor if unit else np.sqrt(read_square / np.mean(model**2))
         mend = 'divide by 1000 if in N mm, or write effort_unit = "A" with torque_constant'
         raise fault(origin.at("effort1"), f"efforts {times:.3g} times the model's", "N m", mend)
@@ -262,7 +257,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
         off = "" if any(gravity) else ": the controller takes the arm's weight off"
         where, mend = origin.key("[robot] gravity"), f"write gravity = {list(gravity)}{off}"
         raise fault(where, found, "the gravity of this mounting", mend)
-    for one in np.flatnonzero(constants.MIXED_UP * against < each):
+    for one in np.flatnonzero(many * against < each):
         found = f"effort{one + 1} against the model's and its friction"
         mend = "turn the sign of this column"
         raise fault(origin.at(f"effort{one + 1}"), found, "efforts that run with them", mend)
@@ -368,11 +363,7 @@ def _left_over(r: Recording, rows: NDArray[np.integer], basis: Array, j: int) ->
     left = effort - nominal_efforts(r.select(rows))[:, j]
     left = left - basis @ (basis.T @ left)
     freedom = len(rows) - basis.shape[1]
-    square = (
-        float(np.median(left**2))
-        / (2.0 * float(gammaincinv(0.5, 0.5)))
-        * len(rows)
-        / max(freedom, 1)
-    )
+    middle = 2.0 * float(gammaincinv(0.5, 0.5))  # median of a square of variance one
+    square = float(np.median(left**2)) / middle * len(rows) / max(freedom, 1)
     least = constants.LEAST_EFFORT_NOISE * max(float(np.abs(effort).max()), 1.0)
     return max(float(np.sqrt(square)), least)

@@ -75,9 +75,8 @@ def at_other_time(time: Array, columns: Array, by: float) -> tuple[Array, Flags]
         later = time[s] + by
         there[s] = (later >= t[0]) & (later <= t[-1]) & (len(t) > 1)
         if len(t) > 1:
-            found[s] = scipy.interpolate.CubicSpline(t, columns[s][first])(
-                np.clip(later, t[0], t[-1])
-            )
+            curve = scipy.interpolate.CubicSpline(t, columns[s][first])
+            found[s] = curve(np.clip(later, t[0], t[-1]))
     return found, there
 
 

@@ -24,6 +24,7 @@ from plumbline.optim.recording.columns import (
     coupled,
     elsewhere_columns,
     joint_columns,
+    known_columns,
     measured_columns,
     numbered,
     with_mimics,
@@ -156,12 +157,11 @@ def load_recording(
     chain = chain_to(made.robot, made.tip_frame, where, observation, max(columns, default=None))
     table = with_mimics(table, made.robot, chain)
     joints = joint_columns(table, made.robot, chain)
-    measured = measured_columns(table, observation, joints, settings)
+    known = known_columns(joints, observation)
+    measured, measured_joints = measured_columns(table, observation, joints, settings)
     context = context_columns(table, joints, observation)
-    used = (*joints.names, *measured.used, *context.used)
-    if "velocity" in context.values:
-        speed = coupled(context.values["velocity"], joints.numbers, settings)
-        context = replace(context, values={**context.values, "velocity": speed})
+    if "velocity" in context:
+        context["velocity"] = coupled(context["velocity"], joints.numbers, settings)
     return build(
         opened.origin,
         name=opened.name,
@@ -169,14 +169,14 @@ def load_recording(
         robot=made.robot,
         tip_frame=made.tip_frame,
         q=coupled(table.block(joints.names), joints.numbers, settings),
-        measured=measured.values,
-        measured_joints=measured.joints,
+        measured=measured,
+        measured_joints=measured_joints,
         sha256=opened.sha256(made.data),
-        notes=(*_unused(settings), *table.notes, *table.unused(used)),
+        notes=(*_unused(settings), *table.notes, *table.unused(known)),
         known_effects=known_effects,
-        noise_by_joint=_noise_by_joint(settings, observation, chain.n, context.values),
+        noise_by_joint=_noise_by_joint(settings, observation, chain.n, context),
         **given,
-        **context.values,
+        **context,
     )
 
 

@@ -12,8 +12,8 @@ the same weight sizes tell which is which, too: with :math:`s = |a_i| / |b_j|` c
 .. math:: d_{ij} = \tfrac12 \frac{|a_i - b_j|^2}{|a_i|\,|b_j|}
           = 1 - c_{ij} + \tfrac12 \left(s + \tfrac1s\right) - 1
 
- Late by half a period a
-joint runs against one sine as well, so a sign is told only where no delay does as much.
+Late by half a period a joint runs against one sine as well, so a sign is told only where no delay
+does as much.
 
 Logs that repeat their last reading while joints are under way: rows that nobody measured.
 """
@@ -38,11 +38,9 @@ def refuse_mixed_up(
     c = _cosines(expected, read)
     told, name = letters
     for j in range(len(c)):
-        turned = 1.0 - c[j, j] >= MIXED_UP * (1.0 + c[j, j])
-        if (
-            not turned
-            or latest_cosine(expected[:, j], read[:, j], latest) >= -(1.0 - ROUNDING) * c[j, j]
-        ):
+        if not 1.0 - c[j, j] >= MIXED_UP * (1.0 + c[j, j]):
+            continue
+        if latest_cosine(expected[:, j], read[:, j], latest) >= -(1.0 - ROUNDING) * c[j, j]:
             continue
         found = f"{name}{j + 1} against {told}{j + 1} (cosine {c[j, j]:.2f})"
         mend = "turn the sign of this column"
@@ -86,9 +84,8 @@ def refuse_repeated(told: Array, read: Array, letter: str, origin: Origin) -> No
     rows, size = np.flatnonzero(new), np.abs(step[new])
     least = np.where(size > 0.0, size, np.inf).min(axis=0, initial=np.inf)
     low, high = np.minimum(size[:-1], size[1:]), np.maximum(size[:-1], size[1:])
-    even = (
-        (step[rows[:-1]] * step[rows[1:]] > 0.0) & (low >= UNDER_WAY * least) & (high < EVEN * low)
-    )
+    onwards = step[rows[:-1]] * step[rows[1:]] > 0.0
+    even = onwards & (low >= UNDER_WAY * least) & (high < EVEN * low)
     same = np.diff(np.cumsum(asked & ~new)[rows])[moves := even.any(axis=1)]
     count = same.sum() + len(same)
     if same.sum() > max(REPEATED * count, FEW):

@@ -264,14 +264,8 @@ def _a_row_off(recording: Recording, some: Integers) -> Iterator[tuple[str, Reco
 def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
     """Other simple set-ups with what is other in them, the likeliest first."""
     turns = r.chain.turning
-    slips = (
-        signs(r.q),
-        zeros(r.q, turns),
-        swaps(r.q),
-        turned_round(r.q),
-        counted_from_others(r.q, turns),
-    )
-    for slip in itertools.chain(*slips):
+    slips = signs(r.q), zeros(r.q, turns), swaps(r.q), turned_round(r.q)
+    for slip in itertools.chain(*slips, counted_from_others(r.q, turns)):
         yield slip.change, replace(r, q=slip.q)
     if r.measured.shape[1]:
         mirrored = replace(r, measured=r.measured * MIRROR[: r.measured.shape[1]])

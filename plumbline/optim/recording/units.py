@@ -8,7 +8,6 @@ Nothing here refuses a robot that merely disagrees with its model.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from itertools import chain as joined
 from itertools import combinations, product
 from typing import TYPE_CHECKING
 
@@ -28,14 +27,8 @@ if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
 
 
-def run(recording: Recording, origin: Origin) -> list[str]:
-    """Notes of every check here (PlumblineError: the first fault found)."""
-    return list(joined.from_iterable(check(recording, origin) for check in CHECKS))
-
-
-def robot_is_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
+def robot_is_in_metres(r: Recording, origin: Origin) -> None:
     """The arm, its tool and its sockets have the size of an arm's."""
-    yield from ()
     reach, tool = r.chain.reach, float(np.linalg.norm(r.tool_offset))
     _check_size(origin.key("[robot]"), "a reach of ", reach, at.LARGEST_ARM, "m")
     _check_size(origin.key("[tool] offset"), "a length of ", tool, max(reach, at.LARGEST_TOOL), "m")
@@ -144,9 +137,8 @@ def _check_slides(r: Recording, prefix: str, values: Array, origin: Origin) -> N
             raise fault(where, shown(float(values[row, joint])), allowed, mend)
 
 
-def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
+def joints_meet_the_tips(r: Recording, origin: Origin) -> None:
     """Degrees and millimetres may stay within limits, but only converted do they meet the tips."""
-    yield from ()
     if not r.kind.device:
         return
     some = some_of(len(r))
@@ -169,7 +161,7 @@ def joints_meet_the_tips(r: Recording, origin: Origin) -> Iterator[str]:
             raise fault(where, found, f"joint readings in {si}", f"looks like {unit}: {mend}")
 
 
-def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
+def tips_are_in_metres(r: Recording, origin: Origin) -> None:
     """Measured tips spread as predicted ones do, and no wider than the arm can reach."""
     if not r.kind.device:
         return
@@ -193,7 +185,6 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> Iterator[str]:
         found = f"a tip {away[row]:.4g} m from the middle of the others"
         mend = "mend or delete the row; if all are like it, positions must be in m"
         raise fault(origin.at(column, row), found, f"at most {most:.3g} m", mend)
-    yield from ()
 
 
 def _check_columns(predicted: Array, tips: Array, origin: Origin) -> None:
@@ -223,9 +214,8 @@ def _check_scale(r: Recording, away: Array, ratio: float, origin: Origin) -> Non
         raise fault(origin.at(column, row), found, expected, mend)
 
 
-def second_encoders_move(r: Recording, origin: Origin) -> Iterator[str]:
+def second_encoders_move(r: Recording, origin: Origin) -> None:
     """Second encoders move with the joints that they are on."""
-    yield from ()
     if not r.kind.encoders or not r.measured_joints:
         return
     seen = list(r.measured_joints)
@@ -243,15 +233,15 @@ def temperature_is_celsius(r: Recording, origin: Origin) -> Iterator[str]:
     if np.median(r.temperature) > at.KELVIN:
         found, mend = shown(float(r.temperature[0])), "looks like kelvin: subtract 273.15"
         raise fault(origin.at("temperature", 0), found, "degC", mend)
-    yield from _within(r.temperature, *at.TEMPERATURES, "degC", "temperature", origin)
+    _refuse_beyond(r.temperature, *at.TEMPERATURES, "degC", "temperature", origin)
     if np.median(r.temperature) > at.FAHRENHEIT:
         yield f"{origin.file}: a temperature of {np.median(r.temperature):.0f} degC: Fahrenheit?"
 
 
-def payload_is_in_kilograms(r: Recording, origin: Origin) -> Iterator[str]:
+def payload_is_in_kilograms(r: Recording, origin: Origin) -> None:
     """Payloads are not negative, and what an arm can carry."""
     if r.payload is not None:
-        yield from _within(r.payload, 0.0, at.LARGEST_PAYLOAD, "kg", "payload", origin)
+        _refuse_beyond(r.payload, 0.0, at.LARGEST_PAYLOAD, "kg", "payload", origin)
 
 
 def refuse_fast(r: Recording, origin: Origin) -> None:
@@ -263,15 +253,14 @@ def refuse_fast(r: Recording, origin: Origin) -> None:
         ("effort", efforts, at.LARGEST_EFFORT, "N m or N"),
     ):
         for joint, column in enumerate([] if values is None else values.T, start=1):
-            list(_within(column, -most, most, unit, f"{name}{joint}", origin))
+            _refuse_beyond(column, -most, most, unit, f"{name}{joint}", origin)
 
 
-def _within(
+def _refuse_beyond(
     values: Array, low: float, high: float, unit: str, column: str, origin: Origin
-) -> Iterator[str]:
+) -> None:
     expected, bad = f"{low:g} to {high:g} {unit}", (values < low) | (values > high)
     origin.refuse(column, bad, values, expected, "mend the cell or its unit")
-    yield from ()
 
 
 def _bound(r: Recording) -> float:
@@ -286,7 +275,7 @@ def _outside(values: Array, lower: Array, upper: Array) -> Flags:
     return (values < lower - at.SLACK) | (values > upper + at.SLACK)
 
 
-CHECKS: tuple[Callable[[Recording, Origin], Iterator[str]], ...] = (
+CHECKS: tuple[Callable[[Recording, Origin], Iterator[str] | None], ...] = (
     robot_is_in_metres, gravity_is_the_earths, noise_is_plausible, joints_are_in_si,
     joints_meet_the_tips, tips_are_in_metres, second_encoders_move, quaternions_are_unit,
     quaternions_are_in_order, temperature_is_celsius, payload_is_in_kilograms, rows_meet_the_model,

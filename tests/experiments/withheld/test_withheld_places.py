@@ -164,9 +164,8 @@ def test_no_output_goes_into_the_folders_of_a_set(own: Path, verdicts: Path, cap
     assert contents(own) == before
 
 
-def test_a_score_is_written_as_page_or_picture(own: Path, verdicts: Path, capsys) -> None:
+def test_the_page_of_a_score_is_a_file(own: Path, verdicts: Path, capsys) -> None:
     command = ["withheld", "score", verdicts, "--truth", own / "truth", "--report"]
-    assert "name it .html or .png" in refused(capsys, *command, own / "s.txt")
     assert "name a file" in refused(capsys, *command, "-")
 
 

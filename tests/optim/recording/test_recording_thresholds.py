@@ -39,7 +39,7 @@ def good(kind="tip_position"):
 def found(check, r):
     """What a check makes of a recording: a fault, a note or nothing."""
     try:
-        return NOTE if list(check(r, Origin())) else NOTHING
+        return NOTE if list(check(r, Origin()) or ()) else NOTHING
     except PlumblineError:
         return FAULT
 
@@ -180,7 +180,7 @@ def test_a_spread_below_a_millimetre_tells_no_scale(size, words):
 def test_a_ratio_within_three_of_a_thousand_is_millimetres(ratio, words):
     r = good()
     with pytest.raises(PlumblineError) as caught:
-        list(units.tips_are_in_metres(replace(r, measured=ratio * r.measured), Origin()))
+        units.tips_are_in_metres(replace(r, measured=ratio * r.measured), Origin())
     assert ("millimetres" in str(caught.value)) is (1000 / 3 < ratio < 3000)
 
 

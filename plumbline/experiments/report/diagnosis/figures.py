@@ -5,12 +5,13 @@ figures of one panel or two, so that a page can set them side by side or, on a p
 other.
 """
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -30,47 +31,63 @@ BRIGHTEST = 98.0  # percentile that the colours reach
 def workspace(subject: Subject) -> tuple[Figure, ...]:
     """Size of the residuals where the tip was, before and after, in three projections; a scale."""
     scale = Normalize(0.0, top_of(subject.sizes[0], BRIGHTEST))
+    words = f"from the predicted to the measured tip [{subject.unit}]; larger: last colour"
     with style.house_style():
         views = [_view(subject, view, scale) for view in VIEWS]
-        return (*views, _colour_scale(scale, subject.unit))
+        return (*views, colour_scale(scale, style.SIZES, words))
 
 
 def _view(subject: Subject, view: tuple[int, int, str], scale: Normalize) -> Figure:
     a, b, seen = view
-    figure = style.new_figure(3.3, 4.9)
-    axes = figure.subplots(2, 1)
-    for ax, sizes, when in zip(axes, subject.sizes, ("before", "after"), strict=True):
+
+    def drawn(axes: Axes, sizes: Array) -> None:
         # Large ones on top: they are what the picture is about.
         order = np.argsort(sizes, kind="stable")
         x, y = subject.places[order, a], subject.places[order, b]
         look = {"c": sizes[order], "cmap": style.SIZES, "norm": scale, "s": _dot(len(x), 1.6)}
-        cloud(ax, x, y, subject.rows[order], **look)
-        ax.set_aspect("equal", adjustable="datalim")
-        ax.set(title=f"{when}, {seen}", ylabel=f"{'xyz'[b]} [m]")
-        ax.xaxis.set_major_locator(MaxNLocator(4))
-        ax.yaxis.set_major_locator(MaxNLocator(5))
-        style.calm(ax, grid="both")
-    axes[1].set_xlabel(f"{'xyz'[a]} [m], {'CT' if subject.touches else 'base frame'}")
+        cloud(axes, x, y, subject.rows[order], **look)
+
+    across = f"{'xyz'[a]} [m], {'CT' if subject.touches else 'base frame'}"
+    return before_above_after(drawn, subject.sizes, f"{{}}, {seen}", across, f"{'xyz'[b]} [m]")
+
+
+def before_above_after(
+    draw: Callable[[Axes, Array], None],
+    values: Sequence[Array],
+    title: str,
+    across: str,
+    upwards: str,
+) -> Figure:
+    """Values before and after at their places, in two panels with equal axes, title and labels."""
+    figure = style.new_figure(3.3, 4.9)
+    panels = figure.subplots(2, 1)
+    for axes, drawn, when in zip(panels, values, ("before", "after"), strict=True):
+        draw(axes, drawn)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set(title=title.format(when), ylabel=upwards)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.yaxis.set_major_locator(MaxNLocator(5))
+        style.calm(axes, grid="both")
+    panels[1].set_xlabel(across)
     return figure
 
 
-def _colour_scale(scale: Normalize, unit: str) -> Figure:
+def colour_scale(scale: Normalize, colours: Colormap, words: str) -> Figure:
+    """A scale of colours in a figure of its own, lying."""
     figure = style.new_figure(WIDE_FIGURE, 0.62)
     bar = figure.add_subplot()
-    drawn = figure.colorbar(ScalarMappable(scale, style.SIZES), cax=bar, orientation="horizontal")
+    drawn = figure.colorbar(ScalarMappable(scale, colours), cax=bar, orientation="horizontal")
     drawn.outline.set_visible(False)
     if drawn.solids is not None:
         drawn.solids.set_edgecolor("face")
-    bar.set_xlabel(f"from the predicted to the measured tip [{unit}]; larger: last colour")
+    bar.set_xlabel(words)
     return figure
 
 
 def over_joints(subject: Subject) -> tuple[Figure, ...]:
     """Residuals over each joint's reading; of an encoder, over its own joint's reading."""
-    joints = (
-        tuple(subject.encoder_columns) if subject.encoders else range(subject.recording.chain.n)
-    )
     q = subject.recording.q
+    joints = subject.encoder_columns if subject.encoders else range(q.shape[1])
     with style.house_style():
         return tuple(_panel(subject, j, q[:, j], "reading [{}]") for j in joints)
 
@@ -90,11 +107,20 @@ def _panel(subject: Subject, joint: int, x: Array, words: str) -> Figure:
     """Residuals over what a joint did, in rad or m; its axis is called by words with the unit."""
     turning = subject.recording.chain.kinds[joint] == "revolute"
     factor, unit = (180.0 / np.pi, "deg") if turning else (1e3, "mm")
+    labels = {"title": f"joint {joint + 1}", "xlabel": words.format(unit)}
+    labels["ylabel"] = _residual_label(subject)
+    pair = _values(subject, joint)
+    return panel(factor * x, pair, subject.rows, signed=subject.encoders, **labels)
+
+
+def panel(
+    x: Array, pair: tuple[Array, Array], rows: NDArray[np.int64], *, signed: bool, **labels: str
+) -> Figure:
+    """Residuals (N,) before and after over what they may depend on (N,), with labels of axes."""
     figure = style.new_figure(*PANEL)
     axes = figure.add_subplot()
-    before, after = _values(subject, joint)
-    drawn_pair(axes, factor * x, before, after, subject.rows, signed=subject.encoders)
-    axes.set(title=f"joint {joint + 1}", xlabel=words.format(unit), ylabel=_residual_label(subject))
+    drawn_pair(axes, x, *pair, rows, signed=signed)
+    axes.set(**labels)
     return figure
 
 
@@ -107,10 +133,8 @@ def over_time(subject: Subject) -> tuple[Figure, ...]:
     divisor, unit = next((d, u) for end, d, u in TIMES if since.max() <= end)
     with style.drawing(WIDE_FIGURE, 2.5) as (figure, axes):
         drawn_pair(axes, since / divisor, *subject.sizes, subject.rows, signed=False)
-        axes.set(
-            xlabel=f"time since the first row [{unit}]",
-            ylabel=_residual_label(subject, signed=False),
-        )
+        axes.set_xlabel(f"time since the first row [{unit}]")
+        axes.set_ylabel(_residual_label(subject, signed=False))
         return (figure,)
 
 
@@ -122,12 +146,9 @@ def against_noise(subject: Subject) -> Figure:
     half = max(top_of(np.abs(before)), top_of(np.abs(after)), 3.0 * np.nan_to_num(sigma))
     edges = np.linspace(-half, half, 61)
     with style.drawing(WIDE_FIGURE, 2.5) as (figure, axes):
-        for values, colour, label in (
-            (before, style.BEFORE, "before"),
-            (after, style.AFTER, "after"),
-        ):
-            alpha = 0.55 if label == "before" else 0.75
-            axes.hist(values, edges.tolist(), density=True, color=colour, alpha=alpha, label=label)
+        look = {"bins": edges.tolist(), "density": True}
+        axes.hist(before, color=style.BEFORE, alpha=0.55, label="before", **look)
+        axes.hist(after, color=style.AFTER, alpha=0.75, label="after", **look)
         if np.isfinite(sigma) and sigma > 0.0:
             x = np.linspace(-half, half, 601)
             density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
@@ -164,12 +185,8 @@ def drawn_pair(
         if len(middle):
             # A pale edge keeps the line apart from its own cloud.
             axes.plot(middle, median, color=style.PAPER, linewidth=3.2, alpha=0.8)
-            axes.plot(
-                middle,
-                median,
-                color=style.MUTED if colour == style.BEFORE else colour,
-                linewidth=1.8,
-            )
+            line = style.MUTED if colour == style.BEFORE else colour
+            axes.plot(middle, median, color=line, linewidth=1.8)
     top = max(top_of(np.abs(before)), top_of(np.abs(after)))
     axes.set_ylim(-top if signed else 0.0, top)
     axes.xaxis.set_major_locator(MaxNLocator(5))

@@ -158,9 +158,5 @@ def _stretch(before: Array) -> slice:
 
 # A picture of the report each, None where the motion has nothing for it; named as the key.
 MAKERS: tuple[Callable[[MotionDiagnosis], Picture | None], ...] = (
-    _traces,
-    _bode,
-    _where,
-    _staircase,
-    _ranking,
-)
+    _traces, _bode, _where, _staircase, _ranking,
+)  # fmt: skip

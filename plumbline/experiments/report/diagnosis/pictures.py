@@ -201,18 +201,6 @@ def _noise(subject: Subject) -> Picture | None:
 
 
 MAKERS: tuple[Callable[[Subject], Picture | None], ...] = (
-    _where,
-    _staircase,
-    _ranking,
-    _ripples,
-    _workspace,
-    _beam,
-    _planes,
-    _markers,
-    _joints,
-    _velocity,
-    _friction,
-    _torques,
-    _time,
-    _noise,
-)
+    _where, _staircase, _ranking, _ripples, _workspace, _beam, _planes, _markers, _joints,
+    _velocity, _friction, _torques, _time, _noise,
+)  # fmt: skip

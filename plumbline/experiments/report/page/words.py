@@ -20,9 +20,14 @@ TONES = {
 }
 
 
-def print_page(page: Page, console: Console | None = None) -> None:
+def console(width: int | None = None) -> Console:
+    """A console, so many characters wide where no terminal says how many there are."""
+    out = Console(highlight=False)
+    return out if out.is_terminal or width is None else Console(highlight=False, width=width)
+
+
+def print_page(page: Page, out: Console) -> None:
     """Print a page's words; parts that are too long for a terminal stay on paper."""
-    out = console or Console(highlight=False)
     heading = Text.assemble(_shown(f"{page.name}: ", "bold"), _shown(page.verdict, "bold"))
     heading.stylize(TONES.get(page.tone, "bold"), len(page.name) + 2)
     _print(out, heading)
@@ -32,11 +37,8 @@ def print_page(page: Page, console: Console | None = None) -> None:
         _print(out, _shown(f"! {line}", "bold"))
     if page.tiles:
         out.print()
-        out.print(
-            _indented(
-                table_of(Grid(("", "", ""), [[t.name, t.value, t.note] for t in page.tiles])), 2
-            )
-        )
+        tiles = Grid(("", "", ""), [[t.name, t.value, t.note] for t in page.tiles])
+        out.print(_indented(table_of(tiles), 2))
     for part in page.parts:
         if isinstance(part, Part) and not part.on_paper:
             _print_part(out, part)
@@ -68,9 +70,8 @@ def _print_part(out: Console, part: Part, title_at: int = 0, at: int = 2) -> Non
 
 def _print_folded(out: Console, part: Part, at: int) -> None:
     """What opens at a click on paper: what it is of, and the titles in it."""
-    _print(
-        out, _shown(part.title + (", with values in JSON and report:" if part.parts else "")), at
-    )
+    told = ", with values in JSON and report:" if part.parts else ""
+    _print(out, _shown(part.title + told), at)
     for one in part.parts:
         _print(out, _titled(one), at)
 

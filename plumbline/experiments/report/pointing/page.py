@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture
 from plumbline.experiments.report.pointing.figures import angle_map, joint_path
@@ -31,17 +32,8 @@ def sweep_page(answer: Sweep) -> Page:
         ("planned in front of", ", ".join(answer.constrained) or "nothing: all pairs judged alone"),
         ("not judged", ", ".join(answer.left_out) or "nothing"),
     ]
-    safe = int(answer.safe.sum())
-    counts = Counter(answer.status).most_common()
-    return _page(
-        answer,
-        "Sweep",
-        safe,
-        safe == len(answer),
-        lines,
-        counts,
-        lambda: Picture.of("pointing.joints", joint_path(answer)),
-    )
+    counts, all_safe = Counter(answer.status).most_common(), bool(answer.safe.all())
+    return _page(answer, "Sweep", all_safe, lines, counts, "pointing.joints", joint_path)
 
 
 def map_page(answer: AngleMap) -> Page:
@@ -53,28 +45,20 @@ def map_page(answer: AngleMap) -> Page:
         ("cone that is safe all around", cone),
         ("least clearance of a safe angle", _least(answer.clearance[answer.safe], 1e3, "mm")),
     ]
-    safe = int(answer.safe.sum())
-    return _page(
-        answer,
-        "Map",
-        safe,
-        safe > 0,
-        lines,
-        answer.counts(),
-        lambda: Picture.of("pointing.angles", angle_map(answer)),
-    )
+    any_safe = bool(answer.safe.any())
+    return _page(answer, "Map", any_safe, lines, answer.counts(), "pointing.angles", angle_map)
 
 
 def _page(
     answer: Sweep | AngleMap,
     kind: str,
-    safe: int,
     good: bool,
     lines: Sequence[tuple[str, str]],
     counts: Iterable[tuple[Status, int]],
-    drawn: Any,
+    key: str,
+    draw: Callable[[Any], Figure],
 ) -> Page:
-    total = answer.safe.size
+    safe, total = int(answer.safe.sum()), answer.safe.size
     meant = [f"{number} {status.value}: {MEANING[status]}" for status, number in counts]
     return Page(
         name=f"{kind} of {total} angles, arm of {answer.aim.chain.n} joints",
@@ -85,7 +69,7 @@ def _page(
         parts=(
             Part("What was looked at", table=Grid(("", ""), lines, sorts=False)),
             Part("What becomes of the angles", points=meant),
-            drawn,
+            lambda: Picture.of(key, draw(answer)),
         ),
         warnings=answer.judged.failures,
     )
