@@ -57,12 +57,9 @@ class Plane:
 
     def toml(self) -> str:
         """Its DH rows."""
-        rows = []
-        for length, mass in zip(self.length, self.mass, strict=True):
-            rows.append(
-                f"[[robot.dh]]\na = {length}\nmass = {mass}\ncom = [{-length / 2}, 0.0, 0.0]\n"
-            )
-        return "\n".join(rows)
+        row = "[[robot.dh]]\na = {}\nmass = {}\ncom = [{}, 0.0, 0.0]\n"
+        parts = zip(self.length, self.mass, strict=True)
+        return "\n".join(row.format(length, mass, -length / 2) for length, mass in parts)
 
 
 @dataclass(frozen=True)
@@ -212,8 +209,8 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         moved = [follow(t, u[:, j], load[:, j], wrongs[j], again) for j in range(JOINTS)]
         q = np.column_stack(moved)
     gaps = [
-        _gap(t, u, load, _wrongs([one], [size])[one[1]], one[1])
-        for one, size in zip(named, sizes, strict=True)
+        _gap(t, u, load, _wrongs([(name, j)], [size])[j], j)
+        for (name, j), size in zip(named, sizes, strict=True)
     ]
     ratio = float(np.exp(rng.uniform(*np.log(plan.gap))))
     noise = min(gaps) / ratio if gaps else RANGES.one("noise", rng)
@@ -221,33 +218,26 @@ def simulate_drives(folder: Path, plan: Plan, name: str, seed: int) -> dict[str,
         raise PlumblineError(f"{named}: a gap of {min(gaps):.2g} rad")
     drawn = rng.normal(0.0, noise, q.shape)
     _write(folder, plane, name, t, u, q + drawn, noise if plan.known_noise else None)
-    effects = [
-        {
-            "effect": effect,
-            "element": j + 1,
-            "parameters": {"size": size, "stage": "actuation"}
-            | ({"depends_on": [OUTSIDE[effect][1]]} if effect in OUTSIDE else {}),
-            "gap_to_noise": gap / noise,
-        }
-        for (effect, j), size, gap in zip(named, sizes, gaps, strict=True)
-    ]
-    pairs = [
-        {"of": [effect, j + 1], "effect": other, "element": j + 1}
-        for effect, j in named
-        for other in ALIKE.get(effect, ())
+    parameters = [
+        {"size": size, "stage": "actuation"}
+        | ({"depends_on": [OUTSIDE[effect][1]]} if effect in OUTSIDE else {})
+        for (effect, _), size in zip(named, sizes, strict=True)
     ]
     return {
-        "name": name,
-        "kind": plan.kind,
-        "effects": effects,
-        "noise_std": noise,
-        "noise_rms": float(np.sqrt(np.mean(drawn**2))),
-        "rows": len(t),
-        "arm": "plane",
-        "observation": "motion",
-        "confounded": pairs,
+        "name": name, "kind": plan.kind,
+        "effects": [
+            {"effect": effect, "element": j + 1, "parameters": how, "gap_to_noise": gap / noise}
+            for (effect, j), how, gap in zip(named, parameters, gaps, strict=True)
+        ],
+        "noise_std": noise, "noise_rms": float(np.sqrt(np.mean(drawn**2))),
+        "rows": len(t), "arm": "plane", "observation": "motion",
+        "confounded": [
+            {"of": [effect, j + 1], "effect": other, "element": j + 1}
+            for effect, j in named
+            for other in ALIKE.get(effect, ())
+        ],
         "seed": seed,
-    }
+    }  # fmt: skip
 
 
 def commands(rng: np.random.Generator) -> tuple[Array, Array]:

@@ -83,13 +83,7 @@ class Readings:
 def simulate(case: Case) -> tuple[Recording, dict[str, object]]:
     """Take the readings: the recording's tables, and the truth about it."""
     rng = np.random.default_rng([case.seed, 7])
-    read = {
-        "tip_position": _tip,
-        "pose": _pose,
-        "fixed_point": _fixed_point,
-        "joint_position": _joint_position,
-    }[case.observation]
-    found = read(case, rng)
+    found = READ[case.observation](case, rng)
     columns = numbered("q", found.q) | found.columns | _context(case)
     return Recording(settings(case), columns), truth(case, found.noise, found.gross)
 
@@ -141,6 +135,12 @@ def _joint_position(case: Case, rng: np.random.Generator) -> Readings:
     noise = rng.normal(0.0, 1.0, true.shape) * spread
     seen, gross = _gross(case, true + noise, rng)
     return Readings(case.scene.session.q, numbered("m", seen), noise, gross)
+
+
+READ = {
+    "tip_position": _tip, "pose": _pose, "fixed_point": _fixed_point,
+    "joint_position": _joint_position,
+}  # fmt: skip
 
 
 def _shares(rng: np.random.Generator, axes: int) -> Array:
@@ -214,12 +214,8 @@ def _row(arm: Arm, i: int) -> list[str]:
     numbers = {"d": arm.d, "a": arm.a, "alpha": arm.alpha, "theta": arm.theta}
     lines = [f"{key} = {float(table[i])!r}" for key, table in numbers.items()]
     kind = "prismatic" if arm.prismatic[i] else "revolute"
-    return [
-        *lines,
-        f'kind = "{kind}"',
-        f"mass = {float(arm.mass[i])!r}",
-        f"com = {_list(arm.com[i])}",
-    ]
+    mass, com = float(arm.mass[i]), _list(arm.com[i])
+    return [*lines, f'kind = "{kind}"', f"mass = {mass!r}", f"com = {com}"]
 
 
 def _list(values: Array) -> str:
@@ -303,9 +299,8 @@ def extended(
     length = float(np.ptp(old.time)) if old.length is None else old.length
     session = replace(old, length=length, **longer)
     if sockets is not None:
-        sockets = np.concatenate(
-            [np.empty(0, int) if case.sockets is None else case.sockets, sockets]
-        )
+        before = np.empty(0, int) if case.sockets is None else case.sockets
+        sockets = np.concatenate([before, sockets])
     return replace(
         case,
         scene=Scene.ideal(scene.arm, session, scene.tool[0], scene.device),

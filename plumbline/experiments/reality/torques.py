@@ -90,9 +90,8 @@ def body_mechanism(bench: Bench, name: str, i: int = 0) -> Mechanism:
         return Mechanism(name, i + 1, np.stack([bench.of(x, SMALL) for x in builds]))
     if name == "gravity_direction":
         turned = [(G * SMALL, 0.0, -G), (0.0, G * SMALL, -G)]
-        return Mechanism(
-            name, None, np.stack([bench.of(replace(b, gravity=g), SMALL) for g in turned])
-        )
+        moved = [bench.of(replace(b, gravity=g), SMALL) for g in turned]
+        return Mechanism(name, None, np.stack(moved))
     reach = b.links[n - 1].length
     one = bench.of(replace(b, load=(1.0, 0.0, 0.0, 0.0)))
     offs = [bench.of(replace(b, load=(1.0, *(reach * unit)))) - one for unit in np.eye(3)]
@@ -148,8 +147,7 @@ def drawn(bench: Bench, name: str, rng: np.random.Generator) -> Mechanism:
     if name == "gravity_direction":
         whole = partial(_tilted, bench.build, weights)
         return replace(found, basis=_summed(weights, found.basis), rebuilt=whole)
-    if name in ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction",
-                "rotor_inertia", "cable_spring"):  # fmt: skip
+    if name not in ("torque_scale", "torque_offset"):  # all else is above zero
         weights[0] = abs(weights[0])
     return replace(found, basis=_summed(weights, found.basis))
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from plumbline.errors import listed
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
 from plumbline.optim.dh_fit import DHFit, HeldOut, Quantity, Status
 from plumbline.optim.dh_fit.answer import UNITS
@@ -54,13 +55,10 @@ def _gross(fit: DHFit) -> list[str]:
     if not rows:
         return []
     pairs = sorted(zip(sizes, rows, strict=True), reverse=True)
-    named = [f"{row + FIRST_ROW} ({MM * size:.3g} mm)" for size, row in pairs[:SHOWN]]
-    rest = f" and {len(pairs) - SHOWN} more" if len(pairs) > SHOWN else ""
+    named = listed((f"{row + FIRST_ROW} ({MM * size:.3g} mm)" for size, row in pairs), SHOWN)
     many = "rows are" if len(pairs) > 1 else "row is"
-    return [
-        f"{len(pairs)} {many} grossly off, {HEADER}: {', '.join(named)}{rest}; "
-        "look at them, or mark them held_out"
-    ]
+    said = f"{len(pairs)} {many} grossly off, {HEADER}: {named}"
+    return [f"{said}; look at them, or mark them held_out"]
 
 
 def _misfits(fit: DHFit, unseen: HeldOut | None) -> Part:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
+from plumbline.errors import listed
 from plumbline.experiments.report.diagnosis.causes import LIKELY
 from plumbline.experiments.report.diagnosis.motion import motion_pictures
 from plumbline.experiments.report.diagnosis.phrases import (
@@ -240,15 +241,10 @@ def _proofs(answer: Any) -> Iterator[Part]:
     """What exported files alone say of rows that no fit has seen."""
     columns = ("file", "read by", "rows", "nominal robot", "by the file alone", "the format")
     rows = [
-        (
-            p.file,
-            p.reader,
-            f"{p.rows}",
-            *(quantity(v, p.unit) for v in (p.before, p.after)),
-            p.lacks,
-        )
+        (p.file, p.reader, str(p.rows),
+         quantity(p.before, p.unit), quantity(p.after, p.unit), p.lacks)
         for p in proofs(answer)
-    ]
+    ]  # fmt: skip
     said = (
         "The causes fitted again without one fold of the rows, written as a file, and that fold "
         "said by the file in the program that reads it; only the device's frame is matched besides."
@@ -306,17 +302,12 @@ def recordings(verdict: Verdict) -> Grid:
     )  # fmt: skip
     rows = [
         (
-            r.name,
-            r.observation.replace("_", " "),
-            f"{r.rows}",
-            quantity(r.before, r.unit),
-            quantity(r.after, r.unit),
-            quantity(r.without_it, r.unit),
-            f"{quantity(r.noise, r.unit)} ({r.noise_source})",
-            _rows(r.gross),
+            r.name, r.observation.replace("_", " "), str(r.rows),
+            *(quantity(v, r.unit) for v in (r.before, r.after, r.without_it)),
+            f"{quantity(r.noise, r.unit)} ({r.noise_source})", _rows(r.gross),
         )
         for r in verdict.recordings
-    ]
+    ]  # fmt: skip
     return Grid(columns, rows, range(2, 7), sorts=False)
 
 
@@ -332,9 +323,7 @@ def joints(verdict: Verdict) -> Grid:
 def _rows(gross: Sequence[int]) -> str:
     if not gross:
         return "none"
-    more = f" and {len(gross) - LISTED} more" if len(gross) > LISTED else ""
-    listed = ", ".join(map(str, gross[:LISTED]))
-    return f"{'row' if len(gross) == 1 else 'rows'} {listed}{more}"
+    return f"{'row' if len(gross) == 1 else 'rows'} {listed(gross, LISTED)}"
 
 
 def transfer(verdict: Verdict) -> Grid:

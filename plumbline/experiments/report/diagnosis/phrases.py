@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from plumbline.errors import listed
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.recording.table import HEADER
 
@@ -38,11 +39,9 @@ def distrusted_words(rows: Sequence[int]) -> str:
     """Which rows were left out as gross errors; empty if none."""
     if not rows:
         return ""
-    named = ", ".join(map(str, rows[:ROWS_NAMED]))
-    more = f" and {len(rows) - ROWS_NAMED} more" if len(rows) > ROWS_NAMED else ""
     was = "was" if len(rows) == 1 else "were"
     said = f"{counted(len(rows), 'row')} {was} taken for gross errors"
-    return f"{said}, {HEADER}: {named}{more}."
+    return f"{said}, {HEADER}: {listed(rows, ROWS_NAMED)}."
 
 
 def suggestion_words(entry: Mapping[str, object]) -> str:

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 
+from plumbline.errors import listed
 from plumbline.experiments.report.page.page import Grid, Page, Part, Picture, Tile
 from plumbline.optim.core.quantities import counted, measured, quantity
 from plumbline.optim.hand_eye.answer import HandEye
@@ -96,9 +97,8 @@ def _gross(answer: HandEye) -> str:
     rows = answer.calibration.gross
     if not len(rows):
         return "none"
-    listed = ", ".join(str(row) for row in rows[:MOST_ROWS])
-    more = f" and {len(rows) - MOST_ROWS} more" if len(rows) > MOST_ROWS else ""
-    return f"{counted(len(rows), 'reading')} left out: lines {listed}{more} of samples.csv"
+    named = listed(rows, MOST_ROWS)
+    return f"{counted(len(rows), 'reading')} left out: lines {named} of samples.csv"
 
 
 def _rest(answer: HandEye) -> list[Part]:

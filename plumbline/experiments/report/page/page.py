@@ -11,10 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from importlib import metadata
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from plumbline.experiments.console.tables import table
@@ -140,9 +139,7 @@ class Block:
         from plumbline.experiments.report.style import svg
 
         label = html.escape(f"{picture.title}. {picture.words}", quote=True)
-        drawn = [
-            svg(figure, f"{picture.key}{k}", label) for k, figure in enumerate(picture.figures)
-        ]
+        drawn = [svg(one, f"{picture.key}{k}", label) for k, one in enumerate(picture.figures)]
         # The drawings are ours, their label is escaped; names inside were escaped by matplotlib.
         return cls(picture, tuple(Markup(text) for text in drawn))
 
@@ -169,29 +166,17 @@ class Page:
 
 def environment() -> Environment:
     """Templates by their path in the room of reports."""
-    return Environment(
-        loader=FunctionLoader(_template),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
-def _template(name: str) -> str:
-    return (files(ROOM) / name).read_text(encoding="utf-8")
+    loader = PackageLoader("plumbline.experiments", "report")
+    found = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    found.trim_blocks = found.lstrip_blocks = True
+    return found
 
 
 def page_html(page: Page, made: Made | None = None) -> str:
     """The page as HTML."""
-    shown: dict[str, Any] = {
-        "title": f"{page.name}: {page.verdict}",
-        "sha256": page.sha256,
-        "seed": page.seed,
-        "made": made or Made(),
-        "page": _Drawn(page),
-    }
-    return environment().get_template("page/page.html.j2").render(**shown)
+    title, drawn = f"{page.name}: {page.verdict}", _Drawn(page)
+    shown = {"sha256": page.sha256, "seed": page.seed, "made": made or Made(), "page": drawn}
+    return environment().get_template("page/page.html.j2").render(title=title, **shown)
 
 
 def card_html(page: Page) -> str:

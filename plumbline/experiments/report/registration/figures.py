@@ -66,13 +66,9 @@ def error_regions(
                 if not region.unknown:
                     ax.add_patch(_shadow(region, a, b))
                 ax.plot(0, 0, "+", color=style.INK, markersize=8)
-                ax.set(
-                    xlim=(-half, half),
-                    ylim=(-half, half),
-                    aspect="equal",
-                    xlabel=f"robot {'xyz'[a]} error [mm]",
-                    ylabel=f"robot {'xyz'[b]} error [mm]",
-                )
+                ax.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+                ax.set_xlabel(f"robot {'xyz'[a]} error [mm]")
+                ax.set_ylabel(f"robot {'xyz'[b]} error [mm]")
                 style.calm(ax, grid="both")
             axes[0, column].set_title(f"{name}\n{100 * inside:.1f} % inside, in space")
         first = axes[0, 0]
@@ -96,13 +92,10 @@ def misfits_and_targets(answer: Registration) -> Figure:
             if error.unknown:
                 axes.text(0.0, k, " not known", va="center", color=style.MUTED)
                 continue
-            (bar,) = axes.barh(
-                k, MM * error.rms, color=style.GUILTY, edgecolor=style.GUILTY, height=0.6
-            )
-            style.says(
-                bar, f"{names[k]}: {MM * error.rms:.3g} mm RMS, {MM * error.reach:.3g} mm at most"
-            )
-            axes.plot([0.0, MM * error.reach], [k, k], "|-", color=style.INK, markersize=9)
+            rms, reach = MM * error.rms, MM * error.reach
+            (bar,) = axes.barh(k, rms, color=style.GUILTY, edgecolor=style.GUILTY, height=0.6)
+            style.says(bar, f"{names[k]}: {rms:.3g} mm RMS, {reach:.3g} mm at most")
+            axes.plot([0.0, reach], [k, k], "|-", color=style.INK, markersize=9)
         for label, ink, edge, there in (
             ("misfit of a marker used", style.AFTER, style.AFTER, True),
             ("misfit of one not used", style.PAPER, style.AFTER, len(used) < len(answer.labels)),
@@ -140,8 +133,8 @@ def error_maps(
     y, z = (np.linspace(low[k], high[k], 60) for k in (1, 2))
     grid = np.stack(np.broadcast_arrays(lesion[0], y[None, :], z[:, None]), axis=-1)
     maps = {name: MM * answer.tre_rms(grid) for name, answer in answers.items()}
-    values = np.concatenate([m.ravel() for m in maps.values()])
-    least, most = float(values.min()), float(values.max())
+    least = min(float(m.min()) for m in maps.values())
+    most = max(float(m.max()) for m in maps.values())
     scale = LogNorm(least, most)
     with style.house_style():
         figure = style.new_figure(2.6 * len(maps) + 0.5, 3.3)
@@ -161,23 +154,15 @@ def error_maps(
                     MM * p[1], MM * p[2], "o", color=style.INK if rests else style.PAPER, zorder=5,
                     mec=style.PAPER if rests else style.INK, markersize=6.5, clip_on=False,
                 )  # fmt: skip
-                place = (MM * p[1], MM * p[2])
-                _tag(
-                    ax,
-                    label,
-                    place,
-                    (8, -3) if inside else (0, 7),
-                    style.PAPER if inside else style.INK,
-                )
+                shift, ink = ((8, -3), style.PAPER) if inside else ((0, 7), style.INK)
+                _tag(ax, label, (MM * p[1], MM * p[2]), shift, ink)
             ax.plot(MM * lesion[1], MM * lesion[2], "D", color=style.GUILTY, markersize=5)
             ax.set_title(name, pad=18)
             ax.set_xlabel("CT y [mm]")
         axes[0].set_ylabel("CT z [mm]")
-        for colour, edge, label in (
-            (style.INK, style.PAPER, "marker used"),
-            (style.PAPER, style.INK, "marker not used"),
-        ):
-            axes[0].plot([], [], "o", color=colour, markeredgecolor=edge, label=label)
+        used, not_used = (style.INK, style.PAPER), (style.PAPER, style.INK)
+        axes[0].plot([], [], "o", color=used[0], mec=used[1], label="marker used")
+        axes[0].plot([], [], "o", color=not_used[0], mec=not_used[1], label="marker not used")
         axes[0].plot([], [], "D", color=style.GUILTY, markersize=5, label="lesion")
         figure.legend(loc="outside lower center", ncols=3)
         bar = figure.colorbar(
