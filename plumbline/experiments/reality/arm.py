@@ -104,11 +104,12 @@ def forward(arm: Arm, q: Array, shape: Shape | None = None) -> Array:
     frames = np.empty((rows, arm.joints + 1, 4, 4))
     frames[:, 0] = np.eye(4)
     for i in range(arm.joints):
-        frames[:, i + 1] = frames[:, i] @ _link(arm, q[:, i], shape, i)
+        frames[:, i + 1] = frames[:, i] @ link_frame(arm, q[:, i], shape, i)
     return frames
 
 
-def _link(arm: Arm, q: Array, shape: Shape, i: int) -> Array:
+def link_frame(arm: Arm, q: Array, shape: Shape, i: int) -> Array:
+    """Frames (N, 4, 4) of link i (from 0) in that of the link before, at q (N,) [rad or m]."""
     theta = np.full(len(q), arm.theta[i]) if arm.prismatic[i] else q + arm.theta[i]
     d = shape.d[:, i] + q if arm.prismatic[i] else shape.d[:, i]
     a, alpha = shape.a[:, i], shape.alpha[:, i]

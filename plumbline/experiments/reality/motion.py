@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
-from plumbline.experiments.reality.arm import Arm, Array
+from plumbline.experiments.reality.arm import Arm, Array, Shape, link_frame
 from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.recorder import quaternions
 
@@ -64,14 +64,8 @@ class Course:
         swing = half * RANGES.many("swing", rng, (2, arm.joints))
         speed = RANGES.many("speed", rng, (2, arm.joints)) * np.where(arm.prismatic, 0.15, 1.0)
         times = np.cumsum(RANGES.many("uneven", rng, rows) * RANGES.one("period", rng))
-        return cls(
-            0.5 * (arm.upper + arm.lower),
-            swing,
-            speed / swing,
-            rng.uniform(0.0, 2.0 * np.pi, (2, arm.joints)),
-            times,
-            RANGES.one("delay", rng),
-        )
+        middle, phase = 0.5 * (arm.upper + arm.lower), rng.uniform(0.0, 2.0 * np.pi, swing.shape)
+        return cls(middle, swing, speed / swing, phase, times, RANGES.one("delay", rng))
 
     def at(self, time: Array) -> tuple[Array, Array]:
         """Reference positions (T, n) and velocities (T, n) at times (T,)."""
@@ -195,17 +189,8 @@ def link_inertia(arm: Arm, i: int) -> Array:
 
 
 def fixed_part(arm: Arm, i: int) -> Array:
-    """T (4, 4) from frame i - 1, turned by its joint, to frame i."""
-    ct, st = np.cos(arm.theta[i]), np.sin(arm.theta[i])
-    ca, sa = np.cos(arm.alpha[i]), np.sin(arm.alpha[i])
-    return np.array(
-        [
-            [ct, -st * ca, st * sa, arm.a[i] * ct],
-            [st, ct * ca, -ct * sa, arm.a[i] * st],
-            [0.0, sa, ca, arm.d[i]],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+    """T (4, 4) from frame i - 1 to frame i, of a joint at zero."""
+    return np.asarray(link_frame(arm, np.zeros(1), Shape.of(arm, 1), i)[0])
 
 
 def mjcf(arm: Arm, tool: Array, drives: dict[int, Drive], payload: float = 0.0) -> str:
@@ -227,8 +212,7 @@ def mjcf(arm: Arm, tool: Array, drives: dict[int, Drive], payload: float = 0.0) 
 
 def _end(arm: Arm, tool: Array, payload: float) -> str:
     """The flange: its tip, and what hangs there."""
-    last = fixed_part(arm, arm.joints - 1)
-    place = f'pos="{_words(last[:3, 3])}" quat="{_words(quaternions(last[None, :3, :3])[0])}"'
+    place = _placed(fixed_part(arm, arm.joints - 1))
     weight = ""
     if payload > 0.0:
         small = _words(np.full(3, 1e-4 * payload))
@@ -240,11 +224,7 @@ def _end(arm: Arm, tool: Array, payload: float) -> str:
 def _joint(arm: Arm, i: int, drive: Drive | None, inner: str) -> str:
     """Motor, drive and link of one joint, with all that hangs on it."""
     kind = "slide" if arm.prismatic[i] else "hinge"
-    place = ""
-    if i:
-        before = fixed_part(arm, i - 1)
-        turn = quaternions(before[None, :3, :3])[0]
-        place = f'pos="{_words(before[:3, 3])}" quat="{_words(turn)}"'
+    place = _placed(fixed_part(arm, i - 1)) if i else ""
     T = fixed_part(arm, i)
     centre = T[:3, :3] @ arm.com[i] + T[:3, 3]
     link = (
@@ -263,6 +243,10 @@ def _joint(arm: Arm, i: int, drive: Drive | None, inner: str) -> str:
     )
     rotor = '<inertial pos="0 0 0" mass="0.001" diaginertia="1e-5 1e-5 1e-5"/>'
     return f"<body {place}>{motor}{rotor}<body>{elastic}{link}</body></body>"
+
+
+def _placed(T: Array) -> str:
+    return f'pos="{_words(T[:3, 3])}" quat="{_words(quaternions(T[None, :3, :3])[0])}"'
 
 
 def _words(values: Array) -> str:
