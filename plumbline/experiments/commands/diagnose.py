@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -220,10 +220,5 @@ def _content(
     if check is not None:
         content["calibration"] = check.to_dict()
     if elsewhere is not None:
-        content["transfer"] = {
-            "recording": elsewhere.name, "rows": elsewhere.rows, "unit": elsewhere.unit,
-            "before": elsewhere.before, "after": elsewhere.after,
-            "refitted": list(elsewhere.refitted), "outside_range": elsewhere.outside_share,
-            "notes": list(elsewhere.notes),
-        }  # fmt: skip
+        content["transfer"] = asdict(elsewhere)
     return content

@@ -266,14 +266,10 @@ def _whole(
 
 def _in_order(table: pd.DataFrame) -> pd.DataFrame:
     """Sorted by group and time, the clock from the first row on [s]; whole numbers as such."""
-    for name in (
-        "group",
-        "socket",
-        "held_out",
-        *(str(c) for c in table if str(c).startswith("direction")),
-    ):
-        if name in table and (table[name] == table[name].round()).all():
-            table = table.assign(**{str(name): table[name].astype(np.int64)})
+    whole = ("group", "socket", "held_out")
+    for name in [c for c in map(str, table) if c in whole or c.startswith("direction")]:
+        if (table[name] == table[name].round()).all():
+            table = table.assign(**{name: table[name].astype(np.int64)})
     if "time" not in table:
         return table
     keys = ["group", "time"] if "group" in table else ["time"]

@@ -16,7 +16,6 @@ from plumbline.experiments.reproduce import Compared, Reproduction, Table, figur
 from plumbline.experiments.reproduce import dh_fit_sessions as sessions
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.dh_fit import DHFit, DHOptions, Misfit, Norms, Readings, Squares, fit_dh
-from plumbline.optim.recording.building import build_recording
 
 REPEATABILITY, ABSOLUTE = 1.0, 2.0  # [mm] within which the paper's fifty points lie
 POINTS, VISITS, FRESH = 50, 5, 300  # the paper's points and visits, poses that no fit has seen
@@ -98,11 +97,8 @@ def _floor(session: Session, seen: Readings) -> float:
 def _fifty(seed: int, k: int) -> Three:
     """Fifty points over the workspace [mm]: repeatability, mean and largest misfit."""
     session = sessions.draw(seed, k, sessions.NOISE, sessions.WANDER, None)
-    fit = fit_dh(
-        sessions.recording_of(session),
-        sessions.WITH_TILTS,
-        registration=sessions.registration_of(session),
-    )
+    recording, four = sessions.recording_of(session), sessions.registration_of(session)
+    fit = fit_dh(recording, sessions.WITH_TILTS, registration=four)
     rng = np.random.default_rng([seed, k, 3])
     q = poses(POINTS, rng)
     visits = np.array([session.visit(q, rng) for _ in range(VISITS)])
@@ -122,20 +118,11 @@ def _outliers(seed: int, k: int) -> Three:
     push *= (rng.uniform(*GROSS, len(bad)) / np.linalg.norm(push, axis=1))[:, None]
     measured = session.tips.copy()
     measured[bad] += push
-    spoilt = build_recording(
-        observation="tip_position",
-        robot=clean.robot,
-        q=session.q,
-        measured=measured,
-        always=("frame",),
-    )
+    spoilt = replace(clean, measured=measured)
     q = poses(FRESH, rng, SURGICAL)
     seen = Readings(q, session.visit(q, rng))
-    fits = (
-        fit_dh(spoilt, DHOptions(loss=Norms())),
-        fit_dh(spoilt, DHOptions(loss=Squares())),
-        fit_dh(clean, DHOptions(loss=Squares())),
-    )
+    asked = (spoilt, Norms()), (spoilt, Squares()), (clean, Squares())
+    fits = [fit_dh(recording, DHOptions(loss=loss)) for recording, loss in asked]
     norms, squares, clean_squares = (1e3 * Misfit.of(fit.misfits(seen)).mean for fit in fits)
     return norms, squares, clean_squares
 

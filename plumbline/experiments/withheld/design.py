@@ -7,7 +7,6 @@ A level is a range of the unabsorbed gap over the noise and of the number of row
 The draw of case k depends on the seed and on k alone, so a set can be continued.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,14 +58,15 @@ class Design:
     simulator: str = "numpy"
 
     def __post_init__(self) -> None:
+        effects, arms = _effects_of(self.simulator, self.kind), _arms_of(self.simulator)
         for option, value, known in (
             ("--kind", self.kind, (*KINDS, MIXTURE, MIXED)),
             ("--level", self.level, (*LEVELS, MIXED)),
             ("--observation", self.observation, (*OBSERVATIONS, MIXED)),
             ("--simulator", self.simulator, SIMULATORS),
             *(("--leave-out", name, (*LIBRARY, EACH, ONE)) for name in self.leave_out),
-            *_named("--effect", self.effects, _effects_of(self.simulator, self.kind)),
-            *_named("--arm", self.arms, _arms_of(self.simulator)),
+            *(("--effect", name, effects) for name in self.effects),
+            *(("--arm", name, arms) for name in self.arms),
         ):
             if value not in known:
                 raise PlumblineError(
@@ -110,12 +110,6 @@ class Design:
         if ONE in self.leave_out:
             return ()
         return tuple(LIBRARY) if EACH in self.leave_out else self.leave_out
-
-
-def _named(
-    option: str, names: tuple[str, ...], known: tuple[str, ...]
-) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    return ((option, name, known) for name in names)
 
 
 def _effects_of(simulator: str, kind: str) -> tuple[str, ...]:

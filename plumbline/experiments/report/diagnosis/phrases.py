@@ -14,14 +14,14 @@ ROWS_NAMED = 40  # distrusted rows that are named one by one
 class Elsewhere:
     """How the fitted model does on another recording."""
 
-    name: str  # name of that recording
+    recording: str  # name of that recording
     rows: int  # number of its rows
     before: float  # RMS without the causes [unit]
     after: float  # RMS with them, frame and tool alone fitted again [unit]
     unit: str  # ``"m"`` or ``"rad"``
     notes: tuple[str, ...] = ()  # what else is to be known about it
     refitted: tuple[str, ...] = ("frame", "tool")  # what was fitted again
-    outside_share: float = 0.0  # share of its rows outside of the range that was fitted
+    outside_range: float = 0.0  # share of its rows outside of the range that was fitted
 
     @property
     def words(self) -> str:
@@ -30,7 +30,7 @@ class Elsewhere:
         again = " and ".join(self.refitted) or "nothing"
         notes = "".join(f" Note: {note}." for note in self.notes)
         return (
-            f"On {self.name} ({counted(self.rows, 'row')}), with only {again} fitted "
+            f"On {self.recording} ({counted(self.rows, 'row')}), with only {again} fitted "
             f"again: {before} without the causes, {after} with them.{notes}"
         )
 
