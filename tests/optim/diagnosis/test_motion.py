@@ -120,6 +120,13 @@ def test_what_is_wrong_is_named_at_its_joint_with_its_size(found):
         assert cause.before > cause.after
 
 
+def test_what_is_stored_of_a_drive_is_in_the_library_s_order(found):
+    """Not in that of a set's hashes, which differ from run to run."""
+    names = list(dict.fromkeys(effect.name for effect in MOTION_EFFECTS))
+    for joint in found.joints:
+        assert list(joint.probability) == [name for name in names if name in joint.probability]
+
+
 def test_the_verdict_is_that_of_any_recording(found, tmp_path):
     verdict = found.verdict
     assert verdict.verdict == Outcome.EXPLAINED
