@@ -37,6 +37,13 @@ class Outcome(StrEnum):
     PARTLY = "partly-explained"
     OUTSIDE = "outside-library"
 
+    @classmethod
+    def of(cls, causes: bool, *, beyond: bool, earned: bool) -> "Outcome":
+        """By whether causes are named, anything else is at work, and the gap may be explained."""
+        if causes:
+            return cls.EXPLAINED if earned else cls.PARTLY
+        return cls.OUTSIDE if beyond else cls.NO_GAP
+
 
 # What an element of a stage is: planes are read by a sensor, markers registered.
 NOUNS = {

@@ -50,7 +50,6 @@ ENDED = 1e-10  # of the square: the same for the fits behind a verdict
 # Evidence
 PRESENT = 0.15  # prior probability of an effect at a joint: one or two of nine at work
 LEAST_GAIN = 0.02  # of the square, a seventh of what is left: an effect of less is negligible
-NAMED = 0.5  # probability from which a cause is named
 LEAST_SHARE = 0.05  # of what is left: an unlisted function that takes less is negligible
 BUMPS = 8  # of an unlisted function along its variable: features a tenth of its range wide
 PASTS = (0.01, 0.02, 0.04, 0.08, 0.15, 0.25, 0.35, 0.5)  # [s] after which drives have answered
@@ -58,8 +57,6 @@ MEMORIES = (0.02, 0.05, 0.1, 0.2, 0.4)  # [s] over which what is left before for
 RESEMBLES = 0.8  # of what nobody has listed: loops, heat, grip and buses look like lag, gain, play
 DEVIATIONS = (0.1, 0.3, 1.0)  # of that effect's own size, by which its form is another
 WIDTHS = (0.05, 0.2, 1.0, 4.0)  # prior widths of such functions, in residual RMS
-STRETCHES = 5  # into which a run is cut to be left out, where no groups are given
-EXPLAINED = 1.15  # times the stated noise: what may be left of an explained gap
 LONGEST_GAP = 3.0  # times the usual step: a clock that leaps by more begins a new run
 MOST_STATES = 20_000  # at which loads are worked out, 7 microseconds each with seven joints
 MOVES = 6  # exchanges and drops after the climb; two or three are usual
@@ -68,7 +65,6 @@ SEARCHED = 0.4  # of these windows the search looks at; what it finds is fitted 
 SEARCH_SAMPLES = 250  # of such a window where commands are positions: 50 a second
 SEARCH_ITERATIONS = 10  # of a fit of the search
 RACE = 3  # steps after which the best of several starts goes on alone
-STRONGER = 3.0  # nats from which evidence is strong (Kass, Raftery 1995, JASA 90:773, sec. 3.2)
 CONTENDS = 30.0  # nats on the windows of the search: what is farther behind is not fitted to all
 WORTH_A_FIT = 2.0  # nats of likelihood: noise makes one effect in twenty bring more
 MOST_JUDGED = 400  # windows that a joint is judged by, over all folds
@@ -77,7 +73,6 @@ RATIO_STEP = 1e-6  # of a lag's samples and one: its derivative by forward diffe
 OWN_PAST = 0.3  # of what is left, foretold by the sample before: noise of an encoder has no past
 CORRELATED = 0.95  # of two estimates: the recording tells their sum, hardly which is which
 CONFOUNDED = 0.05  # probability from which another effect is named as what it may be instead
-DRAWS = 500  # of windows for the interval of the shrink
 
 # Diagnose
 STILL = 1e-6  # [rad] a command and an encoder that move less tell nothing of a drive
@@ -85,7 +80,6 @@ STILL = 1e-6  # [rad] a command and an encoder that move less tell nothing of a 
 # Proposals
 SECONDS = 30.0  # [s] of one motion: three periods of its slowest wave
 CHIRP = (0.1, 5.0)  # [Hz] from where delay and lag are one to where they part
-LIKELY = 0.05  # of an effect that may stand in another's place
 
 # Recording
 AXIS_LEVER = (

@@ -17,7 +17,6 @@ from plumbline.optim.diagnosis.motion.constants import (
     SEARCH_SAMPLES,
     SEARCHED,
     STILL,
-    STRONGER,
 )
 from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import Models, nested
@@ -27,6 +26,7 @@ from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import Found, verdict_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.prior import NO_EVIDENCE
 
 # What commands may do between rows but run straight.
 BETWEEN_ROWS = {Law.SERVO: Law.HELD_SERVO, Law.POSITION: Law.SMOOTH}
@@ -117,4 +117,4 @@ def _more_evident(other: Signals, signals: Signals, begun: Sequence[Begun]) -> b
         time = min(both, key=lambda found: found[0].found[found[1]].square)[0].time
         its, its_own = (models.score(key, time) for models, key in both)
         more += its - its_own
-    return more > STRONGER
+    return more > NO_EVIDENCE

@@ -19,7 +19,6 @@ from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.optim.diagnosis.motion.constants import (
     CONTENDS,
-    EXPLAINED,
     LEAST_GAIN,
     LEAST_SHARE,
     MOVES,
@@ -32,6 +31,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.rollout import Effects, Windows
 from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, UnlistedFunction, exceeds
+from plumbline.optim.diagnosis.prior import EARNED
 
 Key = frozenset[MotionEffect]
 SAME = frozenset(("actuation_play", "actuation_deadband"))  # one operator: `twins`
@@ -99,7 +99,7 @@ class Models:
     def lacking(self, key: Key, time: float, sigma: float | None) -> UnlistedFunction:
         """What a fit leaves beyond an explained gap, of no form; none without a stated noise."""
         fit = self.found[key]
-        least = 0.0 if sigma is None else (EXPLAINED * self.floor(fit, sigma)) ** 2
+        least = 0.0 if sigma is None else (EARNED * self.floor(fit, sigma)) ** 2
         x = max(fit.square / least, 1.0) if least else 1.0
         return UnlistedFunction(NO_FORM, exceeds(x, fit.residual.size / time), 1.0 - 1.0 / x)
 

@@ -16,7 +16,7 @@ import numpy as np
 from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.optim.diagnosis.findings import Cause
-from plumbline.optim.diagnosis.motion.constants import CHIRP, LIKELY, SECONDS
+from plumbline.optim.diagnosis.motion.constants import CHIRP, CONFOUNDED, SECONDS
 from plumbline.optim.diagnosis.motion.models import SAME, twins
 from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
@@ -62,7 +62,7 @@ def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:
         for name, instead in joint.instead.items():
             for other, p in instead.items():
                 kind = _parts(frozenset((name, other)), parted)
-                if kind is not None and p > LIKELY:
+                if kind is not None and p > CONFOUNDED:
                     unlisted = f"something unlisted that goes by {other[1:]}"
                     tells = f"{name} from {unlisted if other[0] == '?' else other}"
                     yield {"joint": joint.number, "motion": ", ".join(kind), "tells": tells}

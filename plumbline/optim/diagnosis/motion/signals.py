@@ -34,11 +34,11 @@ from plumbline.optim.diagnosis.motion.constants import (
     SETTLE,
     SMOOTH,
     SMOOTHED,
-    STRETCHES,
 )
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array, Windows
+from plumbline.optim.diagnosis.prior import MOST_FOLDS
 
 Integers = NDArray[np.int64]
 
@@ -213,8 +213,8 @@ class Signals:
             return np.where(self.held[self.starts + self.length], 0, -1)
         groups, number = np.unique(self.group[self.starts], return_inverse=True)
         if len(groups) > 1:
-            return number % STRETCHES
-        return np.arange(len(self.starts)) * STRETCHES // max(len(self.starts), 1)
+            return number % MOST_FOLDS
+        return np.arange(len(self.starts)) * MOST_FOLDS // max(len(self.starts), 1)
 
     @property
     def held_out_by(self) -> str:

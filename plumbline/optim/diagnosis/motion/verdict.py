@@ -28,9 +28,6 @@ from plumbline.optim.diagnosis.findings import (
 from plumbline.optim.diagnosis.motion.constants import (
     CONFOUNDED,
     CORRELATED,
-    DRAWS,
-    EXPLAINED,
-    NAMED,
     OWN_PAST,
 )
 from plumbline.optim.diagnosis.motion.fit import to_go
@@ -41,7 +38,8 @@ from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import Joint
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
-from plumbline.optim.diagnosis.prior import FINEST
+from plumbline.optim.diagnosis.predict.shrink import gap_between, shrink_interval
+from plumbline.optim.diagnosis.prior import EARNED, FINEST, LEAST_NAMED
 from plumbline.optim.diagnosis.verdict.lack_of_fit import quieter
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
@@ -69,12 +67,12 @@ def verdict_of(found: Found) -> Verdict:
     gap, counted = _gap(found, noise), sum(joint.effective for joint in found.joints)
     causes = _causes(found)
     outside, depends = _outside(found, noise)
-    missed = noise.source != "fit" and gap.after > EXPLAINED * noise.sigma
-    beyond, judged = outside > NAMED or missed, _judgement(found.joints)
+    missed = noise.source != "fit" and gap.after > EARNED * noise.sigma
+    beyond, judged = outside > LEAST_NAMED or missed, _judgement(found.joints)
     stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
     shown = gap.shrink_ci95[0] >= 0.0
     earned = noise.source != "fit" and judged.converged and shown and not stuck
-    kind = _kind(bool(causes), beyond, earned)
+    kind = Outcome.of(bool(causes), beyond=beyond, earned=earned and not beyond)
     where = _where(found) if causes else ()
     if kind == Outcome.OUTSIDE:
         worst = max(zip(found.joints, found.judged, strict=True), key=lambda x: x[1].after.mean())
@@ -86,7 +84,7 @@ def verdict_of(found: Found) -> Verdict:
         causes=causes,
         candidates=(*causes, *_others(found, causes)),
         outside_probability=outside,
-        outside_depends_on=depends if outside > NAMED else "",
+        outside_depends_on=depends if outside > LEAST_NAMED else "",
         tree=_tree(found.joints),
         unlisted_prior=found.unlisted,
         unobservable=tuple(_unseen(found)),
@@ -115,12 +113,6 @@ def _tree(joints: Sequence[Joint]) -> tuple[dict[str, Any], ...]:
     return tree_of({(STAGE, joint.number): joint.anything for joint in joints}, mechanisms)
 
 
-def _kind(causes: bool, beyond: bool, earned: bool) -> Outcome:
-    if causes:
-        return Outcome.EXPLAINED if earned and not beyond else Outcome.PARTLY
-    return Outcome.OUTSIDE if beyond else Outcome.NO_GAP
-
-
 def _noise(found: Found) -> NoiseLevel:
     left = _rms([j.fit.residual.ravel() ** 2 for j in found.joints])
     stated = found.recording.noise_std
@@ -139,28 +131,10 @@ def _gap(found: Found, noise: NoiseLevel) -> Gap:
     before, after = (
         np.concatenate(x) for x in zip(*((j.before, j.after) for j in found.judged), strict=True)
     )
-    sizes = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
-    room = sizes[0] - noise.sigma
-    removable = (sizes[0] - sizes[1]) / room if noise.source != "fit" and room > 0 else math.nan
-    shrink = 1 - sizes[1] / sizes[0] if sizes[0] > 0 else 0.0
-    interval = _interval(before, after, found.seed)
-    return Gap(
-        found.recording.unit,
-        *sizes,
-        noise.sigma,
-        shrink,
-        interval,
-        held_out_by=found.by,
-        removable=removable,
-    )
-
-
-def _interval(before: Array, after: Array, seed: int) -> tuple[float, float]:
-    """Of the shrink, by a paired bootstrap over windows (95 %)."""
-    drawn = np.random.default_rng(seed).integers(0, len(before), (DRAWS, len(before)))
-    ratio = after[drawn].sum(axis=1) / np.maximum(before[drawn].sum(axis=1), 1e-300)
-    low, high = np.quantile(1 - np.sqrt(ratio), [0.025, 0.975])
-    return float(low), float(high)
+    each = np.sqrt(before)[:, None], np.sqrt(after)[:, None]  # of every window
+    interval = shrink_interval(*each, np.arange(len(before)), found.seed)
+    sides = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+    return gap_between(found.recording.unit, sides, noise, noise.sigma, interval, found.by)
 
 
 def _causes(found: Found) -> tuple[Cause, ...]:
@@ -171,7 +145,7 @@ def _causes(found: Found) -> tuple[Cause, ...]:
     made = []
     for joint, judged in zip(found.joints, found.judged, strict=True):
         for k, effect in enumerate(joint.fit.effects):
-            if _alike(joint, effect.name) >= NAMED:
+            if _alike(joint, effect.name) >= LEAST_NAMED:
                 more = judged.without[effect.name].sum() - judged.after.sum()
                 made.append((more, _cause(found, joint, judged, k)))
     return tuple(cause for _, cause in sorted(made, key=lambda pair: -pair[0]))
@@ -261,8 +235,8 @@ def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
         return joint.outside, on
     r = joint.fit.residual
     past = float(np.sum(r[:, 1:] * r[:, :-1]) / np.sum(r[:, 1:] ** 2))
-    if past > OWN_PAST and joint.outside < NAMED:
-        return 1 - OWN_PAST / past * NAMED, "its own past"
+    if past > OWN_PAST and joint.outside < LEAST_NAMED:
+        return 1 - OWN_PAST / past * LEAST_NAMED, "its own past"
     return joint.outside, on
 
 

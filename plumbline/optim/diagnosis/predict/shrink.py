@@ -19,6 +19,7 @@ from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Flags, Indices, Problem
 from plumbline.optim.core.solvers.levenberg_marquardt import LevenbergMarquardt
 from plumbline.optim.diagnosis import prior
+from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
@@ -344,3 +345,23 @@ def shrink_interval(before: Array, after: Array, blocks: Indices, seed: int) -> 
     shrink = 1 - np.sqrt(ratio)
     low, high = np.quantile(shrink, [0.025, 0.975])
     return float(low), float(high)
+
+
+def gap_between(
+    unit: str,
+    sides: tuple[float, float],
+    noise: NoiseLevel,
+    floor: float,
+    interval: tuple[float, float],
+    by: str,
+) -> Gap:
+    """The gap before and after, and how much of what the noise's floor leaves is gone [unit]."""
+    before, after = sides
+    room = before - floor
+    known = noise.source != "fit" and room > prior.REMOVABLE_FROM * floor
+    shrink = 1.0 - after / before if before > 0.0 else 0.0
+    removable = (before - after) / room if known else np.nan
+    return Gap(
+        unit, before, after, float(floor), float(shrink), interval,
+        held_out_by=by, removable=float(removable),
+    )  # fmt: skip

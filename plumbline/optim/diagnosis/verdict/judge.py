@@ -6,7 +6,6 @@ The gap is the root mean square over all joints of what was measured, as the noi
 some joint misses by as much or more. What a linear problem says of fewer causes keeps its ratio.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -29,6 +28,7 @@ from plumbline.optim.diagnosis.findings import (
 from plumbline.optim.diagnosis.of_recordings import JointGap, TurnGap
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, by_chance, judgement_of
+from plumbline.optim.diagnosis.predict.shrink import gap_between
 from plumbline.optim.diagnosis.verdict.causes import (
     Stairs,
     always_words,
@@ -97,7 +97,7 @@ def judge(
     earned = earned and _is_earned(gap, causes, judged, least)
     # What foretells rows that no fit has seen is a gap, whatever it is to be called.
     foretold = bool(selected.chosen) and gap.shrink_ci95[0] > 0.0
-    kind = _kind(bool(causes), foretold or max(beyond, left) > 0.5, earned)
+    kind = Outcome.of(bool(causes), beyond=foretold or max(beyond, left) > 0.5, earned=earned)
     words = told.words or noisiest_joint(recording, selected)
     return Verdict(
         verdict=kind,
@@ -150,12 +150,6 @@ def _where(selected: SelectedModel, told: Explanation, seed: int) -> tuple[Place
     return tuple(Place(*place, share) for place, share in lacked)
 
 
-def _kind(any_cause: bool, beyond: bool, earned: bool) -> Outcome:
-    if any_cause:
-        return Outcome.EXPLAINED if earned else Outcome.PARTLY
-    return Outcome.OUTSIDE if beyond else Outcome.NO_GAP
-
-
 def _is_earned(gap: Gap, causes: Sequence[Cause], judged: Judgement, chance: float) -> bool:
     """Whether a gap may be called explained: down to a noise that is known, by fits that ended.
 
@@ -195,22 +189,8 @@ def _candidates(
 
 def gap_of(evaluation: Evaluation, noise: NoiseLevel) -> Gap:
     """The gap of these residuals, and how much of what noise leaves to remove is gone."""
-    before, after = evaluation.rms_before, evaluation.rms_after
-    floor = noise.sigma * evaluation.per_point
-    shrink = 1 - after / before if before > 0 else 0.0
-    room = before - floor
-    known = noise.source != "fit" and room > prior.REMOVABLE_FROM * floor
-    removable = (before - after) / room if known else math.nan
-    return Gap(
-        unit=evaluation.unit,
-        before=before,
-        after=after,
-        noise_floor=float(floor),
-        shrink=float(shrink),
-        shrink_ci95=evaluation.interval,
-        held_out_by=evaluation.by,
-        removable=float(removable),
-    )
+    sides, floor = (evaluation.rms_before, evaluation.rms_after), noise.sigma * evaluation.per_point
+    return gap_between(evaluation.unit, sides, noise, floor, evaluation.interval, evaluation.by)
 
 
 def _rotation(recording: Recording, evaluation: Evaluation, noise: NoiseLevel) -> TurnGap | None:
