@@ -158,14 +158,20 @@ class Chain:
         """``T_base_tip`` at joint coordinates q (n,)."""
         return self.joint_frames(q, placements)[-1]
 
-    def potential_energy(self, q: cs.SX, payload: cs.SX | float = 0.0) -> cs.SX:
-        """Potential energy [J] of the bodies and of a point mass ``payload`` [kg] at the tip."""
+    def potential_energy(
+        self, q: cs.SX, payload: cs.SX | float = 0.0, shares: cs.SX | None = None
+    ) -> cs.SX:
+        """Potential energy [J] of the bodies and of a point mass ``payload`` [kg] at the tip.
+
+        Each body counts by its share (n or more), wholly if none are given.
+        """
+        by = cs.SX.ones(self.n) if shares is None else shares
         frames = self.joint_frames(q)
         g = constant(self.gravity)
         energy = cs.SX(0)
-        for joint, T in zip(self.joints, frames, strict=False):
+        for k, (joint, T) in enumerate(zip(self.joints, frames, strict=False)):
             if joint.mass > 0.0:
-                energy -= joint.mass * cs.dot(g, T.point(constant(joint.com)))
+                energy -= joint.mass * by[k] * cs.dot(g, T.point(constant(joint.com)))
         return energy - payload * cs.dot(g, frames[-1].t)
 
     @cached_property

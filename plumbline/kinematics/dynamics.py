@@ -206,6 +206,11 @@ class Nominal:
                 borne[j] += share * torque[k]
         return borne
 
+    def load_of(self, shares: cs.SX) -> cs.SX:
+        """The same where each body, and last the payload, counts by a share (n + 1)."""
+        energy = self.chain.potential_energy(self.q, self.payload * shares[-1], shares)
+        return self._borne(cs.gradient(energy, self.q))
+
     @cached_property
     def frames(self) -> list[Transform]:
         """``T_base_joint`` of every joint and last the tip (n + 1)."""
@@ -220,16 +225,20 @@ class Nominal:
         return self._borne(cs.gradient(-cs.dot(place, force), self.q))
 
 
-def weight_beyond(arm: Nominal, joint: int, about: cs.SX) -> tuple[cs.SX, cs.SX]:
+def weight_beyond(
+    arm: Nominal, joint: int, about: cs.SX, shares: cs.SX | None = None
+) -> tuple[cs.SX, cs.SX]:
     """Force (3,) [N] and moment (3,) [N m] of all weights from a joint outwards, in the base frame.
 
-    The joint, from 1, has its own body with it; the moment is about a point (3,) [m].
+    The joint, from 1, has its own body with it; the moment is about a point (3,) [m]. Each body,
+    and last the payload, counts by its share (n + 1), wholly if none are given.
     """
-    g = constant(arm.chain.gravity)
-    force = arm.payload * g
+    g, by = constant(arm.chain.gravity), cs.SX.ones(arm.chain.n + 1) if shares is None else shares
+    force = arm.payload * by[-1] * g
     moment = cs.cross(arm.frames[-1].t - about, force)
-    for body, T in zip(arm.chain.joints[joint - 1 :], arm.frames[joint - 1 :], strict=False):
+    for k, body in enumerate(arm.chain.joints[joint - 1 :], start=joint - 1):
         if body.mass > 0.0:
-            force += body.mass * g
-            moment += cs.cross(T.point(constant(body.com)) - about, body.mass * g)
+            weight = body.mass * by[k] * g
+            force += weight
+            moment += cs.cross(arm.frames[k].point(constant(body.com)) - about, weight)
     return force, moment

@@ -10,6 +10,7 @@ MODULES = {"kinematics": "kinematics.constants", "drive": "kinematics.drive"}
 STAND = {
     "kinematics": {
         "ROUNDING": 1e-15, "SAME": 1e-12, "SHORT": 1e-9, "NULL": 1e-9, "LEAST_LOAD": 0.01,
+        "MISSTATED": 0.1,
         "HOURS": 7200.0,
         "FINER": (-0.5, 0.5, -0.25, 0.25, -0.125, 0.125, -0.0625, 0.0625, -0.03125, 0.03125,
                   -0.015625, 0.015625),

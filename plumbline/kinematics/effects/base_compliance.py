@@ -2,16 +2,26 @@ r"""The base tilts under the overturning moment of the arm's weight.
 
 .. math:: T_{world,base} \leftarrow T_{world,base}\, \exp(0,\ (c_x M_x,\ c_y M_y,\ 0)), \qquad
           M = \sum_i p_i \times m_i g
+
+or with bodies that do not weigh what the model says, by their own shares
+(:mod:`plumbline.kinematics.weights`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 
 from plumbline.kinematics.dynamics import weight_beyond
 from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.weights import (
+    REWEIGHED,
+    Bodies,
+    bodies_beyond,
+    misstated,
+    shares,
+)
 
 
 @dataclass(frozen=True)
@@ -20,6 +30,7 @@ class BaseCompliance(Effect):
 
     alike: bool = True
     load: float = field(default=1000.0, metadata=UNSAID)
+    bodies: Bodies = field(default=(), metadata=UNSAID)
 
     name = "base_compliance"
     depends_on = "load"
@@ -38,7 +49,18 @@ class BaseCompliance(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         """One number where both directions yield alike, as wide as the arm is light."""
         found = self.declared[:1] if self.alike else self.declared
-        return tuple(p.of_width(1000.0 / self.load) for p in found)
+        found = tuple(p.of_width(1000.0 / self.load) for p in found)
+        return (*found, *misstated(found[0], self.bodies))
+
+    @property
+    def variant(self) -> str:
+        """Whether it yields alike, and the model's masses are taken as they are."""
+        return ("not alike" * (not self.alike) + REWEIGHED * bool(self.bodies)).removeprefix(", ")
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same mounting under bodies of other weights."""
+        bodies = () if self.bodies else bodies_beyond(scope.chain, 1)
+        return [replace(self, bodies=bodies)] if bodies else []
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -47,5 +69,9 @@ class BaseCompliance(Effect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         _, moment = weight_beyond(state.nominal, 1, cs.SX(3, 1))
-        tilt = cs.vertcat(values[0] * moment[0], values[-1] * moment[1], 0)
+        about = 1 if self.alike else 2
+        own = shares(state.chain, self.bodies, values[about:])
+        _, other = weight_beyond(state.nominal, 1, cs.SX(3, 1), own)
+        about_x, about_y = values[0] * moment[0], values[about - 1] * moment[1]
+        tilt = cs.vertcat(about_x + other[0], about_y + other[1], 0)
         return state.move_base(cs.SX(3, 1), tilt)

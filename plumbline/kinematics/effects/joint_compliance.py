@@ -7,7 +7,8 @@ Automation 12(3)), twists by :math:`c_i \tau_i - k_i \tau_i |\tau_i|`, or, as an
 softest about no load, by :math:`c_i \tau_i + b_i \tanh (\tau_i / w_i)`: of a load alone it cannot
 be told from one that has play as well. One that carries a tool of unknown mass m twists besides by
 :math:`c_i \tau_i + d_i \tau_{i,1}`, where a kilogram at the tool's middle asks for
-:math:`\tau_{i,1}` and :math:`d_i = c_i m`.
+:math:`\tau_{i,1}` and :math:`d_i = c_i m`; one of bodies that do not weigh what the model says by
+their own shares (:mod:`plumbline.kinematics.weights`).
 """
 
 from collections.abc import Sequence
@@ -15,8 +16,23 @@ from dataclasses import dataclass, field, replace
 
 import casadi as cs
 
-from plumbline.kinematics.effects.effect import CARRIED, LADEN, Effect, JointEffect, Scope, State
+from plumbline.kinematics.effects.effect import (
+    CARRIED,
+    LADEN,
+    UNSAID,
+    Effect,
+    JointEffect,
+    Scope,
+    State,
+)
 from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.weights import (
+    REWEIGHED,
+    Bodies,
+    bodies_beyond,
+    misstated,
+    shares,
+)
 
 # Of a joint's largest load: from where a play is seated to a third, beyond which it is stiffening.
 SOFT = (0.03, 0.09, 0.27)
@@ -31,6 +47,7 @@ class JointCompliance(JointEffect):
     laden: bool = False
     windup: float = field(default=0.0, metadata={"unit": "N m"})
     load: float = 100.0
+    bodies: Bodies = field(default=(), metadata=UNSAID)
 
     depends_on = "load"
     name = "joint_compliance"
@@ -55,14 +72,16 @@ class JointCompliance(JointEffect):
         fall, carried = self.fall.of_width(smaller**2), self.carried.of_width(smaller)
         more = (fall,) * self.stiffening + (carried,) * self.laden
         more += (self.soft,) * bool(self.windup)
-        return (self.compliance.of_width(smaller), *more)
+        compliance = self.compliance.of_width(smaller)
+        return (compliance, *more, *misstated(compliance, self.bodies))
 
     @property
     def variant(self) -> str:
         """What is taken for the load, and whether the drive stiffens or carries a tool."""
         source = "by the measured effort" if self.effort else "by gravity"
         soft = f", softer within {self.windup:.2g} N m" if self.windup else ""
-        return source + ", stiffening" * self.stiffening + LADEN * self.laden + soft
+        other = REWEIGHED * bool(self.bodies)
+        return source + ", stiffening" * self.stiffening + LADEN * self.laden + soft + other
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -72,15 +91,18 @@ class JointCompliance(JointEffect):
         return [cls(j, effort, load=load) for j, load in loads for effort in sources]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same drive, stiffening, wound up or, where no effort tells, under an unknown tool."""
-        if self.stiffening or self.laden or self.windup:
+        """The same drive, stiffening, wound up or, where no effort tells, under other weights."""
+        if self.stiffening or self.laden or self.windup or self.bodies:
             return []
-        laden = [] if self.effort else [replace(self, laden=True)]
+        stiff = replace(self, stiffening=True)
+        others = [] if self.effort else [replace(self, laden=True)]
+        if not self.effort and (bodies := bodies_beyond(scope.chain, self.joint)):
+            others += [replace(e, bodies=bodies) for e in (self, stiff)]
         by = "effort" if self.effort else "load"
         parts = SOFT if scope.changes_sign(by, self.joint) else ()
         most = max(map(abs, scope.span.get(f"{by}{self.joint}", (0.0,))))
         wound = [replace(self, windup=part * most) for part in parts]
-        return [replace(self, stiffening=True), *laden, *wound]
+        return [stiff, *others, *wound]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         load = state.row["effort"] if self.effort else state.nominal.load
@@ -92,4 +114,7 @@ class JointCompliance(JointEffect):
             twist += values[1] * cs.tanh(torque / self.windup)
         if self.laden:
             twist += values[1] * state.nominal.load_at(state.middle)[self.joint - 1]
+        if self.bodies:
+            own = shares(state.chain, self.bodies, values[-len(self.bodies) :])
+            twist += state.nominal.load_of(own)[self.joint - 1]
         return state.move_joint(self.joint, -twist)

@@ -5,10 +5,11 @@ r"""A joint's bearing gives way across its axis, under the moment of what it car
 
 with the axis :math:`u_i` through :math:`o_i`, and the centres :math:`p_k` of all bodies from the
 joint outwards and of the payload; under a tool of unknown mass also that of a kilogram at the
-tool's middle, by a number of its own. A housing may be softer about one direction than about
-another, by a little: then :math:`c_i` is a symmetric tensor in the housing, which does not turn
-with the joint: a sum of three, softest a third of a half turn apart, none of them negative. (Were
-one direction soft alone, it would be the drive before it that gives way.)
+tool's middle, by a number of its own, and bodies that do not weigh what the model says count by
+their own shares (:mod:`plumbline.kinematics.weights`). A housing may be softer about one
+direction than about another, by a little: then :math:`c_i` is a symmetric tensor in the housing,
+which does not turn with the joint: a sum of three, softest a third of a half turn apart, none of
+them negative. (Were one direction soft alone, it would be the drive before it that gives way.)
 The moment about the axis is the drive's (``joint_compliance``). A first joint that stands upright
 tilts exactly as its mounting does: that is ``base_compliance``.
 """
@@ -35,6 +36,13 @@ from plumbline.kinematics.effects.effect import (
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, axis_rotation, constant
 from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.weights import (
+    REWEIGHED,
+    Bodies,
+    bodies_beyond,
+    misstated,
+    shares,
+)
 
 SOFTER = 0.3  # most by which a housing is softer about one direction [its mean]; by hand
 UPRIGHT = 1e-3  # sine of the angle to gravity below which a first axis stands upright
@@ -47,6 +55,7 @@ class JointTilt(JointEffect):
     laden: bool = False
     alike: bool = True
     load: float = field(default=100.0, metadata=UNSAID)
+    bodies: Bodies = field(default=(), metadata=UNSAID)
 
     name = "joint_tilt"
     depends_on = "load"
@@ -73,18 +82,22 @@ class JointTilt(JointEffect):
         """In units of what bearings of this load have: they are made for their load."""
         found = (self.compliance, self.carried)[: 1 + self.laden]
         found = found if self.alike else (self.compliance, self.second, self.third)
-        return tuple(p.of_width(100.0 / self.load) for p in found)
+        found = tuple(p.of_width(100.0 / self.load) for p in found)
+        return (*found, *misstated(found[0], self.bodies))
 
     @property
     def variant(self) -> str:
         """Whether it carries a tool that the model does not know of, or its housing is uneven."""
-        return LADEN[2:] * self.laden + "not alike" * (not self.alike)
+        found = LADEN * self.laden + ", not alike" * (not self.alike)
+        return (found + REWEIGHED * bool(self.bodies))[2:]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same bearing under a tool of unknown mass, or in an uneven housing."""
-        if self.laden or not self.alike:
+        """The same bearing under a tool or bodies of unknown mass, or in an uneven housing."""
+        if self.laden or self.bodies or not self.alike:
             return []
-        return [replace(self, laden=True), replace(self, alike=False)]
+        uneven, bodies = replace(self, alike=False), bodies_beyond(scope.chain, self.joint)
+        others = [replace(e, bodies=bodies) for e in (self, uneven)] if bodies else []
+        return [replace(self, laden=True), uneven, *others]
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -99,19 +112,18 @@ class JointTilt(JointEffect):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         frame = state.nominal.frames[self.joint - 1]
-        _, moment = weight_beyond(state.nominal, self.joint, frame.t)
+        of_bodies = values[len(values) - len(self.bodies) :]
+        weights = shares(state.chain, self.bodies, of_bodies, values[0] if self.alike else 0.0)
+        _, moment = weight_beyond(state.nominal, self.joint, frame.t, weights)
         if self.laden:
             lever = state.middle - frame.t
-            carried = cs.cross(lever, constant(state.chain.gravity))
-            moment = values[0] * moment + values[1] * carried
-        elif self.alike:
-            moment *= values[0]
+            moment += values[1] * cs.cross(lever, constant(state.chain.gravity))
         own, axis = frame.R.T @ moment, state.chain.joints[self.joint - 1].axis
-        if self.alike:
-            turn = own - constant(axis) * cs.dot(constant(axis), own)
-        else:
+        turn = own - constant(axis) * cs.dot(constant(axis), own)
+        if not self.alike:
+            _, whole = weight_beyond(state.nominal, self.joint, frame.t)
             R, E = axis_rotation(axis, state.nominal.q[self.joint - 1]), constant(across(axis))
-            turn = R.T @ E @ _softness(values) @ E.T @ R @ own
+            turn += R.T @ E @ _softness(values[:3]) @ E.T @ R @ frame.R.T @ whole
         tilt = Transform.from_twist(cs.SX(3, 1), turn)
         return state.place_link(self.joint, tilt @ state.placements[self.joint])
 

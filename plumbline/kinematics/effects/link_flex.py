@@ -4,11 +4,13 @@ r"""A link bends sideways under what it carries and under its own weight, as a c
           \varphi = \kappa\,(u \times F L^2/2 + M_\perp L + u \times w\, L^2/6)
 
 for a beam of length L along u, with F and M the force and moment of all bodies beyond its end,
-w its own weight and :math:`\kappa = 1/(E I)` (Timoshenko 1955, Strength of Materials I, ch. 5).
+w its own weight and :math:`\kappa = 1/(E I)` (Timoshenko 1955, Strength of Materials I, ch. 5); or
+of bodies that do not weigh what the model says, by their own shares
+(:mod:`plumbline.kinematics.weights`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
@@ -18,6 +20,13 @@ from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, St
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.weights import (
+    REWEIGHED,
+    Bodies,
+    bodies_beyond,
+    misstated,
+    shares,
+)
 
 SHORTEST = 0.05
 
@@ -28,6 +37,7 @@ class LinkFlex(Effect):
 
     link: int = 1
     load: float = field(default=100.0, metadata=UNSAID)
+    bodies: Bodies = field(default=(), metadata=UNSAID)
 
     name = "link_flex"
     stage = Stage.LINK
@@ -44,7 +54,18 @@ class LinkFlex(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """In units of what links of this load have: they are made for their load."""
-        return (self.compliance.of_width(100.0 / self.load),)
+        compliance = self.compliance.of_width(100.0 / self.load)
+        return (compliance, *misstated(compliance, self.bodies))
+
+    @property
+    def variant(self) -> str:
+        """Whether the model's masses are taken as they are."""
+        return REWEIGHED[2:] * bool(self.bodies)
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same link under bodies of other weights."""
+        bodies = () if self.bodies else bodies_beyond(scope.chain, self.link)
+        return [replace(self, bodies=bodies)] if bodies else []
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -57,14 +78,16 @@ class LinkFlex(Effect):
         length = cs.norm_2(beam)
         u = beam / length
         frame = state.nominal.frames[self.link - 1]
-        outer = weight_beyond(state.nominal, self.link + 1, frame.point(beam))
-        weight = state.chain.joints[self.link - 1].mass * constant(state.chain.gravity)
+        by = shares(state.chain, self.bodies, values[1:], values[0])
+        outer = weight_beyond(state.nominal, self.link + 1, frame.point(beam), by)
+        own_mass = state.chain.joints[self.link - 1].mass * by[self.link - 1]
+        weight = own_mass * constant(state.chain.gravity)
         force, moment, own = (frame.R.T @ v for v in (*outer, weight))
         f, m, w = (v - u * cs.dot(u, v) for v in (force, moment, own))
         shift = f * length**3 / 3 + cs.cross(m, u) * length**2 / 2 + w * length**3 / 8
         turn = cs.cross(u, f) * length**2 / 2 + m * length + cs.cross(u, w) * length**2 / 6
-        bent = Transform(cs.SX.eye(3), state.placements[self.link].t + values[0] * shift)
-        tilt = Transform.from_twist(cs.SX(3, 1), values[0] * turn)
+        bent = Transform(cs.SX.eye(3), state.placements[self.link].t + shift)
+        tilt = Transform.from_twist(cs.SX(3, 1), turn)
         rest = Transform(state.placements[self.link].R, cs.SX(3, 1))
         return state.place_link(self.link, bent @ tilt @ rest)
 

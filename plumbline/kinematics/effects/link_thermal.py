@@ -13,6 +13,7 @@ First-order warm-up after Heisel, Richter, Wurst (1997), CIRP Annals 46(1).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import comb
 from typing import ClassVar
 
 import casadi as cs
@@ -26,7 +27,9 @@ from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter, between
 
 STANDARD_TEMPERATURE = 20.0
-SMOOTHED = 0.03  # of the recording's length on either side, over which a slope of T is taken
+# Of the recording's length on either side, over which a slope of T is taken: of thermometers of 0.1
+# and 0.01 K half and twice of it leave more of a warm-up untold.
+SMOOTHED = 0.06
 
 
 class _Lengths(Effect):
@@ -99,26 +102,35 @@ class LinkAheadOfShown(LinkThermal):
 
 
 def slope_of(time: Array, values: Array) -> Array:
-    """Slopes (N,) of the lines through the readings (N,) about each time (N,), in any order.
+    """Slopes (N,) of the parabolas through the readings (N,) about each time (N,), in any order.
 
-    Between two readings alone it would be that of the thermometer's last digit.
+    Between two readings alone it would be that of the thermometer's last digit, and of a line at
+    either end the slope further in. About two times, or one, there is a line, or none.
     """
     order = np.argsort(time, kind="stable")
-    t, v = (time - time.mean())[order], (values - values.mean())[order]
-    reach = SMOOTHED * np.ptp(t)
-    ends = [np.searchsorted(t, t - reach), np.searchsorted(t, t + reach, side="right")]
+    span = max(float(np.ptp(time)), np.finfo(float).tiny)
+    t, v = ((time - time.mean()) / span)[order], (values - values.mean())[order]
+    first = np.searchsorted(t, t - SMOOTHED)
+    last = np.searchsorted(t, t + SMOOTHED, side="right")
 
-    def total(x: Array) -> Array:
-        return np.asarray(np.diff(np.append(0.0, np.cumsum(x))[ends], axis=0)[0])
+    def about(power: int, x: Array | float = 1.0) -> Array:
+        """Sums of x over the rows about each, by a power of their time from it."""
+        found = np.zeros_like(t)
+        for k in range(power + 1):
+            total = np.append(0.0, np.cumsum(x * t**k))
+            found += comb(power, k) * (-t) ** (power - k) * (total[last] - total[first])
+        return found / SMOOTHED**power
 
-    n = total(np.ones_like(t))
-    spread = n * total(t * t) - total(t) ** 2
-    rise = n * total(t * v) - total(t) * total(v)
+    new = np.append(True, np.diff(t) > 0.0).cumsum()
+    bends = np.minimum(new[last - 1] - new[first], 2)
+    moments, against = [about(k) for k in range(5)], [about(k, v) for k in range(3)]
     slope = np.zeros_like(v)
-    slope[order] = np.divide(
-        rise, spread, out=np.zeros_like(v), where=spread > (1e-6 * n * reach) ** 2
-    )
-    return slope
+    for degree in (1, 2):
+        k, own = range(degree + 1), bends == degree
+        A = np.array([[moments[i + j][own] for i in k] for j in k])
+        b = np.array([against[j][own] for j in k])
+        slope[order[own]] = np.linalg.solve(A.transpose(2, 0, 1), b.T[..., None])[:, 1, 0]
+    return slope / (SMOOTHED * span)
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class NeedleSag(Effect):
         down = R_tip_base @ state.gravity_direction()
         u = constant(self.axis)
         shift = values[0] * (down - u * cs.dot(u, down))
-        for lean, side in zip(values[1:], _sides(self.axis), strict=False):
+        for lean, side in zip(values[1:], sides(self.axis), strict=False):
             shift -= lean * (u * cs.dot(side, down) + side * cs.dot(u, down))
         return replace(state, tool=state.tool + shift)
 
@@ -69,7 +69,7 @@ def axis_of(scope: Scope) -> tuple[float, float, float]:
     return (float(unit[0]), float(unit[1]), float(unit[2]))
 
 
-def _sides(axis: tuple[float, float, float]) -> list[cs.SX]:
+def sides(axis: tuple[float, float, float]) -> list[cs.SX]:
     """Two unit vectors square to an axis and to each other."""
     _, _, rows = np.linalg.svd(np.array([axis]))
     return [constant(rows[1]), constant(rows[2])]

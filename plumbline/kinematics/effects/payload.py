@@ -8,6 +8,10 @@ arm: drives are made for their load, so that the one with the most to carry twis
 under it (2e-5 rad/(N m) in arms that carry 10 kg). The mass hangs at the tip frame, or at the
 tool's tip, so that the wrist feels the tool as a lever.
 
+No two drives need yield alike: each may twist by a share of its own of what the mass asks of it,
+
+.. math:: q_i \leftarrow q_i - c_0\, (m + m_i)\, \tau_{i,1}
+
 Where efforts are measured the mass shows itself, with the place of its centre: what is fitted are
 the mass and its first moment about the tip frame, as of a point, or with them its inertia, as of
 any body. In a body's numbers torques are linear; a point's have :math:`m c\,(m c)^T / m` besides,
@@ -45,6 +49,7 @@ class Payload(Effect):
 
     at_tool: bool = False
     compliance: float = 2e-5
+    drives: tuple[int, ...] = field(default=(), metadata=UNSAID)
 
     name = "payload"
     stage = Stage.TOOL
@@ -61,12 +66,28 @@ class Payload(Effect):
         "by hand: grippers and tools, a tenth to a half of what arms of 3 to 500 kg are rated for"
     )
     mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
+    of_drive = Parameter(
+        "kg", -500.0, 500.0, scale=0.6, doc="the mass, times the share that drive {} yields more",
+        source="by hand: what gears of one series yield under rated loads is alike to a third",
+    )  # fmt: skip
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The mass, with the compliance that it is quoted for."""
         words = f"{self.mass.doc}, for drives of {self.compliance:.2g} rad/(N m)"
-        return (replace(self.mass, doc=words),)
+        own = zip(self.drives, self.of_drive.each(*map(str, self.drives)), strict=True)
+        return (replace(self.mass, doc=words), *(replace(p, name=f"of_drive_{j}") for j, p in own))
+
+    @property
+    def variant(self) -> str:
+        """Where the mass hangs, and whether all drives yield alike."""
+        return super().variant + ", drives not alike" * bool(self.drives)
+
+    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+        """The same mass on drives that do not yield alike."""
+        turning = tuple(scope.turning)
+        uneven = len(turning) > 1 and not self.drives
+        return [replace(self, drives=turning)] if uneven else []
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -82,10 +103,11 @@ class Payload(Effect):
     def apply(self, state: State, *values: cs.SX) -> State:
         tip = state.nominal.frames[-1]
         place = tip.point(state.tool) if self.at_tool else tip.t
-        turning = cs.vertcat(*[float(kind == "revolute") for kind in state.chain.kinds])
-        twist = self.compliance * turning * values[0] * state.nominal.load_at(place)
-        for joint in range(state.chain.n):
-            state = state.move_joint(joint + 1, -twist[joint])
+        load, own = state.nominal.load_at(place), dict(zip(self.drives, values[1:], strict=True))
+        for joint, kind in enumerate(state.chain.kinds, start=1):
+            if kind == "revolute":
+                felt = values[0] + own.get(joint, 0.0)
+                state = state.move_joint(joint, -self.compliance * felt * load[joint - 1])
         return state
 
 

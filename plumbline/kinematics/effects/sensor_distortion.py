@@ -6,9 +6,10 @@ r"""The device's error grows away from its axis, with distance or with depth.
 
 the first term of Brown's radial model along the device's z, the optical axis (Brown 1966,
 Photogrammetric Engineering 32(3), eq. 7), by angle or by distance from that axis; its spherical
-counterpart for a range finder; and a scale that changes with depth, as a wrong base line of a
-stereo pair gives. These two are right where the device was calibrated, at f, somewhere within its
-field. Where, is tried: a growth of nothing, together with a level of its own, would be a scale.
+counterpart for a range finder; and a scale that changes with depth, as of a stereo pair. These two
+are right where the device was calibrated, at f, somewhere within its field, or, of a pair whose
+disparity is off by a constant, at the device itself. Where, is tried: a growth of nothing, together
+with a level of its own, would be a scale.
 """
 
 from collections.abc import Sequence
@@ -54,7 +55,8 @@ class SensorDistortion(Effect):
         placed = []
         for kind in KINDS[2:]:
             field = np.linspace(*scope.span.get(kind, (0.0, 0.0)), PLACES + 2)[1:-1]
-            placed += [cls(kind, float(f)) for f in np.unique(field)]
+            at_the_device = [0.0] * (kind == "depth" and bool(field.any()))
+            placed += [cls(kind, float(f)) for f in np.unique([*at_the_device, *field])]
         return [*map(cls, KINDS[:2]), *placed]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:

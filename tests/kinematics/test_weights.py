@@ -1,0 +1,174 @@
+"""Laws of effects far out of the noise: weights, drives and axes are not what the model says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import plumbline
+from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.weights import bodies_beyond
+from plumbline.optim.measurement.observation import scope_of
+from tests.benches import TOOL, bench, measured, readings, residuals
+from tests.kinematics.test_effect_physics import encoders, gravity_torques, predicted
+
+ROWS = (
+    {"d": 0.3, "alpha": 1.57, "mass": 9.0, "com": [0.02, -0.1, 0.05]},
+    {"a": 0.5, "mass": 7.0, "com": [-0.2, 0.03, 0.0]},
+    {"a": 0.4, "alpha": 1.2, "mass": 4.0, "com": [-0.2, 0.0, 0.04]},
+    {"d": 0.1, "alpha": -1.57, "mass": 2.0, "com": [0.0, 0.03, 0.05]},
+    {"d": 0.2, "mass": 1.0, "com": [0.02, 0.0, -0.06]},
+)
+MORE = np.array([0.1, -0.08, 0.12, -0.15, 0.07])  # shares by which the bodies weigh more
+GIVING = {
+    ("joint_compliance", "joint", 2): 3e-5,
+    ("joint_tilt", "joint", 2): 2e-5,
+    ("link_flex", "link", 2): 4e-5,
+    ("base_compliance", None, 1): 2e-5,
+}
+
+
+def arm(more=0.0):
+    """An arm whose bodies weigh so much more than they should (5,)."""
+    grown = np.broadcast_to(1.0 + np.asarray(more), 5)
+    rows = [{**row, "mass": row["mass"] * s} for row, s in zip(ROWS, grown, strict=True)]
+    return Robot.from_dh(rows)
+
+
+def with_bodies(key, recording):
+    """The variants of an effect of an element that let each body count by its own share."""
+    name, field, element = key
+    own = {field: element} if field else {}
+    return [e for e in REGISTRY[name](**own).neighbours(scope_of(recording)) if e.bodies]
+
+
+@pytest.mark.parametrize("key", GIVING, ids=lambda key: key[0])
+def test_what_gives_way_by_shares_is_the_plain_effect_of_an_arm_of_those_masses(key):
+    compliance = GIVING[key]
+    as_stated, heavier = (bench(arm(m), "pose", columns=[]) for m in (0.0, MORE))
+    effect = with_bodies(key, as_stated)[0]
+    plain = replace(effect, bodies=())
+    values = [compliance, *(compliance * MORE[k - 1] for k in effect.bodies)]
+    found = residuals(as_stated, [effect], values)
+    expected = residuals(heavier, [plain], [compliance])
+    moved = np.abs(expected - residuals(as_stated, [plain], [compliance])).max()
+    np.testing.assert_allclose(found, expected, atol=1e-6 * moved)
+    assert moved > 1e-6
+
+
+@pytest.mark.parametrize("key", GIVING, ids=lambda key: key[0])
+def test_a_body_is_known_to_a_tenth_of_its_mass(key):
+    for effect in with_bodies(key, bench(arm(), "tip_position", columns=[])):
+        compliance, *others = effect.parameters
+        own = [p for p in others if p.name.startswith("body_")]
+        assert len(own) == len(effect.bodies) >= 2
+        assert {p.scale for p in own} == {0.1 * compliance.scale}
+        assert {(p.lower, p.upper) for p in own} == {
+            (-0.1 * compliance.upper, 0.1 * compliance.upper)
+        }
+        assert "do not weigh what the model says" in effect.variant
+
+
+def test_one_body_alone_has_no_share_of_its_own():
+    chain = arm().chain()
+    assert bodies_beyond(chain, 4) == (4, 5)
+    assert bodies_beyond(chain, 5) == ()
+    assert not with_bodies(("joint_compliance", "joint", 5), bench(arm(), "tip_position"))
+
+
+def test_a_stiffening_drive_under_other_weights_twists_by_both():
+    recording = bench(arm(), "joint_position", columns=[])
+    key = ("joint_compliance", "joint", 2)
+    both = next(e for e in with_bodies(key, recording) if e.stiffening)
+    own = [1e-6 * k for k in range(len(both.bodies))]
+    one = encoders(recording, replace(both, bodies=()), 3e-5, 1e-7) - recording.q
+    other = encoders(recording, replace(both, stiffening=False), 0.0, *own) - recording.q
+    np.testing.assert_allclose(
+        encoders(recording, both, 3e-5, 1e-7, *own) - recording.q, one + other, atol=1e-13
+    )
+
+
+def test_an_uneven_mounting_or_housing_under_other_weights_tilts_by_both():
+    recording = bench(arm(), "tip_position", columns=[])
+    for name, own in (("base_compliance", {}), ("joint_tilt", {"joint": 2})):
+        alike = REGISTRY[name](**own)
+        uneven = replace(alike, alike=False)
+        bodies = bodies_beyond(recording.chain, alike.element or 1)
+        c, d = [2e-7] * len(uneven.parameters), [1e-8 * k for k in range(len(bodies))]
+        one = predicted(recording, uneven, *c) - recording.measured
+        other = predicted(recording, replace(alike, bodies=bodies), 0.0, *d) - recording.measured
+        both = predicted(recording, replace(uneven, bodies=bodies), *c, *d) - recording.measured
+        np.testing.assert_allclose(both, one + other, atol=1e-4 * np.abs(both).max())
+
+
+def test_a_payload_twists_each_drive_by_its_own_share():
+    recording = bench("laparoscopic", "joint_position", columns=[])
+    [uneven] = REGISTRY["payload"]().neighbours(scope_of(recording))
+    slides = [j for j, kind in enumerate(recording.chain.kinds, 1) if kind == "prismatic"]
+    assert slides
+    assert not set(slides) & set(uneven.drives)
+    none, laden = (
+        gravity_torques(recording.chain, recording.q, np.full(len(recording), mass))
+        for mass in (0.0, 1.0)
+    )
+    own = np.linspace(-1.0, 1.0, len(uneven.drives))
+    felt = np.zeros(recording.chain.n)
+    felt[np.array(uneven.drives) - 1] = 7.0 + own
+    expected = recording.q - 2e-5 * felt * (laden - none)
+    np.testing.assert_allclose(encoders(recording, uneven, 7.0, *own), expected, atol=1e-13)
+    assert {p.scale for p in uneven.parameters[1:]} == {0.3 * uneven.parameters[0].scale}
+
+
+def test_a_needle_whose_axis_is_a_little_off_bends_across_its_own():
+    """To first order: what a lean of 0.01 leaves is of its square."""
+    recording = bench("ur5", "tip_position")
+    straight = REGISTRY["needle_bending"].candidates(scope_of(recording))[0]
+    [askew] = straight.neighbours(scope_of(recording))
+    off = TOOL / np.linalg.norm(TOOL)
+    side = np.cross(off, [1.0, 0.0, 0.0])
+    leaning = off + 0.01 * side / np.linalg.norm(side)
+    leaning /= np.linalg.norm(leaning)
+    c = 1e-4
+    expected = predicted(recording, replace(straight, axis=tuple(leaning)), c)
+    plain = predicted(recording, straight, c)
+    A = np.stack(
+        [
+            (predicted(recording, askew, 0.0, *unit) - recording.measured).ravel()
+            for unit in np.eye(2)
+        ]
+    )
+    lean = np.linalg.lstsq(A.T, (expected - plain).ravel(), rcond=None)[0]
+    assert np.linalg.norm(lean) == pytest.approx(0.01 * c, rel=1e-3)
+    left = expected - predicted(recording, askew, c, *lean)
+    assert np.abs(left).max() < 0.03 * np.abs(expected - plain).max()
+    assert {p.scale for p in askew.parameters[1:]} == {0.06 * askew.parameters[0].scale}
+
+
+def test_a_pair_whose_disparity_is_off_errs_from_the_device_itself():
+    """z = b f / d: with d off by a constant the point moves along its line of sight by k z."""
+    recording = bench("ur5", "tip_position", columns=[])
+    found = REGISTRY["sensor_distortion"].candidates(scope_of(recording))
+    pair = next(e for e in found if e.kind == "depth" and e.right_at == 0.0)
+    y, base_line_by_focus, off = recording.measured, 0.1, 1e-6
+    z = base_line_by_focus / (base_line_by_focus / y[:, 2] + off)
+    expected = y * (z / y[:, 2])[:, None]
+    seen = predicted(recording, pair, -off / base_line_by_focus)
+    np.testing.assert_allclose(seen, expected, atol=1e-4 * np.abs(expected - y).max())
+
+
+def test_masses_that_are_a_tenth_off_make_no_second_cause():
+    """A bearing that tilts by thirty times the noise, of an arm that its file weighs wrongly."""
+    rng, robot = np.random.default_rng(3), arm()
+    q = readings(robot.chain(), 100)
+    heavier, tilts = arm(MORE), REGISTRY["joint_tilt"](joint=2)
+    truth = bench(heavier, "tip_position", q=q, columns=[])
+    seen = predicted(truth, tilts, 2e-5)
+    sigma = float(np.sqrt(np.mean((seen - truth.measured) ** 2))) / 30.0
+    seen = seen + rng.normal(0.0, sigma, seen.shape)
+    assert np.allclose(truth.measured, measured(robot.chain(), q, "tip_position"))
+    stated = bench(robot, "tip_position", q=q, columns=[], noise_std=sigma)
+    found = plumbline.diagnose(replace(stated, measured=seen)).verdict
+    assert [c.label for c in found.causes] == ["joint_tilt of joint 2"]
+    assert found.causes[0].probability > 0.95
+    assert found.outside_probability < 0.05
