@@ -937,6 +937,21 @@ def test_respiration_is_a_sine_that_averages_out():
     np.testing.assert_allclose(shift[:40], shift[40:80], atol=EXACT)
 
 
+def test_a_breath_that_dwells_is_of_as_many_harmonics_as_its_cosine_s_square_has_powers():
+    """cos^6 of half a breath (Seppenwoolde et al. 2002), less its mean: three sines."""
+    time = np.sort(np.random.default_rng(0).uniform(0.0, 60.0, 120))
+    q = readings(Robot.bundled("ur5").chain(), len(time))
+    recording = bench("ur5", "tip_position", q=q, columns=[], time=time)
+    plain, way = REGISTRY["respiration"](frequency=0.25), np.array([2e-3, -1e-3, 3e-3])
+    known = {e.harmonics for e in plain.neighbours(scope_of(recording))}
+    assert known == {1, 2, 3}
+    expected = np.outer(10 / 32 - np.cos(np.pi * 0.25 * time) ** 6, way)
+    none = np.zeros(3)
+    shares = [v for k in (15, 6, 1) for v in (*none, *(-way * k / 32))]
+    found = predicted(recording, replace(plain, harmonics=3), *shares) - recording.measured
+    np.testing.assert_allclose(found, expected, atol=EXACT)
+
+
 def test_every_effect_has_a_law_that_fails_when_it_is_half_as_strong_again():
     here = Path(__file__)
     files = (here, here.with_name("test_torques.py"), here.with_name("test_parts_physics.py"))

@@ -1,10 +1,11 @@
 r"""The target breathes: a periodic motion of what is measured, of unknown direction and frequency.
 
 .. math:: y \leftarrow y + \sum_{k=1}^{K} a_k \sin 2\pi k f t + b_k \cos 2\pi k f t,
-          \qquad a_k, b_k \in R^3,\ K \le 2
+          \qquad a_k, b_k \in R^3,\ K \le 3
 
-The frequency is found from the data by a scan over 0.1 to 0.5 Hz (Seppenwoolde et al. 2002, Int.
-J. Radiation Oncology 53(4), whose motion is richer: higher powers of the same period).
+The frequency is found from the data by a scan over 0.1 to 0.5 Hz. A breath that dwells at one end
+goes as :math:`\cos^{2 n} \pi f t` with n up to 3 (Seppenwoolde et al. 2002, Int. J. Radiation
+Oncology 53(4), eq. 1), which is of n harmonics.
 """
 
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ SIZE = Parameter("m", -0.05, 0.05, scale=5e-4, doc="{}")
 
 @dataclass(frozen=True)
 class Respiration(Effect):
-    """A sine of the target's place at the frequency ``frequency`` [Hz], or two."""
+    """A sine of the target's place at the frequency ``frequency`` [Hz], or up to three."""
 
     frequency: float = field(default=0.25, metadata={"unit": "Hz"})
     harmonics: int = 1
@@ -53,6 +54,8 @@ class Respiration(Effect):
     cx, cy, cz = SIZE.each(*(f"in quadrature, along the device's {c}" for c in "xyz"))
     sx2, sy2, sz2 = SIZE.each(*(f"twice as fast, in phase, along {c}" for c in "xyz"))
     cx2, cy2, cz2 = SIZE.each(*(f"twice as fast, in quadrature, along {c}" for c in "xyz"))
+    sx3, sy3, sz3 = SIZE.each(*(f"three times as fast, in phase, along {c}" for c in "xyz"))
+    cx3, cy3, cz3 = SIZE.each(*(f"three times as fast, in quadrature, along {c}" for c in "xyz"))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -83,10 +86,11 @@ class Respiration(Effect):
         return ""
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same breath with its second harmonic, which dwells at one end; halves of a step."""
+        """The same breath with more harmonics, which dwells at one end; halves of a step."""
         step = (FASTEST - SLOWEST) / max(int(TURNS * _duration(scope)), 1)
         near = [replace(self, frequency=self.frequency + k * step) for k in FINER]
-        return [*near, replace(self, harmonics=2)] if self.harmonics == 1 else near
+        more = (2, 3) if self.harmonics == 1 else ()
+        return [*near, *(replace(self, harmonics=k) for k in more)]
 
     def apply(self, state: State, *values: cs.SX) -> State:
         reading = state.reading
