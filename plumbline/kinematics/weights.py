@@ -5,7 +5,8 @@ r"""Weights that a robot's file has not right: each loads what gives way by its 
 
 An error that is in proportion to a load is known no better than the masses that the load is worked
 out from: an effect forty times the noise leaves several times the noise where these are a tenth
-off, and another effect would be had to explain it.
+off, and another effect would be had to explain it. How wide :math:`d_k` is follows from what c was
+found to be.
 """
 
 from collections.abc import Sequence
@@ -27,12 +28,24 @@ def bodies_beyond(chain: Chain, joint: int) -> Bodies:
     return found if len(found) > 1 else ()
 
 
-def misstated(compliance: Parameter, bodies: Bodies) -> tuple[Parameter, ...]:
-    """Of every body what its weight adds to what a compliance does, over its weight."""
-    size = compliance.upper * MISSTATED
-    other = replace(compliance, lower=-size, upper=size, scale=compliance.scale * MISSTATED)
-    said = f"{compliance.doc}, times the share that body"
-    return tuple(replace(other, name=f"body_{k}", doc=f"{said} {k} weighs more") for k in bodies)
+def as_found(own: Sequence[Parameter], found: Sequence[float]) -> tuple[Parameter, ...]:
+    """Parameters as wide as they were found to be large; of none as they are."""
+    return tuple(replace(p, scale=abs(v) or p.scale) for p, v in zip(own, found, strict=True))
+
+
+def with_shares(
+    own: Sequence[Parameter], found: Sequence[float], about: float, bodies: Bodies
+) -> tuple[Parameter, ...]:
+    """Parameters of what gives way, as found, and of every body what its weight adds.
+
+    That is to what a compliance ``about`` does, over the body's weight.
+    """
+    if not bodies:
+        return tuple(own)
+    other = replace(own[0], lower=-about, upper=about, scale=about * MISSTATED)
+    said = f"{other.doc}, times the share that body"
+    more = (replace(other, name=f"body_{k}", doc=f"{said} {k} weighs more") for k in bodies)
+    return (*as_found(own, found), *more)
 
 
 def shares(

@@ -19,8 +19,8 @@ from plumbline.kinematics.weights import (
     REWEIGHED,
     Bodies,
     bodies_beyond,
-    misstated,
     shares,
+    with_shares,
 )
 
 
@@ -31,6 +31,7 @@ class BaseCompliance(Effect):
     alike: bool = True
     load: float = field(default=1000.0, metadata=UNSAID)
     bodies: Bodies = field(default=(), metadata=UNSAID)
+    found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     name = "base_compliance"
     depends_on = "load"
@@ -49,18 +50,26 @@ class BaseCompliance(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         """One number where both directions yield alike, as wide as the arm is light."""
         found = self.declared[:1] if self.alike else self.declared
-        found = tuple(p.of_width(1000.0 / self.load) for p in found)
-        return (*found, *misstated(found[0], self.bodies))
+        own = tuple(p.of_width(1000.0 / self.load) for p in found)
+        return with_shares(own, self.found, sum(self.found) / len(own), self.bodies)
 
     @property
     def variant(self) -> str:
         """Whether it yields alike, and the model's masses are taken as they are."""
         return ("not alike" * (not self.alike) + REWEIGHED * bool(self.bodies)).removeprefix(", ")
 
-    def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same mounting under bodies of other weights."""
-        bodies = () if self.bodies else bodies_beyond(scope.chain, 1)
-        return [replace(self, bodies=bodies)] if bodies else []
+    def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
+        """The same mounting, or one that need not yield alike, under bodies of other weights."""
+        bodies = bodies_beyond(scope.chain, 1)
+        if not bodies or not min(values) > 0.0:
+            return []
+        uneven = replace(self, alike=False, bodies=bodies, found=(values[0], values[-1]))
+        return [uneven, replace(uneven, alike=True, found=(values[0],))][: 1 + self.alike]
+
+    @property
+    def plain(self) -> Effect | None:
+        """The same of bodies that weigh what the model says."""
+        return replace(self, bodies=(), found=()) if self.bodies else None
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:

@@ -331,6 +331,15 @@ class Effect(ABC):
         """Variants close by, for a finer search once this one has been chosen."""
         return ()
 
+    def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
+        """Forms of it whose widths, all of them known, follow from its fit, these values."""
+        return ()
+
+    @property
+    def plain(self) -> Effect | None:
+        """Of such a form what it is a form of, whose values are its ``found``; of others none."""
+        return None
+
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
         """Extra columns (M,) that the formula needs, from the columns of the whole path (M, k)."""
         return {}

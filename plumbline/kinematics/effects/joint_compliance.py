@@ -30,8 +30,8 @@ from plumbline.kinematics.weights import (
     REWEIGHED,
     Bodies,
     bodies_beyond,
-    misstated,
     shares,
+    with_shares,
 )
 
 # Of a joint's largest load: from where a play is seated to a third, beyond which it is stiffening.
@@ -48,6 +48,7 @@ class JointCompliance(JointEffect):
     windup: float = field(default=0.0, metadata={"unit": "N m"})
     load: float = 100.0
     bodies: Bodies = field(default=(), metadata=UNSAID)
+    found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     depends_on = "load"
     name = "joint_compliance"
@@ -72,8 +73,8 @@ class JointCompliance(JointEffect):
         fall, carried = self.fall.of_width(smaller**2), self.carried.of_width(smaller)
         more = (fall,) * self.stiffening + (carried,) * self.laden
         more += (self.soft,) * bool(self.windup)
-        compliance = self.compliance.of_width(smaller)
-        return (compliance, *more, *misstated(compliance, self.bodies))
+        own = (self.compliance.of_width(smaller), *more)
+        return with_shares(own, self.found, sum(self.found[:1]), self.bodies)
 
     @property
     def variant(self) -> str:
@@ -91,18 +92,29 @@ class JointCompliance(JointEffect):
         return [cls(j, effort, load=load) for j, load in loads for effort in sources]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same drive, stiffening, wound up or, where no effort tells, under other weights."""
+        """The same drive, stiffening, wound up or, where no effort tells, under an unknown tool."""
         if self.stiffening or self.laden or self.windup or self.bodies:
             return []
-        stiff = replace(self, stiffening=True)
-        others = [] if self.effort else [replace(self, laden=True)]
-        if not self.effort and (bodies := bodies_beyond(scope.chain, self.joint)):
-            others += [replace(e, bodies=bodies) for e in (self, stiff)]
+        laden = [] if self.effort else [replace(self, laden=True)]
         by = "effort" if self.effort else "load"
         parts = SOFT if scope.changes_sign(by, self.joint) else ()
         most = max(map(abs, scope.span.get(f"{by}{self.joint}", (0.0,))))
         wound = [replace(self, windup=part * most) for part in parts]
-        return [stiff, *others, *wound]
+        return [replace(self, stiffening=True), *laden, *wound]
+
+    def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
+        """The same drive, or one that stiffens, under bodies of other weights."""
+        bodies = bodies_beyond(scope.chain, self.joint)
+        if self.effort or not bodies or not values[0] > 0.0:
+            return []
+        own = replace(self, bodies=bodies, found=tuple(values))
+        plain = not (self.stiffening or self.laden or self.windup)
+        return [own, replace(own, stiffening=True, found=(*values, 0.0))] if plain else [own]
+
+    @property
+    def plain(self) -> Effect | None:
+        """The same of bodies that weigh what the model says."""
+        return replace(self, bodies=(), found=()) if self.bodies else None
 
     def apply(self, state: State, *values: cs.SX) -> State:
         load = state.row["effort"] if self.effort else state.nominal.load

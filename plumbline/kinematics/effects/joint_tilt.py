@@ -40,8 +40,8 @@ from plumbline.kinematics.weights import (
     REWEIGHED,
     Bodies,
     bodies_beyond,
-    misstated,
     shares,
+    with_shares,
 )
 
 SOFTER = 0.3  # most by which a housing is softer about one direction [its mean]; by hand
@@ -56,6 +56,7 @@ class JointTilt(JointEffect):
     alike: bool = True
     load: float = field(default=100.0, metadata=UNSAID)
     bodies: Bodies = field(default=(), metadata=UNSAID)
+    found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     name = "joint_tilt"
     depends_on = "load"
@@ -82,8 +83,9 @@ class JointTilt(JointEffect):
         """In units of what bearings of this load have: they are made for their load."""
         found = (self.compliance, self.carried)[: 1 + self.laden]
         found = found if self.alike else (self.compliance, self.second, self.third)
-        found = tuple(p.of_width(100.0 / self.load) for p in found)
-        return (*found, *misstated(found[0], self.bodies))
+        own = tuple(p.of_width(100.0 / self.load) for p in found)
+        about = sum(self.found[: 1 if self.alike else 3])
+        return with_shares(own, self.found, about, self.bodies)
 
     @property
     def variant(self) -> str:
@@ -92,12 +94,24 @@ class JointTilt(JointEffect):
         return (found + REWEIGHED * bool(self.bodies))[2:]
 
     def neighbours(self, scope: Scope) -> Sequence[Effect]:
-        """The same bearing under a tool or bodies of unknown mass, or in an uneven housing."""
+        """The same bearing under a tool of unknown mass, or in an uneven housing."""
         if self.laden or self.bodies or not self.alike:
             return []
-        uneven, bodies = replace(self, alike=False), bodies_beyond(scope.chain, self.joint)
-        others = [replace(e, bodies=bodies) for e in (self, uneven)] if bodies else []
-        return [replace(self, laden=True), uneven, *others]
+        return [replace(self, laden=True), replace(self, alike=False)]
+
+    def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
+        """The same bearing, in any housing, under bodies of other weights."""
+        bodies = bodies_beyond(scope.chain, self.joint)
+        if not bodies or not values[0] + (not self.alike) * sum(values) > 0.0:
+            return []
+        own = replace(self, bodies=bodies, found=tuple(values))
+        uneven = replace(own, laden=False, alike=False, found=(values[0] / 3,) * 3)
+        return [own, uneven] if self.alike else [own]
+
+    @property
+    def plain(self) -> Effect | None:
+        """The same of bodies that weigh what the model says."""
+        return replace(self, bodies=(), found=()) if self.bodies else None
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:

@@ -24,8 +24,8 @@ from plumbline.kinematics.weights import (
     REWEIGHED,
     Bodies,
     bodies_beyond,
-    misstated,
     shares,
+    with_shares,
 )
 
 SHORTEST = 0.05
@@ -38,6 +38,7 @@ class LinkFlex(Effect):
     link: int = 1
     load: float = field(default=100.0, metadata=UNSAID)
     bodies: Bodies = field(default=(), metadata=UNSAID)
+    found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     name = "link_flex"
     stage = Stage.LINK
@@ -54,18 +55,23 @@ class LinkFlex(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """In units of what links of this load have: they are made for their load."""
-        compliance = self.compliance.of_width(100.0 / self.load)
-        return (compliance, *misstated(compliance, self.bodies))
+        own = (self.compliance.of_width(100.0 / self.load),)
+        return with_shares(own, self.found, sum(self.found), self.bodies)
 
     @property
     def variant(self) -> str:
         """Whether the model's masses are taken as they are."""
         return REWEIGHED[2:] * bool(self.bodies)
 
-    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+    def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
         """The same link under bodies of other weights."""
-        bodies = () if self.bodies else bodies_beyond(scope.chain, self.link)
-        return [replace(self, bodies=bodies)] if bodies else []
+        bodies = bodies_beyond(scope.chain, self.link) if values[0] > 0.0 else ()
+        return [replace(self, bodies=bodies, found=tuple(values))] if bodies else []
+
+    @property
+    def plain(self) -> Effect | None:
+        """The same of bodies that weigh what the model says."""
+        return replace(self, bodies=(), found=()) if self.bodies else None
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:

@@ -10,7 +10,9 @@ tool's tip, so that the wrist feels the tool as a lever.
 
 No two drives need yield alike: each may twist by a share of its own of what the mass asks of it,
 
-.. math:: q_i \leftarrow q_i - c_0\, (m + m_i)\, \tau_{i,1}
+.. math:: q_i \leftarrow q_i - c_0\, (m + m_i)\, \tau_{i,1}, \qquad m_i = m\, \epsilon_i
+
+which is as wide as the mass is found to be large.
 
 Where efforts are measured the mass shows itself, with the place of its centre: what is fitted are
 the mass and its first moment about the tip frame, as of a point, or with them its inertia, as of
@@ -37,9 +39,11 @@ from plumbline.kinematics.effects.effect import (
 from plumbline.kinematics.effects.link_inertia import size_of
 from plumbline.kinematics.frames import constant
 from plumbline.kinematics.parameters import Parameter
+from plumbline.kinematics.weights import as_found
 
 USUAL_TWIST = 2e-3  # rad, of a drive under the most that the bare arm asks of it
 SHORTEST_TOOL = 0.01  # m
+UNEVEN = 0.3  # 1 sigma of what gears of one series yield under their rated loads [mean]; by hand
 LIGHTEST = 1e-2  # kg: rounds the inertia of a mass that may be none
 
 
@@ -50,6 +54,7 @@ class Payload(Effect):
     at_tool: bool = False
     compliance: float = 2e-5
     drives: tuple[int, ...] = field(default=(), metadata=UNSAID)
+    found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     name = "payload"
     stage = Stage.TOOL
@@ -66,28 +71,35 @@ class Payload(Effect):
         "by hand: grippers and tools, a tenth to a half of what arms of 3 to 500 kg are rated for"
     )
     mass = Parameter("kg", 0.0, 500.0, scale=2.0, doc="unknown mass")
-    of_drive = Parameter(
-        "kg", -500.0, 500.0, scale=0.6, doc="the mass, times the share that drive {} yields more",
-        source="by hand: what gears of one series yield under rated loads is alike to a third",
-    )  # fmt: skip
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The mass, with the compliance that it is quoted for."""
         words = f"{self.mass.doc}, for drives of {self.compliance:.2g} rad/(N m)"
-        own = zip(self.drives, self.of_drive.each(*map(str, self.drives)), strict=True)
-        return (replace(self.mass, doc=words), *(replace(p, name=f"of_drive_{j}") for j, p in own))
+        mass = replace(self.mass, doc=words)
+        if not self.drives:
+            return (mass,)
+        [m], said = self.found, f"{words}, times the share that drive"
+        other = replace(mass, lower=-m, upper=m, scale=UNEVEN * m)
+        own = (
+            replace(other, name=f"of_drive_{j}", doc=f"{said} {j} yields more") for j in self.drives
+        )
+        return (*as_found((mass,), self.found), *own)
 
     @property
     def variant(self) -> str:
         """Where the mass hangs, and whether all drives yield alike."""
         return super().variant + ", drives not alike" * bool(self.drives)
 
-    def neighbours(self, scope: Scope) -> Sequence[Effect]:
+    def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
         """The same mass on drives that do not yield alike."""
-        turning = tuple(scope.turning)
-        uneven = len(turning) > 1 and not self.drives
-        return [replace(self, drives=turning)] if uneven else []
+        drives = tuple(scope.turning) if values[0] > 0.0 else ()
+        return [replace(self, drives=drives, found=tuple(values))] if len(drives) > 1 else []
+
+    @property
+    def plain(self) -> Effect | None:
+        """The same mass on drives that yield alike."""
+        return replace(self, drives=(), found=()) if self.drives else None
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:

@@ -44,6 +44,7 @@ from plumbline.optim.diagnosis.prior import (
     NOISE_NEGLIGIBLE,
     PART_OF_UNLISTED,
     RESEMBLING,
+    SCALES,
     SWALLOWED,
     USUAL,
 )
@@ -66,6 +67,11 @@ class Unlisted:
         """Either side is as likely (k,), but of what resembles an effect of one side."""
         return list(self.family.sides) or [0.0] * len(self.columns)
 
+    @property
+    def widths(self) -> Array:
+        """A size is meant to within a decade (S,)."""
+        return SCALES
+
 
 @dataclass(frozen=True, eq=False)
 class GrossRow:
@@ -78,6 +84,11 @@ class GrossRow:
     def sides(self) -> list[float]:
         """Either side is as likely (m,)."""
         return [0.0] * len(self.columns)
+
+    @property
+    def widths(self) -> Array:
+        """A size is meant to within a decade (S,)."""
+        return SCALES
 
 
 AnyTerm = Candidate | Unlisted | GrossRow

@@ -98,6 +98,11 @@ class Candidate:
         declared = self.effect.parameters
         return [float(p.null == p.lower) - float(p.null == p.upper) for p in declared]
 
+    @property
+    def widths(self) -> Array:
+        """Widths of its prior that are tried, over its scales (S,): one alone if it is known."""
+        return np.ones_like(SCALES) if self.effect.plain else SCALES
+
 
 class Term(Protocol):
     """What may be in a model: a variant of an effect, or an unlisted mechanism."""
@@ -109,6 +114,10 @@ class Term(Protocol):
     @property
     def sides(self) -> list[float]:
         """1 or -1 where only one side of the null is physical, else 0 (k,)."""
+
+    @property
+    def widths(self) -> Array:
+        """Widths of its prior that are tried, over its scales (S,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +136,7 @@ class Batch:
     columns: NDArray[np.intp]  # their columns (C, k)
     blocks: Array  # their Gram blocks (C, k, k), nothing eliminated
     sides: Array  # 1 or -1 where only one side of the null is physical, else 0 (C, k)
+    widths: Array  # widths of their priors that are tried (C, S)
 
 
 def batches(
@@ -142,7 +152,7 @@ def batches(
         columns = np.array([candidate.columns for candidate in own])
         blocks = linear.G[columns[:, :, None], columns[:, None, :]]
         sides = np.array([candidate.sides for candidate in own])
-        found.append(Batch(members, columns, blocks, sides))
+        found.append(Batch(members, columns, blocks, sides, np.array([c.widths for c in own])))
     return found
 
 
@@ -172,11 +182,12 @@ def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior, count
     if gathered:
         asked = [(blocks, reduced.b[batch.columns], batch.sides)
                  for batch, blocks in zip(gathered, reduced.blocks, strict=True)]  # fmt: skip
-        by_scale = evidence_of_all(asked, reduced.tt, reduced.n, noise) + LOG_SCALE_WEIGHTS
+        widths = np.concatenate([batch.widths for batch in gathered])
+        by_scale = evidence_of_all(asked, reduced.tt, reduced.n, noise, widths) + LOG_SCALE_WEIGHTS
         members = np.concatenate([batch.members for batch in gathered])
         top = by_scale.max(axis=1)
         log_bayes[members] = top + np.log(np.exp(by_scale - top[:, None]).sum(axis=1))
-        scale[members] = SCALES[np.argmax(by_scale, axis=1)]
+        scale[members] = widths[np.arange(len(widths)), np.argmax(by_scale, axis=1)]
     return Scores(log_bayes, scale)
 
 
@@ -187,8 +198,9 @@ def block_evidence(
     n: float,
     noise: NoisePrior,
     sides: Array | None = None,
+    widths: Array = SCALES,
 ) -> Array:
-    """Log Bayes factors (C, S) of candidates of as many columns at every scale of the grid.
+    """Log Bayes factors (C, S) of candidates of as many columns at every width that is tried.
 
     Args:
         blocks: Gram blocks (C, k, k).
@@ -197,12 +209,17 @@ def block_evidence(
         n: Equations left.
         noise: The prior of the noise.
         sides: 1 or -1 where only values above or below the null are physical, else 0 (C, k).
+        widths: Those of all candidates (S,), or of each (C, S), over their scales.
     """
-    return evidence_of_all([(blocks, correlations, sides)], tt, n, noise)
+    return evidence_of_all([(blocks, correlations, sides)], tt, n, noise, widths)
 
 
 def evidence_of_all(
-    batches: Sequence[tuple[Array, Array, Array | None]], tt: float, n: float, noise: NoisePrior
+    batches: Sequence[tuple[Array, Array, Array | None]],
+    tt: float,
+    n: float,
+    noise: NoisePrior,
+    widths: Array = SCALES,
 ) -> Array:
     """The same of several batches (blocks, correlations, sides), one behind the other (C, S).
 
@@ -215,9 +232,9 @@ def evidence_of_all(
     own = [np.einsum("ckj,ck->cj", vectors, b) for _, vectors, b, _ in turned]
     beta = np.concatenate([b.ravel() for b in own])
     values = np.concatenate([values.ravel() for values, *_ in turned])
-    s2 = SCALES[:, None] ** 2
-    weight, base = s2 * np.maximum(values, 0.0), float(noise.variance(tt, n))
     owner = np.repeat(np.arange(len(sizes)), sizes)
+    s2 = np.broadcast_to(widths, (len(sizes), widths.shape[-1])).T[:, owner] ** 2
+    weight, base = s2 * np.maximum(values, 0.0), float(noise.variance(tt, n))
     gain = s2 * beta**2
 
     def left(v: Array) -> tuple[Array, float]:

@@ -59,6 +59,7 @@ class _Moved:
 
     columns: Columns
     sides: list[float]
+    widths: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +141,8 @@ class JointProblem(TermProblem):
         part = Linear(linear.G[np.ix_(columns, columns)], linear.b[columns], linear.tt, linear.n)
         ends = np.cumsum([0, *(len(t.columns) for t in kept)])
         moved = tuple(
-            _Moved(np.arange(a, z), t.sides) for t, (a, z) in zip(kept, pairwise(ends), strict=True)
+            _Moved(np.arange(a, z), t.sides, t.widths)
+            for t, (a, z) in zip(kept, pairwise(ends), strict=True)
         )
         own = list(indices)
         return replace(
@@ -266,7 +268,7 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
         before, spread = scales, 0.0
         for k in range(len(scales)):
             tried = np.tile(scales, (len(SCALES), 1))
-            tried[:, k] = SCALES
+            tried[:, k] = problem.candidates[k].widths
             logs, found = _evidence(problem, tried, variance)
             by_scale = logs + LOG_SCALE_WEIGHTS
             best = int(np.argmax(by_scale))
@@ -286,7 +288,8 @@ def stated(problem: JointProblem, state: Sequence[SelectedTerm]) -> float:
     own = problem.only([t.index for t in state])
     scales = np.array([[t.scale for t in state]])
     variance = problem.variance(state)
-    widths = np.interp(np.log(scales[0]), np.log(SCALES), LOG_SCALE_WEIGHTS).sum()
+    told = np.array([np.ptp(term.widths) > 0.0 for term in own.candidates])
+    widths = np.interp(np.log(scales[0]), np.log(SCALES), LOG_SCALE_WEIGHTS)[told].sum()
     evidence = float(_evidence(own, scales, variance)[0][0])
     return evidence + float(widths) + own.log_prior(range(len(state)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
-from plumbline.optim.diagnosis.prior import IN_ONE
+from plumbline.optim.diagnosis.prior import IN_ONE, LOG_SCALE_WEIGHTS, SCALES
 from plumbline.optim.measurement.observation import Model, build_model
 from plumbline.optim.measurement.refit import candidates_of, scope_for
 
@@ -170,6 +170,7 @@ def make_pool(
     dense = [v for v in variants if v.scanned is not None]
     near = nearby(chosen, fitted.recording)
     finer = [v for e in near if not e.scanned for v in near[e]]
+    finer += _deviations(fitted, x, chosen)
     listed = shortlists(fitted, x, folds, noise, dense, chosen, near)
     effects = list(dict.fromkeys([*fixed, *chosen, *plain, *finer, *listed]))
     model = build_model(
@@ -184,6 +185,32 @@ def make_pool(
     allowed = np.array([listed.get(c.effect, everywhere) for c in candidates], dtype=bool)
     allowed = allowed.reshape(len(candidates), len(everywhere)).T
     return Pool(model, at, candidates, own, noise, allowed, always, folds)
+
+
+def _deviations(fitted: Model, x: Array, chosen: Sequence[Effect]) -> Iterator[Effect]:
+    """Forms that follow from the fits of the chosen effects, unless one is chosen already."""
+    held = {(e.name, e.element) for e in chosen if e.plain}
+    for term in fitted.terms:
+        effect, scope = term.effect, scope_for(term.effect, fitted.recording)
+        if effect in chosen and (effect.name, effect.element) not in held:
+            values = [float(f"{value:.2g}") for value in x[term.columns]]
+            yield from effect.deviations(scope, values)
+
+
+def size_odds(effect: Effect) -> float:
+    """Log odds of sizes that were found, against widths that follow from them; 0 if none do.
+
+    A form that is made about a fit must not be paid for it: what its plain form's widths say of
+    such a size is a part of its share.
+    """
+    if effect.plain is None:
+        return 0.0
+    declared = [p.scale for p in effect.plain.parameters]
+    own = [p.scale for p in effect.parameters[: len(declared)]]
+    ratio = np.array(own) / np.array(declared)
+    widths = SCALES[:, None]
+    density = -np.log(widths / ratio) - 0.5 * (ratio / widths) ** 2 + 0.5
+    return float(np.logaddexp.reduce(LOG_SCALE_WEIGHTS + density.sum(axis=1)))
 
 
 def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:
@@ -209,5 +236,5 @@ def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[C
             near = term.effect.neighbours(scope_for(term.effect, model.recording))
             share *= 1 + max(len(near), 1)
         columns = np.arange(term.columns.start, term.columns.stop)
-        found.append(Candidate(term.effect, columns, -float(np.log(share))))
+        found.append(Candidate(term.effect, columns, size_odds(term.effect) - float(np.log(share))))
     return tuple(found)

@@ -127,8 +127,9 @@ class TermProblem(ABC):
     def worth(self, reduced: Reduced, term: SelectedTerm) -> float:
         """Log evidence of one of the terms given all others."""
         block, b, tt, n = reduced.of(term)
-        sides = np.array([self.candidates[term.index].sides])
-        by_scale = block_evidence(block[None], b[None], tt, n, self.noise, sides)
+        own = self.candidates[term.index]
+        given = (self.noise, np.array([own.sides]), own.widths)
+        by_scale = block_evidence(block[None], b[None], tt, n, *given)
         return float(np.logaddexp.reduce(by_scale[0] + LOG_SCALE_WEIGHTS))
 
 
