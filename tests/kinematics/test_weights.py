@@ -9,6 +9,9 @@ import plumbline
 from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.weights import bodies_beyond
+from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior, block_evidence
+from plumbline.optim.diagnosis.posterior.pool import size_odds
+from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, SCALES
 from plumbline.optim.measurement.observation import scope_of
 from tests.benches import TOOL, bench, measured, readings, residuals
 from tests.kinematics.test_effect_physics import encoders, gravity_torques, predicted
@@ -37,74 +40,111 @@ def arm(more=0.0):
 
 
 def with_bodies(key, recording):
-    """The variants of an effect of an element that let each body count by its own share."""
+    """Forms of an effect of an element in which each body counts by its own share."""
     name, field, element = key
     own = {field: element} if field else {}
-    return [e for e in REGISTRY[name](**own).neighbours(scope_of(recording)) if e.bodies]
+    return REGISTRY[name](**own).deviations(scope_of(recording), [GIVING[key]])
 
 
 @pytest.mark.parametrize("key", GIVING, ids=lambda key: key[0])
 def test_what_gives_way_by_shares_is_the_plain_effect_of_an_arm_of_those_masses(key):
     compliance = GIVING[key]
     as_stated, heavier = (bench(arm(m), "pose", columns=[]) for m in (0.0, MORE))
-    effect = with_bodies(key, as_stated)[0]
-    plain = replace(effect, bodies=())
+    [effect] = [e for e in with_bodies(key, as_stated) if len(e.found) == 1]
     values = [compliance, *(compliance * MORE[k - 1] for k in effect.bodies)]
     found = residuals(as_stated, [effect], values)
-    expected = residuals(heavier, [plain], [compliance])
-    moved = np.abs(expected - residuals(as_stated, [plain], [compliance])).max()
+    expected = residuals(heavier, [effect.plain], [compliance])
+    moved = np.abs(expected - residuals(as_stated, [effect.plain], [compliance])).max()
     np.testing.assert_allclose(found, expected, atol=1e-6 * moved)
     assert moved > 1e-6
 
 
 @pytest.mark.parametrize("key", GIVING, ids=lambda key: key[0])
 def test_a_body_is_known_to_a_tenth_of_its_mass(key):
+    """Whatever the effect is usually: its size is the one that was found."""
     for effect in with_bodies(key, bench(arm(), "tip_position", columns=[])):
-        compliance, *others = effect.parameters
-        own = [p for p in others if p.name.startswith("body_")]
-        assert len(own) == len(effect.bodies) >= 2
-        assert {p.scale for p in own} == {0.1 * compliance.scale}
-        assert {(p.lower, p.upper) for p in own} == {
-            (-0.1 * compliance.upper, 0.1 * compliance.upper)
-        }
+        count = len(effect.bodies)
+        own, others = effect.parameters[:-count], effect.parameters[-count:]
+        about = sum(p.scale for p in own if p.unit == own[0].unit)
+        about /= len(own) if effect.name == "base_compliance" else 1
+        assert about == pytest.approx(GIVING[key])
+        assert [p.name for p in others] == [f"body_{k}" for k in effect.bodies]
+        np.testing.assert_allclose([p.scale for p in others], 0.1 * about)
+        np.testing.assert_allclose([(p.lower, p.upper) for p in others], [(-about, about)] * count)
         assert "do not weigh what the model says" in effect.variant
+        assert effect.plain is not None
+        assert not effect.plain.bodies
 
 
 def test_one_body_alone_has_no_share_of_its_own():
     chain = arm().chain()
     assert bodies_beyond(chain, 4) == (4, 5)
     assert bodies_beyond(chain, 5) == ()
-    assert not with_bodies(("joint_compliance", "joint", 5), bench(arm(), "tip_position"))
+    last = REGISTRY["joint_compliance"](joint=5)
+    assert not last.deviations(scope_of(bench(arm(), "tip_position")), [1e-5])
+
+
+@pytest.mark.parametrize("key", GIVING, ids=lambda key: key[0])
+def test_what_was_found_to_be_nothing_deviates_by_nothing(key):
+    name, field, element = key
+    effect = REGISTRY[name](**({field: element} if field else {}))
+    assert not effect.deviations(scope_of(bench(arm(), "tip_position", columns=[])), [0.0])
 
 
 def test_a_stiffening_drive_under_other_weights_twists_by_both():
     recording = bench(arm(), "joint_position", columns=[])
     key = ("joint_compliance", "joint", 2)
-    both = next(e for e in with_bodies(key, recording) if e.stiffening)
+    [plain, both] = with_bodies(key, recording)
+    assert (plain.stiffening, both.stiffening) == (False, True)
     own = [1e-6 * k for k in range(len(both.bodies))]
-    one = encoders(recording, replace(both, bodies=()), 3e-5, 1e-7) - recording.q
-    other = encoders(recording, replace(both, stiffening=False), 0.0, *own) - recording.q
+    one = encoders(recording, both.plain, 3e-5, 1e-7) - recording.q
+    other = encoders(recording, plain, 0.0, *own) - recording.q
     np.testing.assert_allclose(
         encoders(recording, both, 3e-5, 1e-7, *own) - recording.q, one + other, atol=1e-13
     )
 
 
-def test_an_uneven_mounting_or_housing_under_other_weights_tilts_by_both():
+@pytest.mark.parametrize("key", [k for k in GIVING if k[0] in {"base_compliance", "joint_tilt"}])
+def test_an_uneven_mounting_or_housing_under_other_weights_tilts_by_both(key):
     recording = bench(arm(), "tip_position", columns=[])
-    for name, own in (("base_compliance", {}), ("joint_tilt", {"joint": 2})):
-        alike = REGISTRY[name](**own)
-        uneven = replace(alike, alike=False)
-        bodies = bodies_beyond(recording.chain, alike.element or 1)
-        c, d = [2e-7] * len(uneven.parameters), [1e-8 * k for k in range(len(bodies))]
-        one = predicted(recording, uneven, *c) - recording.measured
-        other = predicted(recording, replace(alike, bodies=bodies), 0.0, *d) - recording.measured
-        both = predicted(recording, replace(uneven, bodies=bodies), *c, *d) - recording.measured
-        np.testing.assert_allclose(both, one + other, atol=1e-4 * np.abs(both).max())
+    alike, uneven = sorted(with_bodies(key, recording), key=lambda e: not e.alike)
+    assert not uneven.alike
+    c, d = [2e-7] * len(uneven.found), [1e-8 * k for k in range(len(uneven.bodies))]
+    one = predicted(recording, uneven.plain, *c) - recording.measured
+    other = predicted(recording, alike, 0.0, *d) - recording.measured
+    both = predicted(recording, uneven, *c, *d) - recording.measured
+    np.testing.assert_allclose(both, one + other, atol=1e-4 * np.abs(both).max())
+
+
+def test_a_form_about_a_fit_is_not_paid_for_its_size():
+    """Its share is what the plain form's widths say of that size: with it both are as probable."""
+    usual = REGISTRY["link_flex"](link=2, load=100.0)
+    scope = scope_of(bench(arm(), "tip_position", columns=[]))
+    for size in (1e-6, 1e-5, 2e-4):
+        [form] = usual.deviations(scope, [size])
+        each = SCALES * usual.parameters[0].scale
+        density = np.exp(LOG_SCALE_WEIGHTS) @ (np.exp(-0.5 * (size / each) ** 2) / each)
+        known = np.exp(-0.5) / size
+        assert size_odds(form) == pytest.approx(np.log(density / known))
+    assert size_odds(usual) == 0.0
+
+
+def test_a_width_that_is_known_is_not_tried_within_a_decade():
+    usual = REGISTRY["link_flex"](link=2)
+    [form] = usual.deviations(scope_of(bench(arm(), "tip_position", columns=[])), [1e-5])
+    free, known = (Candidate(e, np.arange(len(e.parameters)), 0.0) for e in (usual, form))
+    assert (free.widths == SCALES).all()
+    assert (known.widths == 1.0).all()
+    block, b = np.eye(1)[None] * 40.0, np.array([[30.0]])
+    noise = NoisePrior.of(1.0)
+    tried = block_evidence(block, b, 60.0, 30.0, noise)[0]
+    once = block_evidence(block, b, 60.0, 30.0, noise, widths=known.widths)[0]
+    np.testing.assert_allclose(once, tried[np.argmin(np.abs(np.log(SCALES)))])
 
 
 def test_a_payload_twists_each_drive_by_its_own_share():
     recording = bench("laparoscopic", "joint_position", columns=[])
-    [uneven] = REGISTRY["payload"]().neighbours(scope_of(recording))
+    [uneven] = REGISTRY["payload"]().deviations(scope_of(recording), [7.0])
     slides = [j for j, kind in enumerate(recording.chain.kinds, 1) if kind == "prismatic"]
     assert slides
     assert not set(slides) & set(uneven.drives)
@@ -117,7 +157,10 @@ def test_a_payload_twists_each_drive_by_its_own_share():
     felt[np.array(uneven.drives) - 1] = 7.0 + own
     expected = recording.q - 2e-5 * felt * (laden - none)
     np.testing.assert_allclose(encoders(recording, uneven, 7.0, *own), expected, atol=1e-13)
-    assert {p.scale for p in uneven.parameters[1:]} == {0.3 * uneven.parameters[0].scale}
+    assert uneven.parameters[0].scale == 7.0
+    np.testing.assert_allclose([p.scale for p in uneven.parameters[1:]], 0.3 * 7.0)
+    assert uneven.plain == REGISTRY["payload"]()
+    assert not REGISTRY["payload"]().deviations(scope_of(recording), [0.0])
 
 
 def test_a_needle_whose_axis_is_a_little_off_bends_across_its_own():
