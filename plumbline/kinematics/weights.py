@@ -18,6 +18,15 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.constants import MISSTATED
 from plumbline.kinematics.parameters import Parameter
 
+LADEN = ", under a tool of unknown mass"  # of what gives way under more than the model knows of
+CARRIED = Parameter(
+    "rad kg/(N m)",
+    0.0,
+    1.0,
+    scale=5e-6,
+    doc="compliance times the tool's mass",
+    source="by hand: tools of a kilogram",
+)
 REWEIGHED = ", of bodies that do not weigh what the model says"
 Bodies = tuple[int, ...]
 

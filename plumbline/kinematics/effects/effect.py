@@ -42,15 +42,6 @@ OF_SLIDES = {
 ELEMENTS = ("joint", "link", "plane", "marker")  # fields that say which of them it is
 LEAST_LOAD = 0.1  # of a load's span on either side of zero, for a joint's weight to change sides
 UNSAID = {"said": False}  # of a field that tells no variant from another, but is how each is sized
-LADEN = ", under a tool of unknown mass"  # of what gives way under more than the model knows of
-CARRIED = Parameter(
-    "rad kg/(N m)",
-    0.0,
-    1.0,
-    scale=5e-6,
-    doc="compliance times the tool's mass",
-    source="by hand: tools of a kilogram",
-)
 DEVICE_OBSERVATIONS: tuple[str, ...] = ("tip_position", "pose")
 
 

@@ -17,8 +17,6 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 
 from plumbline.kinematics.effects.effect import (
-    CARRIED,
-    LADEN,
     UNSAID,
     Effect,
     JointEffect,
@@ -27,6 +25,8 @@ from plumbline.kinematics.effects.effect import (
 )
 from plumbline.kinematics.parameters import Parameter
 from plumbline.kinematics.weights import (
+    CARRIED,
+    LADEN,
     REWEIGHED,
     Bodies,
     bodies_beyond,

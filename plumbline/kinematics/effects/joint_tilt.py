@@ -23,8 +23,6 @@ import numpy as np
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.dynamics import weight_beyond
 from plumbline.kinematics.effects.effect import (
-    CARRIED,
-    LADEN,
     TIP_OBSERVATIONS,
     UNSAID,
     Effect,
@@ -37,6 +35,8 @@ from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, axis_rotation, constant
 from plumbline.kinematics.parameters import Parameter
 from plumbline.kinematics.weights import (
+    CARRIED,
+    LADEN,
     REWEIGHED,
     Bodies,
     bodies_beyond,
