@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.pool import _candidates
-from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, UNLISTED
+from plumbline.optim.diagnosis.prior import DEVIATIONS, RESEMBLING, SCALES, UNLISTED
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.building import build_recording
@@ -139,7 +139,8 @@ def posterior(beside, strength, form):
     sizes = [1, *(len(f.columns) for f in found)]
     ends = np.cumsum([0, *sizes])
     terms = [
-        SimpleNamespace(columns=np.arange(a, z), sides=[0.0] * (z - a)) for a, z in pairwise(ends)
+        SimpleNamespace(columns=np.arange(a, z), sides=[0.0] * (z - a), widths=SCALES)
+        for a, z in pairwise(ends)
     ]
     shares = [f.log_prior + np.log(UNLISTED) for f in found]
     priors = np.array([np.log((1 - UNLISTED) / 7.0), *shares])
