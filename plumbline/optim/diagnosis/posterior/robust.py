@@ -1,12 +1,14 @@
-r"""Gross errors: rows that a fit to the others misses by far.
+r"""Gross errors: rows that not even all effects together can explain.
 
-With :math:`H_k` a row's leverage, the deletion statistic (Belsley, Kuh, Welsch 1980, sec. 2.1)
+Every row is predicted from all others by the whole library at once, each effect under its own
+prior. With :math:`H_k` the row's leverage, the deletion statistic (Belsley, Kuh, Welsch 1980,
+sec. 2.1)
 
 .. math:: D_k = r_k^T (I - H_k)^{-1} r_k / \sigma^2
 
 is chi-square with m degrees of freedom; sigma is taken from the median of D itself, so that the
-gross rows do not set their own standard. Rows are asked about the nominal fit, then about every
-model that a search ends in: those that a real effect moves are predicted by it, and come back.
+gross rows do not set their own standard. A row that a real effect moves is predicted by the library
+and is kept.
 """
 
 from __future__ import annotations
@@ -15,10 +17,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.special import betaln, chdtri, gammaincinv, logit, logsumexp
 
 from plumbline.optim.core.judged import Solution
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.linearise.linear import cholesky, flat_prior
+from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (
     ALARM,
     ANISOTROPY,
@@ -27,9 +33,32 @@ from plumbline.optim.diagnosis.prior import (
     LEVER_CHANGE,
     MANY_TRIED,
     MOST_GROSS_SHARE,
+    ROUNDS,
 )
 from plumbline.optim.measurement.observation import rotation_lever
 from plumbline.optim.recording.recording import Recording
+
+
+def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
+    """Rows (N,) taken for gross errors; at most a fifth of all.
+
+    By the whole library: a nominal fit takes the few rows in a gear's pit for gross ones.
+    """
+    rows = len(pool.model.recording)
+    bad = np.zeros(rows, dtype=bool)
+    sigma2, freedom = _first_guess(pool), pool.model.problem.freedom
+    for _ in range(ROUNDS):
+        statistic = _deletion_statistics(pool, bad, sigma2)
+        scale = _size(statistic, freedom, ~bad)
+        limit = ANISOTROPY * chdtri(freedom, ALARM / rows)
+        found = statistic > limit * scale
+        if not found.any() or found.sum() > MOST_GROSS_SHARE * rows:
+            break
+        if (found | bad).sum() == bad.sum():
+            break
+        bad |= found
+        sigma2 = sigma2 * float(np.clip(scale, 0.1, 1.0))
+    return bad & ~follows_something(bad, pool.model.recording)
 
 
 def follows_something(found: NDArray[np.bool_], recording: Recording) -> NDArray[np.bool_]:
@@ -59,9 +88,8 @@ def _in_a_range(found: NDArray[np.bool_], columns: Sequence[Array]) -> NDArray[n
     k, N = float(found.sum()), float(len(found))
     logs, within = [], []
     for values in columns:
-        edges = np.unique(
-            np.quantile(values, np.linspace(0.0, 1.0, MANY_TRIED + 1), method="nearest")
-        )
+        shares = np.linspace(0.0, 1.0, MANY_TRIED + 1)
+        edges = np.unique(np.quantile(values, shares, method="nearest"))
         above = values >= edges[:, None]
         low, high = np.triu_indices(len(edges) + 1, 1)
         n = -np.diff(np.append(above.sum(axis=1), 0)[[low, high]], axis=0)[0]
@@ -155,6 +183,52 @@ def noise_lever(solution: Solution, recording: Recording) -> float:
     r = solution.mapped.residuals(solution.x)[solution.problem.weights > 0]
     spread = np.median(np.abs(r[:, :3])) / max(float(np.median(np.abs(r[:, 3:]))), 1e-300)
     return rotation_lever(recording) * float(np.clip(spread, *LEVER_CHANGE))
+
+
+def _first_guess(pool: Pool) -> float:
+    """Noise variance: as stated, else a tenth of the nominal residual's robust variance."""
+    if pool.noise.sigma:
+        return pool.noise.sigma**2
+    r = Mapped(pool.model.problem).residuals(pool.x)
+    squares, every = (r**2).sum(axis=1), np.ones(len(r), dtype=bool)
+    return max(_size(squares, pool.model.problem.freedom, every) / 10, pool.noise.least**2)
+
+
+def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> Array:
+    """D (N,) of every row under the whole library fitted to the rows that are trusted."""
+    problem = pool.model.problem
+    linear = pool.whole
+    G, b = linear.G.copy(), linear.b.copy()
+    z0 = pool.x / problem.scale
+    mapped = Mapped(problem)
+    if bad.any():
+        for part, r, J in mapped.jacobians(pool.x):
+            A = (J[bad[part]] * problem.scale).reshape(
+                problem.equations * len(r[bad[part]]), problem.size
+            )
+            G -= A.T @ A
+            b -= A.T @ (A @ z0 - r[bad[part]].ravel())
+    # Readings without any noise must not leave the algebra without a prior.
+    size = np.diag(G).copy()
+    precision = np.full(problem.size, max(sigma2, 1e-14 * float(size.max())))
+    precision[: pool.always] = flat_prior(linear, pool.always)
+    G[np.diag_indices_from(G)] += precision
+    lower = cholesky(G, size)
+    shift = cho_solve((lower, True), b) - z0
+    found = np.empty(len(bad))
+    m = problem.equations
+    for part, r, J in mapped.jacobians(pool.x):
+        A = J * problem.scale
+        left = r + A @ shift
+        half = solve_triangular(lower, A.reshape(-1, problem.size).T, lower=True).T
+        half = half.reshape(A.shape)
+        H = half @ half.transpose(0, 2, 1)
+        sign = np.where(bad[part], 1.0, -1.0)[:, None, None]
+        spread = np.eye(m) + sign * H
+        values, vectors = np.linalg.eigh(spread)
+        turned = np.einsum("nji,nj->ni", vectors, left)
+        found[part] = (turned**2 / np.maximum(values, 1e-6)).sum(axis=1) / sigma2
+    return found
 
 
 def _typical(freedom: Array | int) -> Array:

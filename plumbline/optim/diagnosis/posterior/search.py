@@ -27,6 +27,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.robust import (
     distrusted_by_fit,
     distrusted_given,
+    distrusted_rows,
     lone_rows,
 )
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
@@ -69,16 +70,6 @@ class Task:
         visits = [np.flatnonzero(place == k)[::step] for k in np.unique(place)]
         rows = np.sort(np.concatenate(visits))
         return replace(self, recording=self.recording.select(rows), folds=self.folds[rows])
-
-    def nominal(self, weights: Array, nuisance: Nuisance) -> tuple[Model, Solution]:
-        """The fit of what is always fitted alone."""
-        ridge = [0.0] * len(self.fixed)
-        return fit(self.recording, self.fixed, nuisance, weights, self.solver, ridge=ridge)
-
-    def distrusted(self, fitted: Solution) -> NDArray[np.bool_]:
-        """Rows (N,) that a fit takes for gross errors."""
-        missed = distrusted_given(fitted, self.noise.sigma, self.recording)
-        return missed & ~lone_rows(self.recording)
 
     def pool(self, model: Model, fitted: Solution) -> Pool:
         """The candidates, linearised about a fit."""
@@ -132,32 +123,41 @@ def find_causes(
     A long recording is searched in part first, and its gross rows are found by that fit: what a
     part of the rows shows need not be looked for in all of them.
     """
-    if task.long:
-        return _in_part_first(task, tell)
-    tell("looking for gross errors", 0.0)
-    bad = known
-    if bad is None:
-        bad = task.distrusted(task.nominal(trust(task.recording), nuisances_of(task.recording))[1])
-    tell("searching for causes", 0.15)
-    selected = search(task, bad)
-    for _ in range(ROUNDS):
-        again = task.distrusted(selected.best) | _rows_by_steps(task, selected, bad)
-        if (again == bad).all():
-            break
-        bad = again
-        selected = search(task, bad)
-    return selected, bad
-
-
-def _in_part_first(task: Task, tell: Progress) -> tuple[SelectedModel, NDArray[np.bool_]]:
+    if not task.long:
+        return _from_nothing(task, tell, ROUNDS, known)
     part = task.part(-(-len(task.recording) // MANY_ROWS))
-    tell("searching for causes", 0.15)
-    selected = search(part, np.zeros(len(part.recording), dtype=bool), rounds=2)
+    nothing_yet = np.zeros(len(part.recording), dtype=bool)
+    selected, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
     tell("searching all rows", 0.4)
     _, resumed = on_all_rows(selected, task.recording, trust(task.recording))
     bad = distrusted_by_fit(resumed.mapped.residuals(resumed.x))
     brief = replace(task, solver=BRIEF)
     return search(brief, bad, rounds=1, guess=selected), bad
+
+
+def _from_nothing(
+    task: Task,
+    tell: Progress,
+    rounds: int,
+    known: NDArray[np.bool_] | None,
+    looks: int = ROUNDS,
+) -> tuple[SelectedModel, NDArray[np.bool_]]:
+    tell("looking for gross errors", 0.0)
+    pool, bad = None, known
+    if bad is None:
+        pool = _about_nothing(task)
+        bad = distrusted_rows(pool) & ~lone_rows(task.recording)
+    tell("searching for causes", 0.15)
+    selected = search(task, bad, rounds, pool)
+    for _ in range(looks):
+        again = distrusted_given(selected.best, task.noise.sigma, task.recording)
+        again |= _rows_by_steps(task, selected, bad)
+        again &= ~lone_rows(task.recording)
+        if (again == bad).all():
+            break
+        bad = again
+        selected = search(task, bad, rounds, pool)
+    return selected, bad
 
 
 def _rows_by_steps(
@@ -179,16 +179,25 @@ def _rows_by_steps(
             task.recording, [*task.fixed, *kept], selected.model.nuisance,
             trust(task.recording, bad), task.refitting, given, ridge,
         )  # fmt: skip
-        missed = task.distrusted(rest)
+        missed = distrusted_given(rest, task.noise.sigma, task.recording)
         if missed.sum() < FEWEST_ROWS:
             found |= missed
     return found
+
+
+def _about_nothing(task: Task) -> Pool:
+    """The pool about the nominal fit to all rows."""
+    weights, nuisance = trust(task.recording), nuisances_of(task.recording)
+    ridge = [0.0] * len(task.fixed)
+    model, nominal = fit(task.recording, task.fixed, nuisance, weights, task.solver, ridge=ridge)
+    return task.pool(model, nominal)
 
 
 def search(
     task: Task,
     bad: NDArray[np.bool_],
     rounds: int = ROUNDS,
+    first: Pool | None = None,
     guess: SelectedModel | None = None,
 ) -> SelectedModel:
     """Find the effects of a recording.
@@ -197,20 +206,23 @@ def search(
         task: What is to be searched.
         bad: Rows (N,) that are distrusted.
         rounds: How often to linearise at the most.
+        first: The pool about the nominal fit to all rows, where it has been made already.
         guess: What was found on a part of the rows, to start from.
     """
     recording, fixed, solver = task.recording, task.fixed, task.solver
     weights = trust(recording, bad)
     resumed = on_all_rows(guess, recording, weights) if guess else None
     nuisance = resumed[0].nuisance if resumed else nuisances_of(recording)
-    model, nominal = task.nominal(weights, nuisance)
+    model, nominal = fit(recording, fixed, nuisance, weights, solver, ridge=[0.0] * len(fixed))
     best = nominal
     if resumed:
         model, best = resumed
     known: list[set[Effect]] = []
     scales: dict[Effect, float] = {}
     for turn in range(1, rounds + 1):
-        pool = task.pool(model, best)
+        # Gross rows fill the short lists of dense families.
+        known_pool = first if turn == 1 and not bad.any() else None
+        pool = known_pool or task.pool(model, best)
         selection = pool.selection
         place = {c.effect: k for k, c in enumerate(pool.candidates)}
         before = [SelectedTerm(place[e], scale) for e, scale in scales.items()]

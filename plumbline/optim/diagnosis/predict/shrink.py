@@ -170,15 +170,17 @@ def held_out_residuals(
         best: The fit of all rows.
     """
     union = _union(pool, models, best)
-    at = union.started(best.by_name)
-    columns = [_columns_of(pool, union, model) for model in models]
-    out, values, grams = _one_step(pool, union.problem, folds, models, columns, at)
-    ended = []
-    for f, model in enumerate(models):
-        x, judged = _settled(pool, union, folds == f, model, at, values[f], grams)
+    at, problem = union.started(best.by_name), union.problem
+    grams = Mapped(problem).grams(at, folds)
+    total = sum(grams, start=pool.shared_at(at[: pool.always]).padded(problem.size))
+    out, ended = np.empty((len(folds), problem.equations)), []
+    for f, (model, gram) in enumerate(zip(models, grams, strict=True)):
+        rest, fold = (Linear.about(g, at, problem.scale) for g in (total - gram, gram))
+        first = _step(pool, rest, fold, _columns_of(pool, union, model), model) * problem.scale
+        x, judged = _settled(pool, union, folds == f, model, at, first, grams)
         ended.append(replace(judged, fit=f"the fit without fold {f + 1}"))
         rows = np.flatnonzero(folds == f)
-        out[rows] = Mapped(union.problem.on(union.problem.rows[rows])).residuals(x)
+        out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(x)
     return out, ended
 
 
@@ -276,29 +278,6 @@ def _own(pool: Pool, model: FoldModel, rest: Linear, together: Columns) -> Colum
     return np.concatenate([pool.own_nuisances[model.fold], markers])
 
 
-def _one_step(
-    pool: Pool,
-    problem: Problem,
-    folds: Indices,
-    models: Sequence[FoldModel],
-    columns: Sequence[Columns],
-    at: Array,
-) -> tuple[Array, Array, list[Gram]]:
-    """True residuals (N, m), every fold's values (F, P), and its Gram."""
-    grams = Mapped(problem).grams(at, folds)
-    total = sum(grams, start=pool.shared_at(at[: pool.always]).padded(problem.size))
-    out = np.empty((len(folds), problem.equations))
-    values = np.zeros((len(models), problem.size))
-    for f, (model, together) in enumerate(zip(models, columns, strict=True)):
-        rest = Linear.about(total - grams[f], at, problem.scale)
-        fold = Linear.about(grams[f], at, problem.scale)
-        z = _step(pool, rest, fold, together, model)
-        rows = np.flatnonzero(folds == f)
-        out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(z * problem.scale)
-        values[f] = z * problem.scale
-    return out, values, grams
-
-
 def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> Model:
     """The model of all effects that any fold chose, on the rows that are trusted."""
     fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
@@ -316,8 +295,7 @@ def _precisions(linear: Linear, always: int, model: FoldModel) -> Array:
 def nominal_residuals(pool: Pool, nominal: Solution, folds: Indices) -> Array:
     """Residuals (N, m) of every row under the nuisances alone, fitted without its fold."""
     none = [FoldModel((), np.empty(0), np.empty(0), fold=f) for f in range(len(pool.grams))]
-    always = [np.arange(pool.always)] * len(none)
-    return _one_step(pool, nominal.problem, folds, none, always, nominal.x)[0]
+    return held_out_residuals(pool, folds, none, nominal)[0]
 
 
 def blocks_of_rows(folds: Indices, separate: bool) -> Indices:
