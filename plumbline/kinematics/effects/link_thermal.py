@@ -18,6 +18,7 @@ from typing import ClassVar
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 
 from plumbline.kinematics.constants import COLD
 from plumbline.kinematics.effects.base_drift import APART, SETTLING
@@ -30,6 +31,10 @@ STANDARD_TEMPERATURE = 20.0
 # Of the recording's length on either side, over which a slope of T is taken: of thermometers of 0.1
 # and 0.01 K half and twice of it leave more of a warm-up untold.
 SMOOTHED = 0.06
+# Variance of times, in units of that, above which they tell a slope, and of their squares, less
+# what a line has of them, above which they tell a bend: three times at even steps have 0.014, rows
+# taken at once none.
+APART_IN_TIME = 1e-3
 
 
 class _Lengths(Effect):
@@ -105,7 +110,7 @@ def slope_of(time: Array, values: Array) -> Array:
     """Slopes (N,) of the parabolas through the readings (N,) about each time (N,), in any order.
 
     Between two readings alone it would be that of the thermometer's last digit, and of a line at
-    either end the slope further in. About two times, or one, there is a line, or none.
+    either end the slope further in. About times at two places there is a line, at one none.
     """
     order = np.argsort(time, kind="stable")
     span = max(float(np.ptp(time)), np.finfo(float).tiny)
@@ -121,9 +126,8 @@ def slope_of(time: Array, values: Array) -> Array:
             found += comb(power, k) * (-t) ** (power - k) * (total[last] - total[first])
         return found / SMOOTHED**power
 
-    new = np.append(True, np.diff(t) > 0.0).cumsum()
-    bends = np.minimum(new[last - 1] - new[first], 2)
     moments, against = [about(k) for k in range(5)], [about(k, v) for k in range(3)]
+    bends = _bends(np.array(moments) / moments[0])
     slope = np.zeros_like(v)
     for degree in (1, 2):
         k, own = range(degree + 1), bends == degree
@@ -131,6 +135,15 @@ def slope_of(time: Array, values: Array) -> Array:
         b = np.array([against[j][own] for j in k])
         slope[order[own]] = np.linalg.solve(A.transpose(2, 0, 1), b.T[..., None])[:, 1, 0]
     return slope / (SMOOTHED * span)
+
+
+def _bends(m: Array) -> NDArray[np.intp]:
+    """Degrees (N,) of what times of these moments (5, N) tell: 0, 1 or 2."""
+    spread = m[2] - m[1] ** 2
+    skew = m[3] - m[1] * m[2]
+    line = spread > APART_IN_TIME
+    of_squares = m[4] - m[2] ** 2 - skew**2 / np.where(line, spread, 1.0)
+    return line.astype(np.intp) + (line & (of_squares > APART_IN_TIME))
 
 
 @dataclass(frozen=True)
