@@ -40,7 +40,7 @@ from plumbline.kinematics.constants import NULL
 
 EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
 
-PLANNED = 8  # steps of a sample of a planned way; twice as many change its parameters by 0.5 %
+PLANNED = 8  # steps of a sample of a planned way; twice as many change its parameters by 0.05 %
 # Of soft friction, MuJoCo's where a file says no other (XML reference: `solimpfriction` .9 .95,
 # `solreffriction` .02 s): its stiffness s per inertia, the joint at zero and all others free, and
 # the rate at which it slows a joint.
@@ -50,7 +50,6 @@ SLOWS = 2 / (0.95 * 0.02)  # [1/s]
 # term is then below 1e-13; their quotients would lose more.
 EQUAL, TERMS = 0.1, 8  # [1]
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
-
 
 ZERO = cs.SX(0)
 
@@ -152,10 +151,10 @@ class Drive:
         if self.law == Law.RATE:
             return self._held(asked, before)
         held = self.fastest is not None or self.strongest is not None
-        if own is not None and self.fastest is not None:
-            wanted = self._chased(asked, before, self.fastest)
+        if own is not None and self.lag is not None and self.band is not None:
+            asked, wanted = self.command, self._pulled(before, self.lag, self.band)
         else:
-            wanted = self._lagged(asked, own, before)
+            wanted = self._met(asked, own, before)
         speed = (wanted - before.place) / self.dt if self.law == Law.POSITION else wanted
         speed = self._limited(speed, before.speed, self.dt)
         mean = speed
@@ -170,16 +169,37 @@ class Drive:
         memory = asked if self.law == Law.POSITION else wanted
         return Memory(memory, place, speed, self._behind_play(place, before), asked)
 
+    def _met(self, asked: cs.SX, place: cs.SX | None, before: Memory) -> cs.SX:
+        """What lags, at its largest speed if it has one, a sample on."""
+        if place is not None and self.fastest is not None:
+            return self._chased(asked, before, self.fastest)
+        return self._lagged(asked, place, before)
+
+    def _pulled(self, before: Memory, lag: cs.SX, band: cs.SX) -> cs.SX:
+        """Place after a sample of what lags outside of a dead band.
+
+        Up to twice the band away it is what lags half as long behind its edge; farther away the
+        band takes nothing. Halfway through the sample says which.
+        """
+        stick, place = 0 if self.stick is None else self.stick, before.place
+        middle = (before.asked + self.command - self.dt * before.speed) / 2 - place
+        errors = [x - place for x in (before.asked, self.command)]
+        was, now = (place + e - clipped(e, band + stick / EDGE) for e in errors)
+        close = replace(self, lag=lag / EDGE)._met(now, place, replace(before, asked=was))
+        was, now = (place + e - clipped(e, stick) for e in errors)
+        far = self._met(now, place, replace(before, asked=was))
+        return cs.if_else(cs.fabs(middle) < EDGE * band, close, far)
+
     def _planned(self, before: Memory, most: cs.SX) -> tuple[cs.SX, cs.SX]:
         """Place and speed of a way to the command that could stop there, at so much at most."""
         h, path, pace = self.dt / PLANNED, before.path, before.pace
         for part in range(1, PLANNED + 1):
             share = 1.0 if self.law.holds else part / PLANNED
             told = before.told + share * (self.command - before.told)
-            error, own = told - path, most * h
+            error, own = told - path - h * pace / 2, most * h / 2
             wanted = 2 * most * error / (cs.sqrt(own**2 + 2 * most * cs.fabs(error)) + own)
-            pace = pace + clipped(wanted - pace, own)
-            path = path + h * pace
+            before_it, pace = pace, pace + clipped(wanted - pace, 2 * own)
+            path = path + h * (before_it + pace) / 2
         return path, pace
 
     def _held(self, asked: cs.SX, before: Memory) -> Memory:

@@ -95,11 +95,9 @@ def follow(t: Array, u: Array, load: Array, wrong: Wrong, rng: np.random.Generat
     if w.fading:
         share = 1.0 - w.fading * (1.0 - np.exp(-2.0 * (fine - t[0]) / (t[-1] - t[0])))
         asked = asked[0] + share * (asked - asked[0])
-    for f, damping in ((w.ringing, 0.25), (w.bandwidth, 1.0)):
-        asked = _rung(asked, 2.0 * np.pi * f * h, damping) if f else asked
     if np.isfinite(w.steepest):
         asked = _planned(asked, h, w.steepest)
-    motor = _motor(asked, h, w)
+    motor = _looped(asked, h, w) if w.bandwidth or w.ringing else _motor(asked, h, w)
     motor = motor - w.compliance * np.interp(fine, t, load)
     motor = motor + w.cogging * np.sin(w.teeth * motor)
     return _joint(motor, w)[::FINE]
@@ -111,25 +109,16 @@ def _held(u: Array, lost: NDArray[np.bool_]) -> Array:
     return u[np.maximum.accumulate(arrived)]
 
 
-def _rung(asked: Array, step: float, damping: float) -> Array:
-    """Through a loop of second order, so damped; ``step`` is its phase a step."""
-    out = np.empty_like(asked)
-    place, speed = asked[0], 0.0
-    for k, c in enumerate(asked):
-        speed += step * (step * (c - place) - 2.0 * damping * speed) if k else 0.0
-        place += speed
-        out[k] = place
-    return out
-
-
 def _planned(asked: Array, h: float, most: float) -> Array:
     """A way that is sped up, or braked where it would else not stop at what is asked for."""
     out = np.empty_like(asked)
-    place, speed = float(asked[0]), 0.0
+    place, speed, own = float(asked[0]), 0.0, 0.5 * h * most
     for k, c in enumerate(asked):
-        beyond = c - place - h * speed - speed * abs(speed) / (2.0 * most)
-        speed += h * most * np.sign(beyond) * min(1.0, abs(beyond) / (most * h * h))
-        place += h * speed
+        ahead = c - place - 0.5 * h * speed  # half a step on, at the speed before
+        stops = np.copysign(np.sqrt(own**2 + 2.0 * most * abs(ahead)) - own, ahead)
+        after = min(max(stops, speed - h * most), speed + h * most)
+        place += 0.5 * h * (speed + after)
+        speed = after
         out[k] = place
     return out
 
@@ -140,14 +129,41 @@ def _motor(asked: Array, h: float, w: Wrong) -> Array:
     out = np.empty_like(asked)
     place, last = float(asked[0]), float(asked[0])
     for k, c in enumerate(asked):
-        error = 0.5 * (c + last) - place if w.lag else c - place
+        if w.lag:
+            error = _outside(0.5 * (c + last) - place, w.deadband)
+        else:  # at once to the band's edge
+            error = c - place - min(max(c - place, -w.deadband), w.deadband)
         last = c
-        size = abs(error)
-        if w.deadband and size < 2.0 * w.deadband:
-            error = np.sign(error) * 2.0 * max(size - w.deadband, 0.0)
         place += min(max(share * error, -w.fastest * h), w.fastest * h)
         out[k] = place
     return out
+
+
+def _looped(asked: Array, h: float, w: Wrong) -> Array:
+    r"""The same of a servo of second order, :math:`\ddot y = \omega^2 e - 2 d \omega\, \dot y`.
+
+    The dead band is the error's, the largest speed the shaft's; a lag filters what it is told.
+    """
+    told = _motor(asked, h, replace(w, deadband=0.0, fastest=np.inf))
+    f, damping = (w.ringing, 0.25) if w.ringing else (w.bandwidth, 1.0)
+    pace, rate = 2.0 * np.pi * f, 4.0 * np.pi * f * damping
+    fades = np.exp(-rate * h)
+    out = np.empty_like(told)
+    place, speed, last = float(told[0]), 0.0, float(told[0])
+    for k, c in enumerate(told):
+        error = _outside(0.5 * (c + last - h * speed) - place, w.deadband)
+        after = fades * speed + (1.0 - fades) * pace**2 / rate * error
+        after = min(max(after, -w.fastest), w.fastest)
+        place += 0.5 * h * (speed + after)
+        speed, last = after, c
+        out[k] = place
+    return out
+
+
+def _outside(error: float, band: float) -> float:
+    """What a servo takes of an error: nothing in its dead band, all from twice that on."""
+    size = abs(error)
+    return np.sign(error) * 2.0 * max(size - band, 0.0) if size < 2.0 * band else error
 
 
 def _joint(motor: Array, w: Wrong) -> Array:

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
+from plumbline.experiments.reality import drives
 from plumbline.experiments.reality.drives import INSIDE, OUTSIDE, Plane, Wrong, commands, follow
 from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.withheld.design import Design
@@ -37,6 +39,38 @@ def test_each_thing_that_is_wrong_is_its_closed_form():
     assert np.abs(np.diff(q)).max() == pytest.approx(0.1 * (t[1] - t[0]))
     _, u, _, q = moved(deadband=0.02)
     assert np.abs(q - u).max() == pytest.approx(0.02, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"bandwidth": 4.0}, {"ringing": 3.0}, {"bandwidth": 2.0, "lag": 0.05}]
+)
+def test_a_loop_of_second_order_is_neither_early_nor_late(wrong):
+    t, u, _, q = moved(**wrong)
+    f, damping = (wrong["ringing"], 0.25) if "ringing" in wrong else (wrong["bandwidth"], 1.0)
+    pace = 2.0 * np.pi * f
+    loop = np.polymul([wrong.get("lag", 0.0), 1.0], [1.0, 2.0 * damping * pace, pace**2])
+    exact = u[0] + lsim(([pace**2], np.trim_zeros(loop, "f")), u - u[0], t)[1]
+    assert np.std(q - exact) < 1e-3 * np.std(q - u)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"steepest": 2.0}, {"deadband": 0.02}, {"deadband": 0.02, "lag": 0.05},
+     {"deadband": 0.02, "bandwidth": 2.0}, {"fastest": 0.4, "bandwidth": 2.0}],
+)  # fmt: skip
+def test_finer_steps_change_next_to_nothing(wrong, monkeypatch):
+    _, u, _, q = moved(**wrong)
+    monkeypatch.setattr(drives, "FINE", 100)
+    *_, exact = moved(**wrong)
+    assert np.std(q - exact) < 5e-3 * np.std(exact - u)
+
+
+def test_a_loop_s_dead_band_lets_small_errors_stand_and_its_shaft_goes_no_faster():
+    t, u, _, q = moved(deadband=0.02, bandwidth=3.0)
+    still = np.abs(np.diff(q)) < 1e-6
+    assert 0.01 < np.abs(q - u)[1:][still].max() < 0.021
+    t, u, _, q = moved(fastest=0.1, bandwidth=3.0)
+    assert np.abs(np.diff(q)).max() == pytest.approx(0.1 * (t[1] - t[0]))
 
 
 @pytest.mark.parametrize("name", OUTSIDE)

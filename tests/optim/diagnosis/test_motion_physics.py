@@ -288,6 +288,38 @@ def test_what_goes_no_faster_than_it_can_turns_between_samples(lag):
         np.testing.assert_allclose((more - q[0]) / 1e-7, slopes[0, :, k], atol=1e-4)
 
 
+@pytest.mark.parametrize("lag", [0.004, 0.02, 0.1])
+def test_a_dead_band_of_what_lags_is_its_law_s_between_samples(lag):
+    """Beside small steps of its law, lags down to a fifth of a sample."""
+    dt, parts, band, place, exact = 0.02, 500, 0.02, 0.0, []
+    at = np.maximum(np.arange(300) * dt - 1.2, 0.0)
+    u = 0.1 * np.sin(2.0 * at) + 0.1 * np.sin(5.1 * at)
+    share = 1.0 - np.exp(-dt / parts / lag)
+    middles = (np.arange(50 * parts, 299 * parts) + 0.5) / parts
+    for k, c in enumerate(np.interp(middles, np.arange(300), u)):
+        size = abs(c - place)
+        place += share * np.sign(c - place) * min(max(2.0 * (size - band), 0.0), size)
+        exact += [place] * (k % parts == parts - 1)
+    q, _ = swung(u, dt, actuation_deadband=band, actuation_lag=lag)
+    assert np.std(q[0] - exact) < 0.01 * np.std(u[51:] - exact)
+
+
+def test_a_planned_way_runs_neither_ahead_nor_behind_its_law():
+    """Beside small steps of it: a quarter of a millisecond where samples are 20."""
+    dt, parts, most, place, speed, exact = 0.02, 500, 3.0, 0.0, 0.0, []
+    at = np.maximum(np.arange(300) * dt - 1.2, 0.0)
+    u, h = 0.2 * np.sin(2.0 * at) + 0.1 * np.sin(5.1 * at), dt / parts
+    for k, c in enumerate(np.interp(np.arange(1, 299 * parts) / parts, np.arange(300), u)):
+        beyond = c - place - speed * abs(speed) / (2.0 * most)
+        after = speed + h * most * np.clip(beyond / (h**2 * most), -1.0, 1.0)
+        place, speed = place + h * (speed + after) / 2.0, after
+        exact += [place] * ((k + 1) % parts == 0 and k >= 50 * parts)
+    q, pace = swung(u, dt, acceleration_limit=most)[0][0], np.gradient(exact, dt)
+    off = q[: len(exact)] - exact
+    assert abs(pace @ off) < 2.5e-4 * (pace @ pace)
+    assert np.std(off) < 0.003 * np.std(u[51 : 51 + len(exact)] - exact)
+
+
 def test_a_delay_is_exact_between_samples():
     t = np.arange(301) * 0.01
     q = step_response(Law.POSITION, "actuation_delay", 0.0173, t)
