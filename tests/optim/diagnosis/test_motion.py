@@ -215,6 +215,25 @@ def test_what_nobody_has_listed_is_in_the_tree_without_a_name():
     assert None in [m["effect"] for m in first["dependences"][0]["mechanisms"]]
 
 
+@pytest.mark.parametrize(
+    "drag", [lambda q, v: 0.03 * q, lambda q, v: 0.01 * v, lambda q, v: 0.05 * q**2]
+)
+def test_a_joint_that_another_one_drags_goes_by_that_one_s_motion(drag):
+    """Loads go by the other's angle, too: without such a rival this was a servo that gives way."""
+    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=40)
+    dragged = np.array(recording.q)
+    q = dragged[:, 0] - dragged[:, 0].mean()
+    dragged[:, 1] += drag(q, np.gradient(recording.command[:, 0], recording.time))
+    changed = build_motion(
+        robot=arm(), time=recording.time, command=recording.command, q=dragged, noise_std=2e-4
+    )
+    verdict = diagnose(changed).verdict
+    assert verdict.outside_depends_on == "another joint's motion of joint 2"
+    assert [c.effect for c in verdict.causes if c.element == 1] == ["actuation_delay"]
+    sure = [c for c in verdict.causes if c.element == 2 and c.probability > 0.9]
+    assert {c.effect for c in sure} <= {"actuation_offset"}
+
+
 def test_a_model_holds_on_another_motion(found):
     other = recorded([{"delay": 0.03, "lag": 0.05, "play": 0.01}, {}], seed=5)
     before, after = found.transfer(other)

@@ -69,6 +69,7 @@ class Windows:
     size: float = 1.0  # what a radian is in the unit of ``q``
     bare: float = 1.0  # inertia about the joint at its zero, the others free [kg m^2]
     push: float = 1.0  # what a newton metre of command is in this joint's usual ones
+    others: tuple[tuple[Array, Array], ...] = ()  # places and speeds (N,) of each other joint
 
     def __len__(self) -> int:
         """How many windows there are."""
@@ -164,8 +165,7 @@ class Windows:
         that, too.
         """
         at = np.minimum(begin[:, None] + np.arange(steps + 1), len(self.command) - 1)
-        if self.law.holds:  # what stood over the sample before this one
-            shift = shift + self.dt
+        shift += self.law.holds * self.dt  # what stood over the sample before this one
         place = np.clip(at - shift / self.dt, self.first[at], self.last[at])
         low = np.minimum(np.floor(place).astype(np.int64), len(self.command) - 2)
         mean, by_late = share_of_mean(late / self.dt) if self.law.ideal else (1.0, 0.0)

@@ -185,6 +185,7 @@ class Signals:
             self.first, self.q[:, joint], self.posture[:, joint], self.speed[:, joint],
             h[:, joint], inertia[:, joint],
             starts, self.length, self.settle, r.size, self.bare[joint], self._push(joint),
+            tuple((self.posture[:, k], self.speed[:, k]) for k in range(r.n) if k != joint),
         )  # fmt: skip
 
     def seen(self, joint: int) -> Seen:

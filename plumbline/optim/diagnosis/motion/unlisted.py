@@ -1,7 +1,8 @@
 r"""The rivals of every cause: functions that nobody has listed, and what resembles a cause.
 
 With :math:`n_e` effective samples and features :math:`\Phi` of one thing that a joint goes by
-(bumps along it, and the same times the sign of the speed; of past commands, those of half a second)
+(bumps along it, and the same times the sign of the speed; of past commands, those of half a second;
+of another joint, bumps along its angle and its speed)
 the residual is :math:`r = \Phi w + J z + \epsilon`, :math:`w \sim N(0, \tau^2 I)`, summed over a
 grid of :math:`\tau`; z lets the named causes give way.
 
@@ -21,6 +22,7 @@ another motion as well as the model's form does.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -40,10 +42,11 @@ from plumbline.optim.diagnosis.motion.rollout import Array, Windows
 from plumbline.optim.diagnosis.prior import FINEST
 
 PAST = "past commands"
+ANOTHER = "another joint's motion"  # its angle or speed
 ALONG = ("velocity", "load", "angle", "command", "time")  # what a function may run along
 OWN_PAST = "its own past"
 NO_FORM = "nothing that was recorded"  # more than the noise is left, by no function of anything
-VARIABLES = (*ALONG, PAST, OWN_PAST, NO_FORM)
+VARIABLES = (*ALONG, PAST, ANOTHER, OWN_PAST, NO_FORM)
 
 
 @dataclass(frozen=True)
@@ -59,13 +62,14 @@ class _Beside:
     """Features (n, F) conditional on a fit, in the sums that evidence takes."""
 
     def __init__(
-        self, fit: JointFit, effective: float, least: float, stated: float, Phi: Array
+        self, fit: JointFit, effective: float, least: float, stated: float, Phi: Array, like: int
     ) -> None:
         r = fit.residual.ravel()
         both = np.hstack([fit.flat * fit.scales, Phi])
         self.p, self.effective = len(fit.theta), effective
         self.square, self.least, self.stated = fit.square, least, max(stated, FINEST**2)
         self.sums, self.pull = both.T @ both / len(r), both.T @ r / len(r)
+        self.odds = -float(np.log(like))  # of so many alike that go by the same
 
     def gain(self, widths: Sequence[float]) -> tuple[float, float]:
         """Log evidence that they add, summed over widths [rad], and what share they take."""
@@ -90,7 +94,7 @@ class _Beside:
         # The noise is integrated out, as in a fit's own evidence.
         better = self.effective / 2 * np.log(self.square / left)
         occam = np.linalg.slogdet(A / precision[:, None])[1] / 2 - own
-        return better - occam, 1 - left / self.square
+        return better - occam + self.odds, 1 - left / self.square
 
     def _precision(self, width: float) -> Array:
         precision = np.ones(len(self.sums))
@@ -125,20 +129,22 @@ class FunctionRivals:
         self.windows, self.fit = windows, fit
         self.sizes = effective, least, stated
         self.along = _along(windows, fit)
-        self.functions = {
-            on: _Beside(fit, *self.sizes, windows.integrated(Phi))
-            for on, Phi in _features(windows, fit, self.along)
-        }
+        features = list(_features(windows, fit, self.along))
+        alike = Counter(on for on, _ in features)
+        self.functions = [
+            (on, _Beside(fit, *self.sizes, windows.integrated(Phi), alike[on]))
+            for on, Phi in features
+        ]
 
     def conditional(self) -> tuple[UnlistedFunction, ...]:
         """Every variable's function, as large as what is left."""
         widths = [width * self.fit.square**0.5 for width in WIDTHS]
-        return tuple(UnlistedFunction(on, *f.gain(widths)) for on, f in self.functions.items())
+        return tuple(UnlistedFunction(on, *f.gain(widths)) for on, f in self.functions)
 
     def resembling(self, k: int, size: float) -> tuple[UnlistedFunction, ...]:
         """What resembles the cause k, whose effect has such a root mean square [rad]."""
         widths = [share * size for share in DEVIATIONS]
-        found = [*self.functions.items(), *self._modulated(k)]
+        found = [*self.functions, *self._modulated(k)]
         return tuple(UnlistedFunction(on, *f.gain(widths)) for on, f in found)
 
     def _modulated(self, k: int) -> Iterator[tuple[str, _Beside]]:
@@ -148,7 +154,7 @@ class FunctionRivals:
         for on in ALONG:
             Phi = _bumps(self.along[on]) * own[:, None]
             if Phi.shape[1]:
-                yield on, _Beside(self.fit, *self.sizes, Phi)
+                yield on, _Beside(self.fit, *self.sizes, Phi, 1)
 
     def errors(self, sizes: Mapping[str, float], each: float) -> Array:
         """Standard errors of the parameters (P,), whether something unlisted is at work or not.
@@ -160,7 +166,7 @@ class FunctionRivals:
         scales, widths = self.fit.scales, [width * self.fit.square**0.5 for width in WIDTHS]
         alone = self.fit.covariance(self.sizes[0]) / np.outer(scales, scales)
         found = [(0.0, alone)]
-        for f in self.functions.values():
+        for _, f in self.functions:
             found += [(gain + each, off) for gain, off in f.misses(widths)]
         for k, effect in enumerate(self.fit.effects):
             own = [share * sizes[effect.name] for share in DEVIATIONS]
@@ -234,12 +240,15 @@ def _bumps(values: Array) -> Array:
 def _features(
     windows: Windows, fit: JointFit, along: Mapping[str, Array]
 ) -> Iterator[tuple[str, Array]]:
-    """Bumps along every variable, and those of either direction; past commands."""
+    """Bumps along every variable, and those of either direction; past commands; other joints."""
     way = np.sign(along["velocity"])[:, None]
     for on, values in along.items():
         bumps = _bumps(values)
         yield on, bumps if on in ("velocity", "time") else np.hstack([bumps, bumps * way])
     yield PAST, _past(windows)
+    at = windows.samples.ravel()
+    for angle, speed in windows.others:
+        yield ANOTHER, np.hstack([_bumps(angle[at]), _bumps(speed[at])])
 
 
 def _past(windows: Windows) -> Array:
