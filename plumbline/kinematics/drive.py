@@ -151,10 +151,9 @@ class Drive:
         if self.law == Law.RATE:
             return self._held(asked, before)
         held = self.fastest is not None or self.strongest is not None
+        wanted = self._met(asked, own, before)
         if own is not None and self.lag is not None and self.band is not None:
             asked, wanted = self.command, self._pulled(before, self.lag, self.band)
-        else:
-            wanted = self._met(asked, own, before)
         speed = (wanted - before.place) / self.dt if self.law == Law.POSITION else wanted
         speed = self._limited(speed, before.speed, self.dt)
         mean = speed
@@ -178,10 +177,9 @@ class Drive:
     def _pulled(self, before: Memory, lag: cs.SX, band: cs.SX) -> cs.SX:
         """Place after a sample of what lags outside of a dead band.
 
-        Up to twice the band away it is what lags half as long behind its edge; farther away the
-        band takes nothing. Halfway through the sample says which.
+        Half as long behind its edge up to twice the band away, as halfway through the sample.
         """
-        stick, place = 0 if self.stick is None else self.stick, before.place
+        stick, place = ZERO if self.stick is None else self.stick, before.place
         middle = (before.asked + self.command - self.dt * before.speed) / 2 - place
         errors = [x - place for x in (before.asked, self.command)]
         was, now = (place + e - clipped(e, band + stick / EDGE) for e in errors)

@@ -35,7 +35,7 @@ class AccelerationLimit(MotionEffect):
     plans = True
     laws = FOLLOWING
     # 39 rad/s^2 is the most that hobby servos on a bus can be set to; arms plan with 1 to 20.
-    steepest = Parameter("rad/s^2", 0.1, 1e12, scale=20.0, null=1e12, doc="largest acceleration")
+    steepest = Parameter("rad/s^2", 0.1, 1e16, scale=20.0, null=1e16, doc="largest acceleration")
 
     def starts(self, seen: Seen) -> Sequence[float]:
         """What the commands hardly ever asked for, and less."""
