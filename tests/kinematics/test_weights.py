@@ -10,9 +10,9 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.weights import bodies_beyond
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior, block_evidence
-from plumbline.optim.diagnosis.posterior.pool import size_odds
+from plumbline.optim.diagnosis.posterior.pool import make_pool, size_odds
 from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS, SCALES
-from plumbline.optim.measurement.observation import scope_of
+from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import TOOL, bench, measured, readings, residuals
 from tests.kinematics.test_effect_physics import encoders, gravity_torques, predicted
 
@@ -127,6 +127,27 @@ def test_a_form_about_a_fit_is_not_paid_for_its_size():
         known = np.exp(-0.5) / size
         assert size_odds(form) == pytest.approx(np.log(density / known))
     assert size_odds(usual) == 0.0
+
+
+@pytest.mark.parametrize("name", ["link_flex", "joint_compliance", "base_compliance", "payload"])
+def test_forms_about_a_fit_have_together_what_their_plain_form_has_without_them(name):
+    """Or an effect would gain by being made more of: what is unlisted had lost half to it."""
+    recording = bench(arm(), "tip_position", columns=[])
+    kind = REGISTRY[name]
+    usual = kind.candidates(scope_of(recording))[0]
+
+    def shares(*chosen):
+        fitted = build_model(recording, chosen)
+        x = np.append(fitted.start[: fitted.fixed], [1e-5] * (len(fitted.start) - fitted.fixed))
+        folds = np.arange(len(recording)) % 2
+        found = make_pool(fitted, x, folds, NoisePrior.of(1e-4), library=[kind]).candidates
+        own = [c for c in found if (c.effect.plain or c.effect) == usual]
+        return len(own), sum(np.exp(c.log_prior - size_odds(c.effect)) for c in own)
+
+    few, alone = shares()
+    more, both = shares(usual)
+    assert more > few
+    assert both == pytest.approx(alone)
 
 
 def test_a_width_that_is_known_is_not_tried_within_a_decade():

@@ -218,6 +218,7 @@ def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[C
 
     A finer variant than those listed was found by the data: its share is that of its own part of
     the listed one's range, which it parts with its neighbours, as a sum over that range has it.
+    Forms that follow from a fit part what their plain form has, and are no more together.
     A cause that may be at work in one of several recordings alone has :data:`IN_ONE` of the prior
     of what all share, spread among them; that of the shared is no less for it.
     """
@@ -226,15 +227,18 @@ def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[C
     variants = [v for v in variants if (v.name, parts_of(v)) not in suspects]
     kinds = Counter(name for name, _ in {(v.name, v.element) for v in variants})
     per_element = Counter((v.name, v.element) for v in variants)
+    forms = Counter(term.effect.plain for term in model.terms[fixed:])
     found = []
     for term in model.terms[fixed:]:
         key = (term.effect.name, term.effect.element)
+        plain = term.effect.plain or term.effect
         share = float(len(kinds) * max(kinds[key[0]], 1) * max(per_element[key], 1))
         if session is not None and (key[0], parts_of(term.effect)) in suspects:
             share *= len(session) / IN_ONE
-        if term.effect not in listed:
-            near = term.effect.neighbours(scope_for(term.effect, model.recording))
+        if plain not in listed:
+            near = plain.neighbours(scope_for(plain, model.recording))
             share *= 1 + max(len(near), 1)
+        share *= 1 + forms[plain]
         columns = np.arange(term.columns.start, term.columns.stop)
         found.append(Candidate(term.effect, columns, size_odds(term.effect) - float(np.log(share))))
     return tuple(found)
