@@ -314,7 +314,8 @@ def test_what_a_joint_may_do_is_gone_where_it_moves_nothing_and_what_others_do_i
 
 
 def test_a_gross_row_s_columns_move_that_row_alone(place, asked):
-    term = asked.problem.candidates[asked.gross_rows[7]]
+    [number] = asked.gross_rows[7]
+    term = asked.problem.candidates[number]
     assert isinstance(term, GrossRow)
     assert len(term.columns) == 3
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from plumbline.experiments.reality.body_effects import BaseBump
 from plumbline.experiments.reality.joint_effects import JointCompliance, JointOffset
@@ -98,3 +99,28 @@ def test_more_than_a_fifth_of_the_rows_are_never_distrusted():
     residuals = np.random.default_rng(9).normal(0.0, 1e-4, (400, 3))
     residuals[::4] *= 50.0
     assert not distrusted_by_fit(residuals).any()
+
+
+@pytest.mark.parametrize("columns", [slice(0, 3), slice(3, 6), slice(0, 6)])
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_pose_may_be_wrong_in_place_alone_or_in_its_turn(columns, seed, tmp_path):
+    """With one prior for both, two wrong places cost less as one shift of the tool: told at .97."""
+    recording, _ = recorded(faultless(rows=120, seed=seed, observation="pose"), tmp_path)
+    rng = np.random.default_rng(seed)
+    push = np.zeros((2, 6))
+    push[:, columns] = rng.normal(size=(2, 6))[:, columns]
+    push *= np.array([[48.0], [39.0]]) / np.linalg.norm(push, axis=1, keepdims=True)
+    found = diagnose(spoilt(recording, [40, 90], push))
+    assert found.verdict.verdict == Outcome.NO_GAP
+    assert found.outside_probability < 0.1
+    assert list(np.flatnonzero(~found.trusted)) == [40, 90]
+
+
+def spoilt(recording, rows, push):
+    """Poses at some rows off by so many standard deviations of place, and 0.1 mrad (R, 6)."""
+    measured = recording.measured.copy()
+    measured[rows, :3] += recording.noise_std * push[:, :3]
+    turned = Rotation.from_rotvec(1e-4 * push[:, 3:])
+    read = Rotation.from_quat(measured[rows, 3:], scalar_first=True)
+    measured[rows, 3:] = (turned * read).as_quat(scalar_first=True)
+    return replace(recording, measured=measured)

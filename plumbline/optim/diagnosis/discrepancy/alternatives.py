@@ -127,10 +127,13 @@ class Alternatives:
         return np.array([kinds.index(kind) for kind in kinds])
 
     @property
-    def gross_rows(self) -> dict[int, int]:
+    def gross_rows(self) -> dict[int, list[int]]:
         """Numbers of the terms of rows that may be gross, by row."""
-        terms = enumerate(self.problem.candidates)
-        return {t.row: i for i, t in terms if isinstance(t, GrossRow)}
+        found: dict[int, list[int]] = {}
+        for i, term in enumerate(self.problem.candidates):
+            if isinstance(term, GrossRow):
+                found.setdefault(term.row, []).append(i)
+        return found
 
 
 def alternatives(
@@ -156,12 +159,13 @@ def alternatives(
         own = np.array([f.log_prior for f in near])
         shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])
         found += near
-    gross = ports.own_shifts()
+    parts = 2 if recording.kind.oriented else 1
+    gross = ports.own_shifts(parts)
     kept = design.worth_trying(found, shares, pool, chosen, gross)
     found, shares = [found[i] for i in kept], shares[kept]
     added = [*(f.columns for f in found), *gross]
     linear, columns = design.with_more(added)
-    terms = _terms(pool, found, columns, rows[np.flatnonzero(ports.gross)])
+    terms = _terms(pool, found, columns, np.repeat(rows[ports.gross], parts))
     names, numbers = _labels(terms)
     priors = _log_priors(pool, shares, len(terms), unlisted)
     problem = _problem(pool, linear, terms, priors, numbers, _parts(design, ports, names))
@@ -189,7 +193,7 @@ def _terms(
         pool: The candidates.
         found: What the library may lack (F).
         columns: Columns of those, then of the gross rows.
-        gross: Numbers of these rows.
+        gross: Numbers of these rows, of each as often as it has parts.
     """
     listed = (replace(c, columns=c.columns - pool.always) for c in pool.candidates)
     lacked = (Unlisted(f, c) for f, c in zip(found, columns, strict=False))

@@ -94,13 +94,16 @@ class Ports:
         N, m = self.target.shape
         return np.tile(np.eye(m)[:, None, :], (1, N, 1))
 
-    def own_shifts(self) -> Array:
-        """Columns (R, m, N, m) that shift each of the distrusted rows by what such a row is off."""
+    def own_shifts(self, parts: int = 1) -> Array:
+        """Columns (R parts, m / parts, N, m) that shift the distrusted rows by what such are off.
+
+        Of a pose the place may be wrong alone, or the turn: each is a part of its own.
+        """
         rows = np.flatnonzero(self.gross)
         N, m = self.target.shape
         own = np.zeros((len(rows), m, N, m))
         own[np.arange(len(rows))[:, None], np.arange(m), rows[:, None], np.arange(m)] = DISPLACED
-        return own
+        return own.reshape(len(rows) * parts, m // parts, N, m)
 
     def given(self, more: Array) -> Self:
         """With more columns (..., N, m) among the model's own."""

@@ -6,6 +6,7 @@ is :math:`1 - \mathrm{after}/\mathrm{before}`, its interval a paired bootstrap o
 (Efron and Tibshirani 1993, ch. 8).
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -338,7 +339,7 @@ def gap_between(
     room = before - floor
     known = noise.source != "fit" and room > prior.REMOVABLE_FROM * floor
     shrink = 1.0 - after / before if before > 0.0 else 0.0
-    removable = (before - after) / room if known else np.nan
+    removable = (before - after) / room if known else math.nan
     return Gap(
         unit, before, after, float(floor), float(shrink), interval,
         held_out_by=by, removable=float(removable),

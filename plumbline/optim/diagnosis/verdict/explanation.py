@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any, Self
 
 import numpy as np
@@ -157,7 +158,7 @@ Ended = tuple[Sampled, Sequence[SelectedTerm], Explanation]  # chains, the state
 
 def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     """Chains over all states, from the search's, from none and from a whole calibration."""
-    gross = frozenset(alt.gross_rows.values())
+    gross = frozenset(chain.from_iterable(alt.gross_rows.values()))
     wide = (best_near(alt.problem, begin) for begin in begins_of(selected)[1:])
     starts = [frozenset(c.index for c in selected.chosen) | gross, gross]
     starts += [frozenset[int]()] if gross else []
@@ -176,7 +177,8 @@ def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
 def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     """Of many causes: about the best state near the search's, or near a whole calibration."""
     # At their widest: what they are off by is nobody's, and must not be taken for noise.
-    rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(set(alt.gross_rows.values()))]
+    gross = chain.from_iterable(alt.gross_rows.values())
+    rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(gross)]
     ends = [best_near(alt.problem, [*begin, *rows]) for begin in begins_of(selected)]
     state = max(ends, key=lambda end: stated(alt.problem, end))
     worth = _worth(selected, alt, state)
@@ -264,7 +266,7 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
     said[alt.words.index("")] = 0.0
     best = int(np.argmax(said))
     words = alt.words[best] if p > 0.5 else ""
-    rows = {row: float(found.gross[i]) for row, i in alt.gross_rows.items()}
+    rows = {row: float(found.gross[own].max()) for row, own in alt.gross_rows.items()}
     named = found.named(alt.problem, alt.kinds)
     return Explanation(
         {key: float(found.marginals[0][k]) for key, k in keys.items()},
