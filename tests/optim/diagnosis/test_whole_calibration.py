@@ -10,6 +10,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.judged import standard_errors
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.verdict import settled as module
 from plumbline.optim.diagnosis.verdict.causes import _without
 from plumbline.optim.recording.building import build_recording
 
@@ -63,6 +64,22 @@ def test_an_arm_all_of_whose_links_err_is_no_unlisted_one(seed):
     assert found.outside_probability < 0.05
     assert {c.effect for c in found.causes} == {"joint_offset", "link_geometry"}
     assert found.gap.after < 1.5 * np.sqrt(3) * PLACE
+
+
+def fitted_by(errs, better, monkeypatch):
+    """Which terms are fitted, if the linear problem errs so much about the chains' [nats]."""
+    monkeypatch.setattr(module, "worth_while", lambda _, terms, named: terms)
+    monkeypatch.setattr(module, "with_terms", lambda _, terms, *rest, tried: terms)
+    monkeypatch.setattr(module, "foretold_wrongly", lambda terms: errs[terms])
+    told = SimpleNamespace(theirs="theirs", better=better, terms="search's", named=(), compared=0)
+    return module._fitted(None, told, None, None)
+
+
+def test_what_chains_came_to_is_fitted_if_it_is_better_by_more_than_the_problem_errs(monkeypatch):
+    errs = {"theirs": 2.0, "search's": 5.0}
+    assert fitted_by(errs, 2.1, monkeypatch) == ("theirs", 2.0)
+    assert fitted_by(errs, 1.9, monkeypatch) == ("search's", 5.0)
+    assert fitted_by({**errs, "theirs": 0.0}, 0.0, monkeypatch) == ("search's", 5.0)
 
 
 def test_a_cause_has_the_values_that_it_has_without_what_is_fitted_in_its_place():

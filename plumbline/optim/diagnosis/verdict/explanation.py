@@ -40,6 +40,7 @@ from plumbline.optim.diagnosis.prior import (
 )
 from plumbline.optim.diagnosis.verdict.terms import (
     begins_of,
+    better_by_all_rows,
     of_many,
     place_of,
     terms_of,
@@ -72,6 +73,9 @@ class Explanation:
     terms: tuple[SelectedTerm, ...] = ()
     # those of the most probable state, with something unlisted beside them or without
     likeliest: tuple[SelectedTerm, ...] = ()
+    # those that chains came to, and by how much all rows make them more probable than these [nats]
+    theirs: tuple[SelectedTerm, ...] = ()
+    better: float = 0.0
     # sets of terms of the library, with the log of their weight, best first
     states: tuple[tuple[float, tuple[SelectedTerm, ...]], ...] = ()
     # such sets as many causes were in from sweep to sweep, all of one weight
@@ -185,10 +189,13 @@ def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     found = coarsened(alt.problem, state, worth, seed)
     told, swept = _told(alt, found), [terms for _, terms in found.states]
     terms = of_many(selected, alt, state, swept[0], told.named)
+    theirs, better = better_by_all_rows(selected, alt, terms, found, told.named)
     listed = (tuple(t for t in some if t.index < alt.library) for some in swept)
     told = replace(
         told,
         terms=terms,
+        theirs=theirs,
+        better=better,
         swept=tuple((0.0, some) for some in listed if some),
         spread=spread(alt.problem, [(1.0, some) for some in swept]),
         worth=worth,

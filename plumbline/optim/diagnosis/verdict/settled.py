@@ -58,10 +58,18 @@ def settled(
 def _fitted(
     about: SelectedModel, told: Explanation, task: Task, bad: Flags
 ) -> tuple[SelectedModel, float]:
-    """The model of what is worth while, and by how much the linear problem errs about it [nats]."""
-    kept = worth_while(about, told.terms, told.named)
-    fitted = with_terms(about, kept, task, bad, tried=told.terms)
-    return fitted, _share(told, task) * foretold_wrongly(fitted)
+    """The model of what is worth while, and by how much the linear problem errs about it [nats].
+
+    What chains came to is taken if it is better by more than that.
+    """
+    for terms, better in ((told.theirs, told.better), (told.terms, np.inf)):
+        if better > 0.0:
+            kept = worth_while(about, terms, told.named)
+            fitted = with_terms(about, kept, task, bad, tried=terms)
+            wrong = _share(told, task) * foretold_wrongly(fitted)
+            if wrong < better:
+                break
+    return fitted, wrong
 
 
 def _farthest(

@@ -1,6 +1,6 @@
 """The terms of the library that are fitted of what a posterior says: of few causes, and of many.
 
-What is named is in them.
+What is named is in them. Where all rows prefer what chains came to, that is told too.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,8 @@ from plumbline.optim.core.problem import Flags
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, Unlisted
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.joint import Sampled
+from plumbline.optim.diagnosis.posterior.joint_problem import stated
+from plumbline.optim.diagnosis.posterior.one_by_one import best_near
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, fit, ridge_of
 from plumbline.optim.diagnosis.posterior.selection import restricted
@@ -55,6 +57,28 @@ def of_many(
     keys = [c.key for c in selected.selection.candidates]
     more = [t for t in agreed if t.index < alt.library and keys[t.index] in untold]
     return _joined(alt, terms, more, long=long)
+
+
+def better_by_all_rows(
+    selected: SelectedModel,
+    alt: Alternatives,
+    terms: Sequence[SelectedTerm],
+    found: Sampled,
+    named: frozenset[Key],
+) -> tuple[tuple[SelectedTerm, ...], float]:
+    """Terms near the chains' best state, and by how much all rows prefer these to others [nats].
+
+    Chains pass what a search from nothing does not: of a gently moved arm it never meets the rotors. What the library lacks foretells nothing, so it
+    is left out on both sides. Of a long recording only some rows are asked.
+    """
+    if len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
+        return (), 0.0
+    agreed = found.states[0][1]
+    near = best_near(alt.problem, agreed)
+    theirs = of_many(selected, alt, near, agreed, named)
+    gross = [t for t in near if alt.problem.gross[t.index]]
+    ours, other = (stated(alt.problem, [*some, *gross]) for some in (terms, theirs))
+    return theirs, other - ours
 
 
 def _fitted(
