@@ -73,48 +73,6 @@ def better_by_all_rows(
     rows are asked.
     """
     if len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
-        return [[*selected.chosen]]
-    every = selected.selection.candidates
-    mine = {every[t.index].key for t in selected.chosen}
-    names = {e.name for e in selected.effects if not e.scanned}
-    first = {c.key: k for k, c in reversed(list(enumerate(every))) if c.effect.name in names}
-    more = sorted(k for key, k in first.items() if key not in mine)
-    return [[*selected.chosen], [*selected.chosen, *(SelectedTerm(k, 1.0) for k in more)]]
-
-
-def of_many(
-    selected: SelectedModel,
-    alt: Alternatives,
-    state: Sequence[SelectedTerm],
-    agreed: Sequence[SelectedTerm],
-    named: frozenset[Key],
-) -> tuple[SelectedTerm, ...]:
-    """Terms of a state of many causes.
-
-    Of a long recording only some rows are compared, so what these do not show stays as all rows
-    have it. What is named with it is of the state that blocks of rows agree on.
-    """
-    long = len(selected.pool.model.recording) > MOST_COMPARED_ROWS
-    terms = selected.chosen if long else _fitted(selected, alt, state)
-    untold = named - selected.selection.keys(terms)
-    keys = [c.key for c in selected.selection.candidates]
-    more = [t for t in agreed if t.index < alt.library and keys[t.index] in untold]
-    return _joined(alt, terms, more, long=long)
-
-
-def better_by_all_rows(
-    selected: SelectedModel,
-    alt: Alternatives,
-    terms: Sequence[SelectedTerm],
-    found: Sampled,
-    named: frozenset[Key],
-) -> tuple[tuple[SelectedTerm, ...], float]:
-    """Terms near the chains' best state, and by how much all rows prefer these to others [nats].
-
-    Chains pass what a search from nothing does not: of a gently moved arm it never meets the rotors. What the library lacks foretells nothing, so it
-    is left out on both sides. Of a long recording only some rows are asked.
-    """
-    if len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
         return (), 0.0
     agreed = found.states[0][1]
     near = best_near(alt.problem, agreed)
