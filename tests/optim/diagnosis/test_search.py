@@ -49,7 +49,12 @@ def test_four_thousand_rows_are_searched_in_part_first_fitted_briefly_and_linear
     recording = load_recording(BENCH).select(np.zeros(rows, dtype=int))
     task = Task(recording, np.zeros(rows, dtype=int), NoisePrior.of(recording.noise_std))
     assert (task.refitting is module.BRIEF) == long
-    parts, told = [], SimpleNamespace(terms=(), named=frozenset(), compared=0, one_by_one=True)
+    parts, told = (
+        [],
+        SimpleNamespace(
+            theirs=(), better=0.0, terms=(), named=frozenset(), compared=0, one_by_one=True
+        ),
+    )
     monkeypatch.setattr(module, "_from_nothing", lambda *_, **how: parts.append(how) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         module.find_causes(task, lambda *_: None)

@@ -159,8 +159,7 @@ def alternatives(
         own = np.array([f.log_prior for f in near])
         shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])
         found += near
-    parts = 2 if recording.kind.oriented else 1
-    gross = ports.own_shifts(parts)
+    gross = ports.own_shifts(parts := 2 if recording.kind.oriented else 1)
     kept = design.worth_trying(found, shares, pool, chosen, gross)
     found, shares = [found[i] for i in kept], shares[kept]
     added = [*(f.columns for f in found), *gross]
