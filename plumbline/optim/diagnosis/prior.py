@@ -38,9 +38,9 @@ ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings made wi
 # part, a joint's way to its play (40 of each to-and-fro of a hundred), what a design looks back
 # upon (minutes of a usual log), blocks of which rows left out are drawn (32 MB).
 MANY_ROWS = 4000
-# Quantiles of what was recorded between which gross rows may lie together, and places about which
-# local bumps are tried (cost only).
-MANY_TRIED = 40
+RANGES = 40  # of each thing that was recorded, in which gross rows may lie together (cost only)
+CENTRES = 40  # places about which local bumps are tried (cost only)
+FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows by another name
 
 # Selection (posterior/selection). Odds that a slot is filled, before the data: what is diagnosed
 # has a cause about as often as not, and one cause more is rare.
@@ -103,8 +103,8 @@ MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
 # knock to the next marker, read in this one's place. With narrower ones a row 0.2 m off makes
 # smooth mechanisms of its neighbours.
 DISPLACED = 3e-3
-# Distrusted rows that a family may explain instead, or motions, that may each err by their own.
-MOST_ALONE = 20
+MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
+MOST_MOTIONS = 20  # whose ranges may each err by their own
 GROSS_ODDS = 0.01  # of a row to be grossly wrong
 NOISE_NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
 EXTREME = 100.0  # residual of a distrusted row [usual one] beyond which no smooth effect is meant
@@ -141,8 +141,7 @@ EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explain
 
 # Rows left out (predict).
 MOST_FOLDS = 5  # and blocks; Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
-# Of a fold, and between two bumps of the base: fewer are gross rows by another name.
-FEWEST_ROWS = 4
+FEWEST_ROWS = 4  # of a fold
 LEAST_LEFT = 0.25  # share of the rows that must be left to fit, whichever group is left out
 GROSS_KEPT_BACK = 10.0  # residual of a row kept back [median] at which it is a gross error
 BOOTSTRAP_DRAWS = 1000  # 25 of them lie beyond either end of a 95 % interval (cost only)

@@ -38,8 +38,8 @@ from plumbline.optim.diagnosis.prior import (
     EXTREME,
     FIRST_SLOT_ODDS,
     LEAST_SPREAD,
-    MOST_ALONE,
     MOST_COMPARED_ROWS,
+    MOST_GROSS_ROWS,
     NEXT_SLOT_ODDS,
     NOISE_NEGLIGIBLE,
     PART_OF_UNLISTED,
@@ -337,7 +337,7 @@ def rows_compared(pool: Pool) -> NDArray[np.intp]:
     gross = problem.weights[rows] == 0
     if not gross.any():
         return rows
-    if gross.sum() > MOST_ALONE or gross.all():
+    if gross.sum() > MOST_GROSS_ROWS or gross.all():
         return rows[~gross]
     missed = np.linalg.norm(Mapped(problem).residuals(pool.x)[rows], axis=1)
     usual = float(np.sqrt(np.mean(missed[~gross] ** 2)))

@@ -18,7 +18,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import GRID, NYSTROM, UNMOVED
-from plumbline.optim.diagnosis.prior import FEATURES, MANY_TRIED, MESHES, PLAYS, SPOT_WIDTHS, TURNS
+from plumbline.optim.diagnosis.prior import CENTRES, FEATURES, MESHES, PLAYS, SPOT_WIDTHS, TURNS
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
@@ -51,7 +51,7 @@ def level(functions: Array) -> Array:
 def spots(place: Array) -> Array:
     """Bumps of several widths around some of the places (N, 3), each with its slopes (K, 5, N)."""
     size = float(np.sqrt(np.mean(np.sum((place - place.mean(axis=0)) ** 2, axis=1))))
-    centres = place[np.linspace(0, len(place) - 1, min(len(place), MANY_TRIED)).astype(int)]
+    centres = place[np.linspace(0, len(place) - 1, min(len(place), CENTRES)).astype(int)]
     apart = np.moveaxis(place - centres[:, None], 2, 1) / max(size, 1e-12)
     squared = np.sum(apart**2, axis=1, keepdims=True)
     form = np.concatenate([np.ones_like(squared), apart, squared], axis=1)

@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     spots,
     steps,
 )
-from plumbline.optim.diagnosis.prior import COSINES, MOST_ALONE, REACHES, STEPS, WARMTH
+from plumbline.optim.diagnosis.prior import COSINES, MOST_MOTIONS, REACHES, STEPS, WARMTH
 from plumbline.optim.measurement.nuisance import cosines_at_start, spots_at_start
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import Integers
@@ -64,7 +64,7 @@ def _of_ranges(r: Recording, rng: np.random.Generator) -> Iterator[Offered]:
     if r.stand_in:
         posture = random_features(normal(r.q), REACHES[-1], rng)
         yield Offered("the pose of the flange", "posture", "link", None, [posture])
-    if r.motion is not None and 1 < len(np.unique(r.motion)) <= MOST_ALONE:
+    if r.motion is not None and 1 < len(np.unique(r.motion)) <= MOST_MOTIONS:
         yield Offered("the motion", "motion", "sensor", None, [_each(r.motion)])
     yield from _of_time(r, "plane", "sensor")
 

@@ -28,11 +28,11 @@ from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (
     ALARM,
     ANISOTROPY,
-    FEWEST_ROWS,
+    FEWEST_BETWEEN,
     GROSS_KEPT_BACK,
     LEVER_CHANGE,
-    MANY_TRIED,
     MOST_GROSS_SHARE,
+    RANGES,
     ROUNDS,
 )
 from plumbline.optim.measurement.observation import rotation_lever
@@ -75,7 +75,7 @@ def follows_something(found: NDArray[np.bool_], recording: Recording) -> NDArray
     """
     follows = np.zeros(len(found), dtype=bool)
     columns = _recorded(recording)
-    while (found & ~follows).sum() >= FEWEST_ROWS:
+    while (found & ~follows).sum() >= FEWEST_BETWEEN:
         more = _in_a_range(found[~follows], [values[~follows] for values in columns])
         if not more.any():
             break
@@ -88,7 +88,7 @@ def _in_a_range(found: NDArray[np.bool_], columns: Sequence[Array]) -> NDArray[n
     k, N = float(found.sum()), float(len(found))
     logs, within = [], []
     for values in columns:
-        shares = np.linspace(0.0, 1.0, MANY_TRIED + 1)
+        shares = np.linspace(0.0, 1.0, RANGES + 1)
         edges = np.unique(np.quantile(values, shares, method="nearest"))
         above = values >= edges[:, None]
         low, high = np.triu_indices(len(edges) + 1, 1)

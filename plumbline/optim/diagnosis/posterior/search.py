@@ -31,7 +31,7 @@ from plumbline.optim.diagnosis.posterior.robust import (
     lone_rows,
 )
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
-from plumbline.optim.diagnosis.prior import FEWEST_ROWS, MANY_ROWS, ROUNDS, WIDE_PRIOR
+from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, MANY_ROWS, ROUNDS, WIDE_PRIOR
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
 from plumbline.optim.measurement.observation import Model, build_model
@@ -180,7 +180,7 @@ def _rows_by_steps(
             trust(task.recording, bad), task.refitting, given, ridge,
         )  # fmt: skip
         missed = distrusted_given(rest, task.noise.sigma, task.recording)
-        if missed.sum() < FEWEST_ROWS:
+        if missed.sum() < FEWEST_BETWEEN:
             found |= missed
     return found
 
