@@ -36,7 +36,7 @@ INERTIAL = 10  # parameters of a body: mass, first moment (3), inertia about the
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class RigidBody:
     """What a joint carries with all that is fixed to it."""
 
     mass: cs.SX  # [kg]
@@ -98,7 +98,7 @@ class Dynamics:
         up = -(constant(self.gravity) if gravity is None else gravity)
         moved = self._motions(q, v, a, up)
         forces = [
-            Body.of(own[i, :]).wrench(*moved[i][1:]) for i in range(self.n)
+            RigidBody.of(own[i, :]).wrench(*moved[i][1:]) for i in range(self.n)
         ]  # at its own joint, the bodies behind it still missing
         torques: list[cs.SX] = [cs.SX(0)] * self.n
         for i in reversed(range(self.n)):

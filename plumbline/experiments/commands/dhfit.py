@@ -17,7 +17,7 @@ from plumbline.experiments.console.outputs import Json, Quiet, Report, write_tex
 
 if TYPE_CHECKING:
     from plumbline.optim.dh_fit import DHOptions, HeldOut
-    from plumbline.optim.dh_fit.export import Exported
+    from plumbline.optim.dh_fit.export import ExportedLinks
     from plumbline.optim.recording.recording import Recording
 
 
@@ -89,7 +89,7 @@ def dhfit(
     out.hand_out(fit, content, unseen=unseen, files=told)
 
 
-def _found(unseen: HeldOut | None, files: dict[str, Exported]) -> dict[str, Any]:
+def _found(unseen: HeldOut | None, files: dict[str, ExportedLinks]) -> dict[str, Any]:
     if unseen is None:
         misfits = None
     else:

@@ -39,7 +39,7 @@ ASK_AGAIN = "write it again with --json"
 
 
 @dataclass(frozen=True, eq=False)
-class Beam:
+class BeamFigures:
     """A hand-eye calibration's figures."""
 
     file: str  # its file's name
@@ -91,7 +91,7 @@ class Targets:
         )
 
 
-def told(path: Path) -> Beam | Targets | None:
+def told(path: Path) -> BeamFigures | Targets | None:
     """What a command wrote into a file (PlumblineError: damaged); None if it is anything else."""
     try:
         content = json.loads(read_file(path, LARGEST_ANSWER))
@@ -102,7 +102,9 @@ def told(path: Path) -> Beam | Targets | None:
     try:
         if {"planes", "covariance", "observability"} <= set(content):
             rows = [int(plane["rows"]) for plane in content["planes"]]
-            return Beam(path.name, _numbers(content["covariance"], 6, 6), sum(rows), len(rows))
+            return BeamFigures(
+                path.name, _numbers(content["covariance"], 6, 6), sum(rows), len(rows)
+            )
         if {"targets", "T_RC", "noise"} <= set(content):
             dof = content["noise"]["dof"]
             found = Targets(path.name, tuple(content["targets"]), np.inf if dof is None else dof)
@@ -255,7 +257,10 @@ STORED: Mapping[str, tuple[tuple[str, ...], Callable[[str, Any, Section], Source
     "Registration": (("target",), _registration),
     "HandEye": (("range",), _hand_eye),
     "Targets": (("target",), lambda name, found, link: found.source(name, _target(link))),
-    "Beam": (("range",), lambda name, found, link: found.source(name, _number(link, "range"))),
+    "BeamFigures": (
+        ("range",),
+        lambda name, found, link: found.source(name, _number(link, "range")),
+    ),
     "Model": (("q",), _arm),
 }
 READABLE = ("Registration", "HandEye", "Model")

@@ -21,7 +21,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import LinkCapsule, Segment
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
-from plumbline.optim.capsule_mpc.bodies import Body, Capsule
+from plumbline.optim.capsule_mpc.bodies import Body, SymbolicCapsule
 from plumbline.optim.capsule_mpc.constants import (
     ARRIVED,
     EASED,
@@ -105,7 +105,7 @@ class ArmInstrument(Body):
         T = Transform.from_matrix(self.T_world_base)
         return [T @ frame for frame in self.chain.joint_frames(x * cs.DM(self.unit))]
 
-    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[SymbolicCapsule, ...]:
         """All links that have one [mm]."""
         frames = self._frames(x)
         base = Transform.from_matrix(self.T_world_base)
@@ -114,7 +114,7 @@ class ArmInstrument(Body):
             axis = link.axis(frames)
             if link.joint < 0:
                 axis = Segment(base.point(axis.a), base.point(axis.b))
-            found.append(Capsule(Segment(MM * axis.a, MM * axis.b), MM * link.radius))
+            found.append(SymbolicCapsule(Segment(MM * axis.a, MM * axis.b), MM * link.radius))
         return tuple(found)
 
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:

@@ -64,7 +64,7 @@ from plumbline.optim.core.problem import Array
 
 
 @dataclass(frozen=True)
-class Capsule:
+class SymbolicCapsule:
     """One capsule of a body in symbols: its axis and its radius [mm]."""
 
     axis: Segment
@@ -114,7 +114,7 @@ class Body(Protocol):
     def own_pairs(self) -> tuple[tuple[int, int], ...]:
         """Which of its capsules, by their numbers, must not touch each other either."""
 
-    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[SymbolicCapsule, ...]:
         """All that must touch nothing [mm]."""
 
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
@@ -216,11 +216,11 @@ class TipInstrument(_Shaft):
         """The same with its trocar at zero."""
         return replace(self, trocar=(0.0, 0.0, 0.0))
 
-    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[SymbolicCapsule, ...]:
         """The shaft, tip first."""
         inside = x - c
         back = x - MM * self.length * inside / length_of(inside)
-        return (Capsule(Segment(x, back), MM * self.radius),)
+        return (SymbolicCapsule(Segment(x, back), MM * self.radius),)
 
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """The tip."""
@@ -293,9 +293,9 @@ class EndsInstrument(_Shaft):
         """The same with its trocar, if it has one, at zero."""
         return replace(self, trocar=self.trocar and (0.0, 0.0, 0.0))
 
-    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[Capsule, ...]:
+    def capsules(self, x: cs.SX, c: cs.SX) -> tuple[SymbolicCapsule, ...]:
         """The shaft, tip first."""
-        return (Capsule(Segment.of(x), MM * self.radius),)
+        return (SymbolicCapsule(Segment.of(x), MM * self.radius),)
 
     def tracked(self, x: cs.SX, c: cs.SX) -> cs.SX:
         """Both ends of a free capsule; the tip alone where a trocar says where the rest is."""

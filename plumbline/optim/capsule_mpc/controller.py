@@ -60,10 +60,10 @@ from plumbline.optim.capsule_mpc.events import (
     shortfalls,
 )
 from plumbline.optim.capsule_mpc.linearised import norms
-from plumbline.optim.capsule_mpc.net import Net, Verdict
+from plumbline.optim.capsule_mpc.net import Clearances, Net
 from plumbline.optim.capsule_mpc.planning import OneStep, Plan, Planner, Ready, shifted
 from plumbline.optim.capsule_mpc.settings import NEAR, Safety, near
-from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.capsule_mpc.stopping import Stop, held_exactly, how_far_off, limited_function
 from plumbline.optim.capsule_mpc.sweeps import Looks, Sweeps, tip_speed
 from plumbline.optim.capsule_mpc.underway import Underway
@@ -329,7 +329,7 @@ class Controller:
         stop, aim = self._tail, self._tail[0]
         if plan is not None:
             aim = self._limited((plan.x[0] - x0) / self.statement.settings.dt, x0, stage)
-        rest: Verdict | None = None
+        rest: Clearances | None = None
         for _ in range(1 + constants.HALVINGS if plan is not None else 0):
             rate = self._held(aim, x0, stage)
             after = self._stop.after(rate, self._rates[0], 1.0 + constants.ROUNDING)
@@ -393,5 +393,5 @@ class Controller:
 
 
 @lru_cache(maxsize=16)
-def _limited(shape: Shape) -> cs.Function:
+def _limited(shape: StatementShape) -> cs.Function:
     return limited_function(shape.statement)

@@ -30,7 +30,7 @@ from plumbline.optim.capsule_mpc.bodies import Obstacle, foreseen
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.constants import KEPT, MM, NO_SEAT, OFF, SLACK
 from plumbline.optim.capsule_mpc.planning import Plan
-from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array
 
 
@@ -177,7 +177,7 @@ class Command:
 
 
 @lru_cache(maxsize=16)
-def margins_function(shape: Shape) -> cs.Function:
+def margins_function(shape: StatementShape) -> cs.Function:
     """``(x, stage) -> (pairs,)``: what every pair's D asks beyond touching [mm]."""
     statement = shape.statement
     x, _, stage = statement.symbols
@@ -284,7 +284,7 @@ class AtGoal:
 
 
 @lru_cache(maxsize=16)
-def _room(shape: Shape) -> cs.Function:
+def _room(shape: StatementShape) -> cs.Function:
     own = shape.statement
     x, _, stage = own.symbols
     out = cs.vertcat(own.clearances(x, stage), own.limits)

@@ -41,7 +41,7 @@ from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
 from plumbline.optim.capsule_mpc.pairs import Pair
-from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array, Flags, Indices
 
 
@@ -180,7 +180,7 @@ def stage_function(statement: Statement) -> cs.Function:
 
 
 @lru_cache(maxsize=32)
-def _mapped(shape: Shape, compiler: bool) -> tuple[cs.Function, bool]:
+def _mapped(shape: StatementShape, compiler: bool) -> tuple[cs.Function, bool]:
     one, p = stage_function(shape.statement), shape.statement.settings.p
     return native_function(one.map("stages", "serial", p, [1], []), compiler)
 
@@ -255,7 +255,7 @@ def _places(groups: tuple[int, ...]) -> tuple[Indices, Indices]:
 
 
 @lru_cache(maxsize=32)
-def box_function(shape: Shape) -> cs.Function:
+def box_function(shape: StatementShape) -> cs.Function:
     """``(x, d, stage) -> pace (n,), sides (n,), turn (n, n)``, the last row by row.
 
     Of a box that touches the ball of a group's speeds where its step d has it; its sides are

@@ -20,12 +20,12 @@ from plumbline.kinematics.capsules import squared_distance
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
 from plumbline.optim.capsule_mpc.constants import OBSTACLE, SUBSTEPS, WORSE
 from plumbline.optim.capsule_mpc.pairs import farthest, on_the_way
-from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Clearances:
     """What a motion leads to."""
 
     gaps: Array  # least distance less D of every pair (P,) on all of the way [mm]
@@ -37,7 +37,7 @@ class Verdict:
         """Whether nothing falls short."""
         return float(min(self.gaps.min(initial=0.0), self.rooms.min(initial=0.0))) >= -WORSE
 
-    def no_worse(self, rest: Verdict) -> bool:
+    def no_worse(self, rest: Clearances) -> bool:
         """Whether distances are short by no more than others, at worst and in all; no limit is."""
         short, at_rest = np.maximum(-self.gaps - WORSE, 0.0), np.maximum(-rest.gaps, 0.0)
         worst = short.max(initial=0.0) <= at_rest.max(initial=0.0)
@@ -69,7 +69,7 @@ def substep(statement: Statement) -> cs.Function:
 
 
 @lru_cache(maxsize=32)
-def _mapped(shape: Shape, steps: int, compiler: bool) -> tuple[cs.Function, bool]:
+def _mapped(shape: StatementShape, steps: int, compiler: bool) -> tuple[cs.Function, bool]:
     count = SUBSTEPS * steps
     return native_function(substep(shape.statement).map("net", "serial", count, [4], []), compiler)
 
@@ -84,7 +84,7 @@ class Net:
         self._end = np.arange(1, SUBSTEPS * steps + 1) / SUBSTEPS
         self._part = np.full(SUBSTEPS * steps, 1 / SUBSTEPS)
 
-    def judge(self, x0: Array, rates: Array, present: Array) -> Verdict:
+    def judge(self, x0: Array, rates: Array, present: Array) -> Clearances:
         """What rates (T, n) lead to from x0 (n,), with the parameters of the present (t,)."""
         d = np.repeat(rates * (self._dt / SUBSTEPS), SUBSTEPS, axis=0)
         x = x0 + np.cumsum(d, axis=0) - d
@@ -92,4 +92,4 @@ class Net:
         gaps, rooms = found[:, : self._pairs], found[:, self._pairs :]
         first = float(gaps[:SUBSTEPS].min(initial=np.inf))
         every = gaps.min(axis=0, initial=np.inf), rooms.min(axis=0, initial=np.inf)
-        return Verdict(every[0], first, every[1])
+        return Clearances(every[0], first, every[1])

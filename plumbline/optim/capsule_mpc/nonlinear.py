@@ -32,7 +32,7 @@ from plumbline.optim.capsule_mpc.constants import (
 )
 from plumbline.optim.capsule_mpc.plane_program import Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
-from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.core.solvers import Fatrop, Ipopt, Solver
 from plumbline.optim.core.solvers.programme import Programmed, compiled
@@ -184,12 +184,12 @@ def _start(program: Program, x0: Array, path: Array) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _built(shape: Shape, limits: bool, stages_meet_in_states: bool) -> Program:
+def _built(shape: StatementShape, limits: bool, stages_meet_in_states: bool) -> Program:
     return build(shape.statement, limits, stages_meet_in_states)
 
 
 @lru_cache(maxsize=32)
-def _along(shape: Shape) -> cs.Function:
+def _along(shape: StatementShape) -> cs.Function:
     """``(path, stages) -> gaps (P, p), limits (l, p)``."""
     own = shape.statement
     x, _, stage = own.symbols

@@ -37,7 +37,7 @@ import numpy as np
 
 from plumbline.kinematics.capsules import Segment, nearest_shares
 from plumbline.kinematics.constants import TINY
-from plumbline.optim.capsule_mpc.bodies import Capsule
+from plumbline.optim.capsule_mpc.bodies import SymbolicCapsule
 from plumbline.optim.capsule_mpc.constants import KEPT, POWER
 
 Axes = tuple[Segment, Segment]
@@ -78,7 +78,7 @@ def unmoved(share: cs.SX) -> cs.SX:
 class Moving:
     """A capsule in a step."""
 
-    now: Capsule  # where it is
+    now: SymbolicCapsule  # where it is
     before: Segment  # its axis one step before
     bow: cs.SX  # how far its ends may leave their chords on the way from there [mm]
     through: cs.SX | None  # the point that its axis always passes through [mm], if any

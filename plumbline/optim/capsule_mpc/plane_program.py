@@ -29,7 +29,7 @@ from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.constants import MM, REGULAR, TURN
 from plumbline.optim.capsule_mpc.linearised import frozen_normal
-from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array, Indices, Problem
 
 
@@ -224,5 +224,5 @@ def _program(statement: Statement, made: _Builder, problem: Problem) -> Program:
 
 
 @lru_cache(maxsize=32)
-def _mapped_charts(shape: Shape) -> cs.Function:
+def _mapped_charts(shape: StatementShape) -> cs.Function:
     return nearest_charts(shape.statement).map(shape.statement.settings.p)

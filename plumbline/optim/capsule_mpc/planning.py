@@ -58,7 +58,7 @@ from plumbline.optim.capsule_mpc.compiled import (
 from plumbline.optim.capsule_mpc.constants import TOUCHING
 from plumbline.optim.capsule_mpc.library_qp import LibraryQp
 from plumbline.optim.capsule_mpc.linearised import Linearised, QpPath, StageQp, within_norms
-from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array
 
 QUICK = ("-O3", "-funroll-loops", "-fno-math-errno", "-fno-trapping-math")
@@ -253,7 +253,7 @@ class OneStep(Declared):
 
 
 @lru_cache(maxsize=32)
-def tracked_function(shape: Shape) -> cs.Function:
+def tracked_function(shape: StatementShape) -> cs.Function:
     """``(x, stage) -> (g,)``: what is compared with the goals [mm]."""
     x, _, stage = shape.statement.symbols
     return cs.Function("tracked", [x, stage], [cs.densify(shape.statement.tracked)])

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment, squared_distance
-from plumbline.optim.capsule_mpc.bodies import Body, Capsule, Obstacle, foreseen
+from plumbline.optim.capsule_mpc.bodies import Body, Obstacle, SymbolicCapsule, foreseen
 from plumbline.optim.capsule_mpc.constants import MM, OBSTACLE
 from plumbline.optim.capsule_mpc.pairs import Moving, Pair, unmoved
 from plumbline.optim.capsule_mpc.settings import Noise, Settings
@@ -39,7 +39,7 @@ from plumbline.optim.core.problem import Array
 
 
 @dataclass(frozen=True)
-class Shape:
+class StatementShape:
     """A statement apart from its constants, such as the places of its trocars."""
 
     key: Hashable  # all that its functions depend on
@@ -156,12 +156,12 @@ class Statement:
         return stage[self.stepped.start - sum(self._counts) : self.stepped.start]
 
     @cached_property
-    def shape(self) -> Shape:
+    def shape(self) -> StatementShape:
         """What its functions depend on: statements of one shape share them."""
         bodies = tuple(body.shape for body in self.bodies)
         # The level of noise is a parameter of a stage.
         settings = replace(self.settings, noise=Noise())
-        return Shape((bodies, self.slots, self.balls, settings), self)
+        return StatementShape((bodies, self.slots, self.balls, settings), self)
 
     @cached_property
     def width(self) -> int:
@@ -238,7 +238,10 @@ class Statement:
         found = []
         for k in range(self.slots + self.balls):
             o = stage[self.goals + OBSTACLE * k :][:OBSTACLE]
-            now, before = Capsule(Segment.of(o[:6]), o[6]), Segment(o[:3] - o[7:], o[3:6] - o[7:])
+            now, before = (
+                SymbolicCapsule(Segment.of(o[:6]), o[6]),
+                Segment(o[:3] - o[7:], o[3:6] - o[7:]),
+            )
             found.append(Moving(now, before, cs.SX(0.0), None, unmoved, f"obstacle {k + 1}"))
         return found
 
@@ -359,7 +362,7 @@ def slices(sizes: Iterable[int]) -> tuple[slice, ...]:
 
 
 @lru_cache(maxsize=32)
-def _clearances(shape: Shape) -> cs.Function:
+def _clearances(shape: StatementShape) -> cs.Function:
     statement = shape.statement
     x, _, stage = statement.symbols
     gaps = [cs.sqrt(squared_distance(pair.one, pair.two)) - pair.least for pair in statement.pairs]

@@ -24,7 +24,7 @@ import numpy as np
 
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.constants import AT_REST, EXACT, MOST_OF_A_STOP, NO_WAY, REST
-from plumbline.optim.capsule_mpc.statement import Shape, Statement
+from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array
 
 
@@ -60,7 +60,7 @@ def _bounds(statement: Statement, group: slice) -> list[float]:
 
 
 @lru_cache(maxsize=16)
-def _made(shape: Shape) -> tuple[cs.Function, int]:
+def _made(shape: StatementShape) -> tuple[cs.Function, int]:
     """The stop in as many steps as it takes from the largest rate, still growing."""
     own = shape.statement
     longest, dt = 1, own.settings.dt
@@ -128,7 +128,7 @@ def limited_function(statement: Statement) -> cs.Function:
 
 
 @lru_cache(maxsize=16)
-def _held(shape: Shape) -> Compiled:
+def _held(shape: StatementShape) -> Compiled:
     statement = shape.statement
     x, _, stage = statement.symbols
     held = cs.densify(statement.held)

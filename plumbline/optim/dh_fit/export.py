@@ -21,7 +21,7 @@ from plumbline.optim.rigid import some_of
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportedLinks:
     """A robot as text."""
 
     text: str  # the file's content
@@ -29,7 +29,7 @@ class Exported:
     error: float  # largest difference of a placement from the fit's [m, or of a rotation's entry]
 
 
-def as_urdf(fit: DHFit) -> Exported:
+def as_urdf(fit: DHFit) -> ExportedLinks:
     """The fitted robot as a URDF, refused if, read again, it stands elsewhere."""
     text = urdf_text(fit.links, fit.recording.robot)
     robot = Robot.from_urdf(text, gravity=fit.recording.robot.gravity)
@@ -37,7 +37,7 @@ def as_urdf(fit: DHFit) -> Exported:
     return _checked(fit, text, robot, tip, "URDF")
 
 
-def as_toml(fit: DHFit) -> Exported:
+def as_toml(fit: DHFit) -> ExportedLinks:
     """The fitted robot as DH rows in TOML, as the bundled robots are stored; refused likewise."""
     name = fit.recording.robot.name
     comment = (
@@ -52,7 +52,7 @@ def as_toml(fit: DHFit) -> Exported:
     return _checked(fit, text, robot, tip, "DH rows")
 
 
-def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Exported:
+def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> ExportedLinks:
     tip = tip if tip in robot.tip_frames else safe_tip(tip)
     q = fit.recording.q[some_of(len(fit.recording), POSTURES)]
     worst = float(np.abs(robot.chain(tip).placement(q) - joints(fit.links, q)[-1]).max())
@@ -61,4 +61,4 @@ def _checked(fit: DHFit, text: str, robot: Robot, tip: str, what: str) -> Export
             f"{fit.recording.name}: the exported {what} miss the fit by {worst:.1e}, at most "
             f"{AGREES:.0e} allowed; nothing was written"
         )
-    return Exported(text, tip, worst)
+    return ExportedLinks(text, tip, worst)

@@ -25,7 +25,10 @@ from plumbline.optim.recording.set_up import plausible, wrong_set_up
 
 
 def fit_dh(
-    recording: Recording, options: DHOptions | None = None, *, registration: Readings | None = None
+    recording: Recording,
+    options: DHOptions | None = None,
+    *,
+    registration: Readings | None = None,
 ) -> DHFit:
     """Fit the link parameters to a recording of tip positions; rows ``held_out`` are left out.
 

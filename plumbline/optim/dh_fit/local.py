@@ -87,7 +87,7 @@ class Space:
 
 
 @dataclass(frozen=True)
-class Compared:
+class MisfitsOfLinks:
     """Misfits of one set of links: ``nominal``, fitted ``local`` or ``everywhere``."""
 
     fitted: str
@@ -106,11 +106,11 @@ class LocalGlobal:
     everywhere: Array  # of links fitted to all rows (N, 3) [m]
 
     @property
-    def compared(self) -> tuple[Compared, ...]:
+    def compared(self) -> tuple[MisfitsOfLinks, ...]:
         """Inside and outside, by what was fitted."""
         named = (("nominal", self.nominal), ("local", self.local), ("everywhere", self.everywhere))
         return tuple(
-            Compared(name, Misfit.of(values[self.inside]), Misfit.of(values[~self.inside]))
+            MisfitsOfLinks(name, Misfit.of(values[self.inside]), Misfit.of(values[~self.inside]))
             for name, values in named
         )
 

@@ -33,7 +33,7 @@ from plumbline.optim.dh_fit.local import Space
 from plumbline.optim.dh_fit.statement import Pass, frame_unknowns, link_unknowns
 
 
-class Criterion(StrEnum):
+class DesignCriterion(StrEnum):
     """What a design is to be best at."""
 
     DETERMINANT = "determinant"
@@ -41,7 +41,7 @@ class Criterion(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class PoseDesign:
     """Poses, and what they promise."""
 
     q: Array  # poses (N, n) [rad or m]
@@ -59,13 +59,13 @@ class Candidates:
     targets: Array  # jacobians of targets (T, 3, P) [m]
     prior: Array  # precision before any reading (P, P)
 
-    def design(self, rows: ArrayLike) -> Design:
+    def design(self, rows: ArrayLike) -> PoseDesign:
         """What some of the candidates promise."""
         chosen = np.asarray(rows)
         C = self.covariance(chosen)
         errors = _target_variance(self.targets, C)
         size = -float(np.linalg.slogdet(C)[1])
-        return Design(
+        return PoseDesign(
             self.q[chosen], size, float(np.sqrt(errors.max())), float(np.sqrt(errors.mean()))
         )
 
@@ -74,15 +74,21 @@ class Candidates:
         A = self.slopes[np.asarray(rows, dtype=int)].reshape(-1, self.prior.shape[0])
         return np.asarray(np.linalg.inv(self.prior + A.T @ A))
 
-    def random(self, count: int, rng: np.random.Generator) -> Design:
+    def random(self, count: int, rng: np.random.Generator) -> PoseDesign:
         """A design of poses drawn blindly."""
         return self.design(rng.choice(len(self.q), count, replace=False))
 
-    def best(self, count: int, criterion: Criterion | str = Criterion.DETERMINANT) -> Design:
+    def best(
+        self, count: int, criterion: DesignCriterion | str = DesignCriterion.DETERMINANT
+    ) -> PoseDesign:
         """The best design found of so many poses."""
         if not 1 <= count <= len(self.q):
             raise PlumblineError(f"{count} poses: 1 to {len(self.q)} can be chosen")
-        gain = _volume_gain if Criterion(criterion) == Criterion.DETERMINANT else _worst_gain
+        gain = (
+            _volume_gain
+            if DesignCriterion(criterion) == DesignCriterion.DETERMINANT
+            else _worst_gain
+        )
         chosen: list[int] = []
         for _ in range(count):
             chosen.append(self._next(chosen, _volume_gain))

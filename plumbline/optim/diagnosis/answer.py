@@ -20,11 +20,11 @@ from plumbline.optim.diagnosis.posterior.spectrum import Carried, as_spectra
 from plumbline.optim.diagnosis.prior import ROUNDING
 from plumbline.optim.diagnosis.verdict.parts import nuisances_of_parts
 from plumbline.optim.diagnosis.with_verdict import Told, WithVerdict
-from plumbline.optim.measurement.observation import Model
+from plumbline.optim.measurement.observation import MeasurementModel
 from plumbline.optim.measurement.storing import StoredFit
 from plumbline.optim.model import Applied, apply
 from plumbline.optim.model import Model as FoundModel
-from plumbline.optim.model.fitted import Held
+from plumbline.optim.model.fitted import HeldOutGap
 from plumbline.optim.model.making import FitEnd, beam_model, model_of, number_of, of_part
 from plumbline.optim.recording import storing as storing
 from plumbline.optim.recording.recording import Recording
@@ -55,7 +55,7 @@ class Diagnosis(WithVerdict):
     trusted: Flags
     places: Array
     effects: tuple[Effect, ...]
-    stated: Model
+    stated: MeasurementModel
     solution: Solution
     options: DiagnosisOptions
     search: SelectedModel | None = None
@@ -167,11 +167,11 @@ def _fit_of(diagnosis: Diagnosis, carried: Carried) -> FitEnd:
     return FitEnd(nuisance, diagnosis.effects, best.x, best.problem.scale, precision)
 
 
-def _held(verdict: Verdict) -> Held:
+def _held(verdict: Verdict) -> HeldOutGap:
     gap = verdict.gap
     floor = gap.noise_floor if verdict.knows_noise else np.nan
     sigma = verdict.noise.sigma * max(verdict.noise.ratio, 1.0)
-    return Held(gap.before, gap.after, floor, gap.unit, sigma)
+    return HeldOutGap(gap.before, gap.after, floor, gap.unit, sigma)
 
 
 def _taken(d: Diagnosis) -> dict[str, Any]:

@@ -59,7 +59,7 @@ class TurnGap:
 
 
 @dataclass(frozen=True)
-class Compared:
+class AgainstOthers:
     """One parameter, fitted to one recording alone and to all others together."""
 
     value: float  # what the recording alone says [unit]
@@ -79,7 +79,7 @@ class Transfer:
     carries: Carries  # whether it is the same there
     # how many standard errors it is off, those of both; NaN where that cannot be told
     z: float = math.nan
-    parameters: dict[str, Compared] = field(default_factory=dict)  # its parameters by name
+    parameters: dict[str, AgainstOthers] = field(default_factory=dict)  # its parameters by name
 
     @property
     def label(self) -> str:

@@ -31,7 +31,7 @@ from plumbline.optim.model import Model
 from plumbline.optim.model.drives import drives_of
 from plumbline.optim.model.export import exported
 from plumbline.optim.model.export.exported import Exported
-from plumbline.optim.model.fitted import Held, chain_of
+from plumbline.optim.model.fitted import HeldOutGap, chain_of
 from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.efforts import motion_of, payload_efforts
@@ -118,7 +118,7 @@ def _fitted(train: Recording, effects: Sequence[Effect], values: Array) -> Model
     nuisance = nuisances_of(train)
     unit = np.eye(len(solution.x))
     fit = FitEnd(nuisance, effects, solution.x, solution.problem.scale, unit)
-    return model_of(train, fit, Held(np.nan, np.nan, np.nan, "m", np.nan))
+    return model_of(train, fit, HeldOutGap(np.nan, np.nan, np.nan, "m", np.nan))
 
 
 def _said(model: Model, held: Recording) -> Array:

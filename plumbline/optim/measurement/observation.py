@@ -51,7 +51,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class ModelTerm:
     """One effect of a model and where its parameters stand among the unknowns."""
 
     effect: Effect
@@ -59,13 +59,13 @@ class Term:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class MeasurementModel:
     """A recording's problem with the effects that are in it."""
 
     recording: Recording  # the data
     problem: Problem  # the least-squares problem: the nuisances, then the effects' parameters
     nuisance: Nuisance  # what is always fitted
-    terms: tuple[Term, ...]  # the effects, in order
+    terms: tuple[ModelTerm, ...]  # the effects, in order
     start: Array  # where to start: registered nuisances, effects at their null (P,)
     # what holds each effect near its null; see :func:`build_model`
     ridge: tuple[float, ...] | None = None
@@ -88,7 +88,7 @@ def build_model(
     nuisance: Nuisance | None = None,
     weights: Array | None = None,
     ridge: Sequence[float] | None = None,
-) -> Model:
+) -> MeasurementModel:
     """State the problem of a recording of N rows with these effects.
 
     Nuisances are registered afresh if not given; weights are of the rows (N,). ``ridge`` says of
@@ -118,7 +118,7 @@ def build_model(
     )
     start = np.concatenate([nuisance.start, [p.null for p in parameters]])
     terms, held = _terms(effects, nuisance.size), None if ridge is None else tuple(ridge)
-    return Model(recording, problem, nuisance, terms, start, held)
+    return MeasurementModel(recording, problem, nuisance, terms, start, held)
 
 
 def _held_near_null(
@@ -226,9 +226,11 @@ def names_of(effects: Sequence[Effect]) -> list[str]:
     return [f"{e.label} {p.name}{e.tag}" for e in effects for p in e.parameters]
 
 
-def _terms(effects: Sequence[Effect], first: int) -> tuple[Term, ...]:
+def _terms(effects: Sequence[Effect], first: int) -> tuple[ModelTerm, ...]:
     edges = np.cumsum([first, *(len(effect.parameters) for effect in effects)]).tolist()
-    return tuple(Term(e, slice(a, b)) for e, (a, b) in zip(effects, pairwise(edges), strict=True))
+    return tuple(
+        ModelTerm(e, slice(a, b)) for e, (a, b) in zip(effects, pairwise(edges), strict=True)
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from plumbline.optim.measurement.constants import POSE_FREEDOM, WAYS
 from plumbline.optim.recording.recording import Recording
 
 
-class Told(NamedTuple):
+class PoseNoise(NamedTuple):
     """What the rows of a fit tell of a pose's noise."""
 
     spread: Array  # square root (6, 6) of C, whose place and turn each have a mean variance of one
@@ -38,7 +38,7 @@ class Told(NamedTuple):
     odds: float  # log odds that place and turn do not have one noise each, alike to all sides
 
 
-def told_by(recording: Recording, left: Array) -> Told:
+def told_by(recording: Recording, left: Array) -> PoseNoise:
     """The noise of N poses by what a fit leaves (N, 6).
 
     Places are in the device's axes, turns in the tool's, by their lever.
@@ -61,7 +61,7 @@ def told_by(recording: Recording, left: Array) -> Told:
     place, turn = (np.sqrt(np.trace(part) / 3) for part in (C[:3, :3], C[3:, 3:]))
     C /= np.outer(*[np.repeat([place, turn], 3)] * 2)
     values, axes = np.linalg.eigh(C)
-    return Told((axes * np.sqrt(values)) @ axes.T, lever * place / turn, float(odds))
+    return PoseNoise((axes * np.sqrt(values)) @ axes.T, lever * place / turn, float(odds))
 
 
 def correlation_of_ways(spread: Array) -> float:

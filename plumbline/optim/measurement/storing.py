@@ -16,7 +16,7 @@ from plumbline.optim.core.answer import register, restored
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.nuisance import Anchor, nuisances_of
-from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.observation import MeasurementModel, build_model
 from plumbline.optim.recording.recording import Recording
 
 
@@ -83,12 +83,14 @@ class StoredFit:
     message: str  # what the solver said
 
     @classmethod
-    def of(cls, model: Model, solution: Solution) -> Self:
+    def of(cls, model: MeasurementModel, solution: Solution) -> Self:
         """What is stored of a model and its fit."""
         weights, anchor = model.problem.weights, model.nuisance.anchor
         return cls(solution.x, weights, model.ridge, anchor, solution.iterations, solution.message)
 
-    def again(self, recording: Recording, effects: Sequence[Effect]) -> tuple[Model, Solution]:
+    def again(
+        self, recording: Recording, effects: Sequence[Effect]
+    ) -> tuple[MeasurementModel, Solution]:
         """The model of the rows of the fit and its effects, and where its fit ended."""
         nuisance = nuisances_of(recording, self.anchor)
         model = build_model(

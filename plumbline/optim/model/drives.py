@@ -15,7 +15,7 @@ from plumbline.errors import fault
 from plumbline.kinematics.files import read_file
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Gap
-from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.search import JointFindings
 from plumbline.optim.diagnosis.motion.signals import Signals
 from plumbline.optim.measurement import storing as storing
 from plumbline.optim.model.constants import HEAD, LARGEST_MODEL
@@ -85,7 +85,7 @@ class Drives(Driven):
         return found
 
 
-def drives_of(signals: Signals, joints: Sequence[Joint], gap: Gap) -> Drives:
+def drives_of(signals: Signals, joints: Sequence[JointFindings], gap: Gap) -> Drives:
     """What a diagnosis found of every joint that moved."""
     r = signals.recording
     _, inertia = signals.loads

@@ -139,7 +139,7 @@ def chain_of(robot: Robot, tip_frame: str, observation: str, ranges: Columns) ->
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldOutGap:
     """How large the gap was on the recording, on rows left out."""
 
     before: float  # RMS without the causes [unit]
@@ -174,7 +174,9 @@ class Fitted:
     samples: Columns  # some rows of the recording, by column (S, k)
     ranges: Columns  # smallest and largest value of every column that was fitted (2, k)
     # how large the gap was
-    held: Held = field(default_factory=lambda: Held(np.nan, np.nan, np.nan, "m", np.nan))
+    held: HeldOutGap = field(
+        default_factory=lambda: HeldOutGap(np.nan, np.nan, np.nan, "m", np.nan)
+    )
 
     def __repr__(self) -> str:
         sizes = " -> ".join(

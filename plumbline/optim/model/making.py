@@ -25,7 +25,7 @@ from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.nuisance import Nuisance
 from plumbline.optim.model.constants import WIDE
-from plumbline.optim.model.fitted import Held, by_effect, left_jacobian
+from plumbline.optim.model.fitted import HeldOutGap, by_effect, left_jacobian
 from plumbline.optim.model.model import Model
 from plumbline.optim.model.rows import columns_of, ranges_of, some_rows
 from plumbline.optim.recording.recording import Recording, Session, socket_labels
@@ -49,7 +49,7 @@ class FitEnd:
         return np.asarray(inverse * np.outer(self.scale, self.scale))
 
 
-def model_of(recording: Recording, fit: FitEnd, held: Held) -> Model:
+def model_of(recording: Recording, fit: FitEnd, held: HeldOutGap) -> Model:
     """The model of a fit to a recording's rows."""
     n = fit.nuisance
     x = fit.x[: n.size]

@@ -40,7 +40,7 @@ from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.pointing.aim import Aim
 from plumbline.optim.pointing.constants import NEAR, RESOLUTION, SLOTS
 from plumbline.optim.pointing.status import Status
-from plumbline.optim.pointing.surroundings import Clearance, Pair, Surroundings, by_name
+from plumbline.optim.pointing.surroundings import Clearance, ClearancePair, Surroundings, by_name
 from plumbline.optim.pointing.task import NeedleTask, corners, moving
 
 
@@ -214,7 +214,13 @@ class Planes:
         return np.concatenate(parts, axis=2).reshape(len(self.offsets), -1)
 
     def add(
-        self, k: int, around: Surroundings, share: float, pair: Pair, segments: Array, spare: float
+        self,
+        k: int,
+        around: Surroundings,
+        share: float,
+        pair: ClearancePair,
+        segments: Array,
+        spare: float,
     ) -> None:
         """Rows of angle k for a pair at some posture's capsules (M, 2, 3), ``spare`` [m] beyond."""
         _, point, normal = around.nearest(segments, pair)

@@ -56,7 +56,7 @@ class Thing:
 
 
 @dataclass(frozen=True)
-class Pair:
+class ClearancePair:
     """Two things that must keep a distance."""
 
     first: str  # name of what moves
@@ -95,7 +95,7 @@ class Clearance:
         )
 
 
-def by_name(pairs: Sequence[Pair], values: Array, where: Array) -> tuple[Clearance, ...]:
+def by_name(pairs: Sequence[ClearancePair], values: Array, where: Array) -> tuple[Clearance, ...]:
     """Of pairs (P) of equal names the one that falls shortest, the shortest of all first."""
     found: dict[tuple[str, str], Clearance] = {}
     for pair, value, place in zip(pairs, values.tolist(), where.tolist(), strict=True):
@@ -110,7 +110,7 @@ class Surroundings:
     """Pairs of an aim that must not meet."""
 
     things: tuple[Thing, ...]  # what stands
-    pairs: tuple[Pair, ...]  # what must keep which distance (P)
+    pairs: tuple[ClearancePair, ...]  # what must keep which distance (P)
     radii: Array  # of a posture's capsules (M,) [m]
     # pairs that meet by the arm's build or mounting, whatever its posture, by name
     left_out: tuple[str, ...]
@@ -157,11 +157,11 @@ class Surroundings:
         found = np.array([(p.capsule, p.thing, p.link) for p in self.pairs], dtype=np.intp)
         return found[:, 0], found[:, 1], found[:, 2]
 
-    def distance(self, segments: Array, pair: Pair) -> float:
+    def distance(self, segments: Array, pair: ClearancePair) -> float:
         """Signed clearance [m] of one pair at one posture's capsules (M, 2, 3), by coal."""
         return self.nearest(segments, pair)[0]
 
-    def nearest(self, segments: Array, pair: Pair) -> tuple[float, Array, Array]:
+    def nearest(self, segments: Array, pair: ClearancePair) -> tuple[float, Array, Array]:
         """The same, with a point of the second (3,) [m] and the normal (3,) towards the first."""
         one = _capsule(segments[pair.capsule], self.radii[pair.capsule])
         if pair.thing < 0:
@@ -240,10 +240,12 @@ def surroundings(aim: Aim, least_clearance: float) -> Surroundings:
     for k, thing in enumerate(things):
         capsules = [c for c in arm if not (thing.in_room and c[0] in mounted)]
         capsules += [(needle, "needle")] + [(path, "needle path")] * thing.keeps_path
-        pairs += [Pair(name, thing.name, thing.limit, i, thing=k) for i, name in capsules]
+        pairs += [ClearancePair(name, thing.name, thing.limit, i, thing=k) for i, name in capsules]
     for i, first in ((needle, "needle"), (path, "needle path")):
         pairs += [
-            Pair(first, name, least_clearance, i, link=j) for j, name in arm if j not in built_in
+            ClearancePair(first, name, least_clearance, i, link=j)
+            for j, name in arm
+            if j not in built_in
         ]
     beside = {j for thing in things if thing.in_room for j in mounted}
     left = _unjudged(names, built_in, "needle") + _unjudged(names, beside, "room")

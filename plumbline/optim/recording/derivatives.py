@@ -23,7 +23,7 @@ from plumbline.optim.recording.table import Array, Flags, Indices, Origin
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class DerivedMotion:
     """Velocities and accelerations (N, n), and how they were come by."""
 
     velocity: Array  # [rad/s or m/s]
@@ -34,7 +34,9 @@ class Motion:
     note: str = ""  # one line on the smoothing; empty where there was none
 
 
-def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin: Origin) -> Motion:
+def derived_motion(
+    q: Array, velocity: Array | None, time: Array | None, origin: Origin
+) -> DerivedMotion:
     """Velocities, smoothed, and accelerations from the same windows, of readings (N, n) [rad or m].
 
     Velocities (N, n) are derived from the readings where there are none; time is (N,) [s].
@@ -67,7 +69,7 @@ def derived_motion(q: Array, velocity: Array | None, time: Array | None, origin:
         f"{what} derived by zero-phase smoothing: quintics over {2 * half + 1} samples of "
         f"{step:.4g} s, bandwidth {width:.3g} Hz"
     )
-    return Motion(v, a, slow, fast, note)
+    return DerivedMotion(v, a, slow, fast, note)
 
 
 def usual_step(time: Array) -> float:

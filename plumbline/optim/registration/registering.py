@@ -31,9 +31,9 @@ from plumbline.optim.registration.target import Unstated
 from plumbline.optim.registration.triples import (
     BestTriple,
     CombinedTriples,
-    Frames,
     ThreePoint,
     Triple,
+    TripleFrames,
     usable_triples,
 )
 from plumbline.optim.registration.words import remarks, trust
@@ -108,7 +108,7 @@ def rank_triples(recording: Fiducials, lesion: ArrayLike) -> tuple[Registration,
     """Every usable triple, registered, the best for a lesion (3,) in CT [m] first; or refused."""
     markers = recording.checked()
     check(markers)
-    frames = Frames.of(markers, usable_triples(markers))
+    frames = TripleFrames.of(markers, usable_triples(markers))
     best: dict[tuple[int, ...], Triple] = {}
     for k in np.argsort(frames.tre_squares(np.asarray(lesion, dtype=float)), kind="stable"):
         a, b, c = (int(v) for v in frames.triples[k])

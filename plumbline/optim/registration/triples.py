@@ -180,7 +180,7 @@ def usable_triples(markers: Markers) -> Indices:
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class TripleFrames:
     """Three-point frames of K triples."""
 
     triples: Indices  # markers (K, 3) of each
@@ -220,7 +220,7 @@ class BestTriple(Declared):
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` of that triple and its derivatives by the markers."""
         where = markers.ct.mean(axis=0) if self.lesion is None else np.array(self.lesion)
-        frames = Frames.of(markers, usable_triples(markers))
+        frames = TripleFrames.of(markers, usable_triples(markers))
         best = int(frames.tre_squares(where).argmin())
         a, b, c = (int(k) for k in frames.triples[best])
         jacobian = np.zeros((6, len(markers), 6))
@@ -243,7 +243,7 @@ class CombinedTriples:
     def fit(self, markers: Markers) -> Fit:
         """``T_RC`` and its derivatives by the markers."""
         centre = markers.robot.mean(axis=0)
-        frames = Frames.of(markers, usable_triples(markers), centre)
+        frames = TripleFrames.of(markers, usable_triples(markers), centre)
         G = _gains(frames.covariance)
         T = _mean(frames.T_RC[None], centre[None], G)[0]
         jacobian = np.zeros((len(markers), 6, 6))
@@ -257,7 +257,7 @@ class CombinedTriples:
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         c, r, shape = c.reshape(-1, *c.shape[-2:]), r.reshape(-1, *r.shape[-2:]), c.shape[:-2]
         mean = _mean_markers(c, r, noise)
-        frames = Frames.of(mean, usable_triples(mean), mean.robot.mean(axis=0))
+        frames = TripleFrames.of(mean, usable_triples(mean), mean.robot.mean(axis=0))
         T = three_point_batch(c[:, frames.triples], r[:, frames.triples])
         return _mean(T, r.mean(axis=1), _gains(frames.covariance)).reshape(*shape, 4, 4)
 

@@ -10,7 +10,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.dh_fit import DHOptions, Status, fit_dh
 from plumbline.optim.dh_fit.identify import Why, identify, noise_free
 from plumbline.optim.dh_fit.local import Space
-from plumbline.optim.dh_fit.poses import Criterion, reachable
+from plumbline.optim.dh_fit.poses import DesignCriterion, reachable
 from plumbline.optim.dh_fit.statement import Pass, frame_unknowns, link_unknowns, tool_unknowns
 from tests.dh_sessions import BH7, four, recording, session
 
@@ -116,7 +116,7 @@ def test_chosen_poses_beat_random_ones_at_what_they_were_chosen_for():
     among = reachable(BH7, SPACE, noise=2e-4, candidates=150, targets=20)
     rng = np.random.default_rng(0)
     blind = [among.random(10, rng) for _ in range(20)]
-    widest, safest = (among.best(10, c) for c in Criterion)
+    widest, safest = (among.best(10, c) for c in DesignCriterion)
     assert widest.log_determinant > max(d.log_determinant for d in blind)
     assert safest.worst < min(d.worst for d in blind)
     assert safest.worst <= widest.worst * (1 + 1e-9)

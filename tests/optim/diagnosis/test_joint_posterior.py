@@ -318,7 +318,7 @@ def test_one_for_two_and_two_for_one_are_as_often_as_the_posterior_has_them(seed
     asked = problem(*drawn(seed, count=4, strength=3.0))
     asked = replace(asked, log_priors=asked.log_priors + 3.0)  # states of two and three count
     rng = np.random.default_rng(seed)
-    chain = joint.Chain(asked, rng, frozenset({0}), {})
+    chain = joint.MarkovChain(asked, rng, frozenset({0}), {})
     states = [frozenset(s) for k in (1, 2, 3, 4) for s in combinations(range(4), k)]
     been = dict.fromkeys(states, 0)
     for _ in range(20000):
@@ -470,7 +470,7 @@ def test_two_for_two_are_as_often_as_the_posterior_has_them(seed):
     asked = problem(*drawn(seed, count=5, strength=3.0))
     asked = replace(asked, log_priors=asked.log_priors + 3.0)  # places are seldom left empty
     states = [frozenset(s) for s in combinations(range(5), 3)]
-    chain = joint.Chain(asked, np.random.default_rng(seed), states[0], {})
+    chain = joint.MarkovChain(asked, np.random.default_rng(seed), states[0], {})
     been = dict.fromkeys(states, 0)
     for _ in range(20000):
         chain.two_for_two()
@@ -680,13 +680,13 @@ def test_of_seven_moves_one_asks_whether_rows_are_gross_and_of_the_rest_one_in_f
     def count(kind):
         return lambda *_: asked.update({kind: asked[kind] + 1})
 
-    monkeypatch.setattr(joint.Chain, "_ask_a_row", count("row"))
-    monkeypatch.setattr(joint.Chain, "_ask_all_rows", count("rows"))
-    monkeypatch.setattr(joint.Chain, "_fill", count("terms"))
-    monkeypatch.setattr(joint.Chain, "_part", count("part"))
-    monkeypatch.setattr(joint.Chain, "_join", count("join"))
+    monkeypatch.setattr(joint.MarkovChain, "_ask_a_row", count("row"))
+    monkeypatch.setattr(joint.MarkovChain, "_ask_all_rows", count("rows"))
+    monkeypatch.setattr(joint.MarkovChain, "_fill", count("terms"))
+    monkeypatch.setattr(joint.MarkovChain, "_part", count("part"))
+    monkeypatch.setattr(joint.MarkovChain, "_join", count("join"))
     rows = SimpleNamespace(gross=np.array([False, True]), linear=SimpleNamespace(n=9.0))
-    chain = joint.Chain(rows, np.random.default_rng(0), frozenset({0}), {})
+    chain = joint.MarkovChain(rows, np.random.default_rng(0), frozenset({0}), {})
     for _ in range(2000):
         chain._move()
     assert (asked["row"] + asked["rows"]) / 2000 == pytest.approx(1 / 7, abs=0.03)

@@ -16,7 +16,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.model import Model
-from plumbline.optim.model.fitted import Held
+from plumbline.optim.model.fitted import HeldOutGap
 from plumbline.optim.model.making import FitEnd, model_of
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.efforts import payload_efforts
@@ -59,7 +59,7 @@ def found(recording, causes):
     x = np.concatenate(list(causes.values()))
     precision = np.diag((1e3 / np.maximum(np.abs(x), 1e-2)) ** 2)
     fit = FitEnd(stated.nuisance, tuple(causes), x, stated.problem.scale, precision)
-    return model_of(recording, fit, Held(1.0, 0.1, 0.1, "N m", 0.1))
+    return model_of(recording, fit, HeldOutGap(1.0, 0.1, 0.1, "N m", 0.1))
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from plumbline.experiments.report import style
 from plumbline.optim.core.problem import Array
 from plumbline.optim.dh_fit import DHFit
 from plumbline.optim.dh_fit.local import LocalGlobal, Space
-from plumbline.optim.dh_fit.poses import Design
+from plumbline.optim.dh_fit.poses import PoseDesign
 from plumbline.optim.recording.constants import FIRST_ROW
 
 SIGNED = LinearSegmentedColormap.from_list("signed", [style.AFTER, "#f4f4f2", style.GUILTY])
@@ -104,7 +104,7 @@ def rows_picture(fit: DHFit) -> Figure:
         return figure
 
 
-def designs(chosen: Sequence[tuple[str, Design]], blind: Sequence[Design]) -> Figure:
+def designs(chosen: Sequence[tuple[str, PoseDesign]], blind: Sequence[PoseDesign]) -> Figure:
     """What designs promise: how well links are known, and the worst expected target error."""
     with style.drawing(5.4, 3.2) as (figure, axes):
         x = [d.log_determinant for d in blind]

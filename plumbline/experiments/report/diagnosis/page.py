@@ -37,7 +37,7 @@ from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.findings import Cause, Verdict
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.of_recordings import Carries, Compared, Transfer
+from plumbline.optim.diagnosis.of_recordings import AgainstOthers, Carries, Transfer
 from plumbline.optim.diagnosis.proof import proofs
 from plumbline.optim.diagnosis.several.sections import Sections
 from plumbline.optim.diagnosis.verdict import words
@@ -343,7 +343,7 @@ def _of_transfer(t: Transfer) -> list[tuple[str, ...]]:
     ]
 
 
-def _both(t: Transfer, one: Compared) -> tuple[str, str]:
+def _both(t: Transfer, one: AgainstOthers) -> tuple[str, str]:
     others = "" if t.carries == Carries.ONLY else _told(one.others, one.others_std, one.unit)
     return _told(one.value, one.std, one.unit), others
 

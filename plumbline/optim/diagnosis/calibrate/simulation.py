@@ -26,7 +26,7 @@ from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.prior import ROUNDS
 from plumbline.optim.measurement.observation import (
-    Model,
+    MeasurementModel,
     build_model,
     rotation_lever,
     rows_of,
@@ -65,7 +65,7 @@ class Setting:
     sigma: float  # noise of one equation [m or rad]
     library: tuple[type[Effect], ...]  # effects to draw from
 
-    def model(self, fault: Fault) -> tuple[Model, Array]:
+    def model(self, fault: Fault) -> tuple[MeasurementModel, Array]:
         """The model with a fault in it, and its unknowns (P,) at that fault."""
         effects = [*self.selected.fixed, *fault.effects]
         model = build_model(self.recording, effects, nuisance=self.selected.model.nuisance)
@@ -149,7 +149,7 @@ def _turns(sines: Array) -> Rotation:
     return Rotation.from_rotvec(sines * np.where(size > 0.0, angle / np.maximum(size, 1e-300), 1.0))
 
 
-def _given_way(model: Model, x: Array, errors: Array) -> Array:
+def _given_way(model: MeasurementModel, x: Array, errors: Array) -> Array:
     """Joint readings (N, n) at which the tips leave these errors."""
     recording, problem = model.recording, model.problem
     n = recording.q.shape[1]

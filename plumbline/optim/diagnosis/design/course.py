@@ -16,7 +16,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.prior import COOLED, MANY_ROWS
 from plumbline.optim.measurement.nuisance import Nuisance
-from plumbline.optim.measurement.observation import COLUMNS, Model, rows_of
+from plumbline.optim.measurement.observation import COLUMNS, MeasurementModel, rows_of
 from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.session import apart
@@ -26,7 +26,7 @@ from plumbline.optim.recording.session import apart
 class Course:
     """A recording and the rows that are to follow it."""
 
-    model: Model  # the model whose unknowns the rows are to tell
+    model: MeasurementModel  # the model whose unknowns the rows are to tell
     # the rows decided on so far, in their order; None before the first
     taken: FutureRows | None = None
 
@@ -91,7 +91,7 @@ class Course:
         return rows_of(whole, self.effects)[-len(rows) :]
 
 
-def _continued(model: Model, rows: FutureRows) -> Recording:
+def _continued(model: MeasurementModel, rows: FutureRows) -> Recording:
     """A recording with rows at its end, one after another."""
     recording = model.recording
     times, warmths = [], []
@@ -104,7 +104,7 @@ def _continued(model: Model, rows: FutureRows) -> Recording:
     return _joined(recording, _as_recording(model, rows, np.array(times), np.array(warmths)))
 
 
-def _one_by_one(model: Model, so_far: Recording, rows: FutureRows) -> Recording:
+def _one_by_one(model: MeasurementModel, so_far: Recording, rows: FutureRows) -> Recording:
     """Candidates as a recording (N rows), each of them right after the last row so far."""
     waits = np.zeros(len(rows)) if rows.wait is None else rows.wait
     times = _last(so_far.time) + _step(model.recording) + waits
@@ -131,7 +131,9 @@ def _cooled(recording: Recording, warmth: Any, wait: Any) -> Any:
     return cold + (warmth - cold) * COOLED ** (wait / length)
 
 
-def _as_recording(model: Model, rows: FutureRows, times: Array, warmths: Array) -> Recording:
+def _as_recording(
+    model: MeasurementModel, rows: FutureRows, times: Array, warmths: Array
+) -> Recording:
     """Rows as a recording; what was measured is made up, but for a pose's orientation."""
     recording = model.recording
     width = recording.measured.shape[1]
@@ -166,7 +168,7 @@ def _joined(first: Recording, then: Recording) -> Recording:
     return replace(first, **parts)
 
 
-def _orient(model: Model, q: Array, measured: Array) -> None:
+def _orient(model: MeasurementModel, q: Array, measured: Array) -> None:
     """Write the quaternions that the nuisances at the model's start predict, where there are any.
 
     Args:
@@ -184,7 +186,7 @@ def _orient(model: Model, q: Array, measured: Array) -> None:
     measured[:, 3:7] = _orientations(model, q, own)
 
 
-def _orientations(model: Model, q: Array, own: Nuisance | Own) -> Array:
+def _orientations(model: MeasurementModel, q: Array, own: Nuisance | Own) -> Array:
     """Unit quaternions (N, 4), w first."""
     nuisance = model.nuisance
     turns = cs.Function("turns", [nuisance.x], [own.T_device_world.R, own.R_tip_tool])

@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.prior import LEAST_TOLD, WIDE_PRIOR
 from plumbline.optim.diagnosis.verdict.words import blame_of
-from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.observation import MeasurementModel, build_model
 from plumbline.optim.model.making import number_of
 
 NOTHING = "no effect"
@@ -77,7 +77,7 @@ class Contest:
     rivals: Rivals  # the explanations
     # A model of all their effects at once; it starts where it is linearised, at the verdict's fit,
     # with all other effects at their null
-    model: Model
+    model: MeasurementModel
     sigma: float  # noise of one equation [m or rad]
 
     @property
@@ -143,7 +143,7 @@ def contest(selected: SelectedModel, candidates: tuple[LeadingExplanation, ...])
     return Contest(rivals, model, sigma)
 
 
-def _all_together(selected: SelectedModel, indices: Sequence[int]) -> Model:
+def _all_together(selected: SelectedModel, indices: Sequence[int]) -> MeasurementModel:
     """A model with some of the search's candidates, about the verdict's fit."""
     old = selected.model
     effects = [*selected.fixed, *(selected.selection.candidates[i].effect for i in indices)]
@@ -159,7 +159,7 @@ class _Prior:
     centre: Array
 
     @classmethod
-    def of(cls, model: Model) -> Self:
+    def of(cls, model: MeasurementModel) -> Self:
         """Wide about the fit for what is always fitted, about the null for effects."""
         own = np.arange(len(model.start)) < model.fixed
         centre = np.where(own, model.start / model.problem.scale, 0.0)

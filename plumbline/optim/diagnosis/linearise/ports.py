@@ -14,7 +14,7 @@ from plumbline.kinematics.parameters import Parameter
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Flags, Indices
 from plumbline.optim.diagnosis.prior import DISPLACED
-from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.observation import MeasurementModel, build_model
 from plumbline.optim.measurement.refit import in_noise, rows_of_gap
 from plumbline.optim.recording.session import apart
 
@@ -115,7 +115,9 @@ class Ports:
         return replace(self, base=self.base / spread, target=self.target / spread)
 
     @classmethod
-    def about(cls, model: Model, x: Array, rows: Indices, always: int | None = None) -> Self:
+    def about(
+        cls, model: MeasurementModel, x: Array, rows: Indices, always: int | None = None
+    ) -> Self:
         """At the fit x (P,) of a model, on some of its rows.
 
         Args:
@@ -157,7 +159,7 @@ class Ports:
         return cls(base, target, joint, link, body, shift[:size], always, gross, live)
 
 
-def _columns(model: Model, x: Array, rows: Indices) -> tuple[Array, Array]:
+def _columns(model: MeasurementModel, x: Array, rows: Indices) -> tuple[Array, Array]:
     """Residuals (n, m) and transposed Jacobian (P, n, m) of some of a model's rows."""
     problem = model.problem.on(model.problem.rows[rows])
     parts = list(Mapped(problem).jacobians(x))
@@ -165,7 +167,7 @@ def _columns(model: Model, x: Array, rows: Indices) -> tuple[Array, Array]:
     return np.concatenate([p[1] for p in parts]), np.moveaxis(J, 2, 0)
 
 
-def _moved_by(added: Sequence[Effect], model: Model, x: Array, rows: Indices) -> Array:
+def _moved_by(added: Sequence[Effect], model: MeasurementModel, x: Array, rows: Indices) -> Array:
     """What one unit of more effects moves (K, n, m); what is at its null changes none of it."""
     held = [t for t in model.terms if (x[t.columns] != model.start[t.columns]).any()]
     fitted = np.concatenate([x[: model.fixed], *(x[t.columns] for t in held)])

@@ -12,7 +12,7 @@ from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
-from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.search import JointFindings
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
@@ -36,7 +36,7 @@ class MotionDiagnosis(WithVerdict):
     recording: MotionRecording
     verdict: Verdict
     signals: Signals
-    joints: tuple[Joint, ...]
+    joints: tuple[JointFindings, ...]
     left_out: tuple[LeftOut, ...]
     options: DiagnosisOptions
 
@@ -58,17 +58,17 @@ class MotionDiagnosis(WithVerdict):
         return self.model().gaps(other)
 
 
-def _of_joint(j: Joint) -> dict[str, Any]:
+def _of_joint(j: JointFindings) -> dict[str, Any]:
     return parts_of(j, "windows", "fit") | {"effects": j.fit.effects, "theta": j.fit.theta}
 
 
-def _joint(data: Any, signals: Signals) -> Joint:
+def _joint(data: Any, signals: Signals) -> JointFindings:
     """A joint whose windows are cut again, and whose drive is rolled out again."""
-    given = restored_parts(data, Joint)
+    given = restored_parts(data, JointFindings)
     effects = restored(data["effects"], tuple[MotionEffect, ...])
     windows = signals.windows(given["number"] - 1, signals.training)
     fit = evaluated(windows, effects, restored(data["theta"], Array))
-    return Joint(windows=windows, fit=fit, **given)
+    return JointFindings(windows=windows, fit=fit, **given)
 
 
 def _taken(d: MotionDiagnosis) -> dict[str, Any]:

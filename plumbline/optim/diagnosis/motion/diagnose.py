@@ -24,7 +24,7 @@ from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import Begun, prior_at, search
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
-from plumbline.optim.diagnosis.motion.verdict import Found, verdict_of
+from plumbline.optim.diagnosis.motion.verdict import MotionFindings, verdict_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE
 
@@ -63,7 +63,7 @@ def diagnose_motion(
         joints.append(search(one, prior, signals.sigma))
     unseen = tuple(left_out(signals, joint) for joint in joints)
     still = [j + 1 for j in range(r.n) if j not in _moved(r)]
-    found = Found(
+    found = MotionFindings(
         r, tuple(joints), unseen, still, signals.held_out_by, options.seed, options.unlisted,
         signals.averaged,
     )  # fmt: skip

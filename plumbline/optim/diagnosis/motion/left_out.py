@@ -11,7 +11,7 @@ from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated, fitted
 from plumbline.optim.diagnosis.motion.rollout import Array, Effects
-from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.search import JointFindings
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
 
 
@@ -27,7 +27,7 @@ class LeftOut:
     residual_after: Array  # residuals (W, K) of the causes [rad]
 
 
-def left_out(signals: Signals, joint: Joint) -> LeftOut:
+def left_out(signals: Signals, joint: JointFindings) -> LeftOut:
     """Every fold's windows, by fits of the joint's causes to all others."""
     j, found = joint.number - 1, joint.fit
     parts = [_fold(signals, j, found, *fold) for fold in _folds(signals)]

@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.motion.constants import CHIRP, CONFOUNDED, SECONDS
 from plumbline.optim.diagnosis.motion.models import SAME, twins
 from plumbline.optim.diagnosis.motion.rollout import Array
-from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.search import JointFindings
 
 BY_HAND = ("hold", "pushed by hand either way: play gives way, a dead band does not")
 # What parts two effects: a motion's kind, and what it is in words.
@@ -55,7 +55,7 @@ PARTED_EFFORTS: tuple[tuple[str, str, frozenset[str]], ...] = (
 )  # fmt: skip
 
 
-def proposals(joints: Sequence[Joint]) -> Iterator[dict[str, Any]]:
+def proposals(joints: Sequence[JointFindings]) -> Iterator[dict[str, Any]]:
     """One entry a joint and pair of effects that it leaves open."""
     for joint in joints:
         parted = PARTED | {SAME: BY_HAND} if one_operator(joint) else PARTED
@@ -76,7 +76,7 @@ def _parts(
     return parted[pair] if pair in parted else next(of_torques, None)
 
 
-def one_operator(joint: Joint) -> bool:
+def one_operator(joint: JointFindings) -> bool:
     """Whether play and a dead band do the same to a joint."""
     kinds = (ActuationPlay, ActuationDeadband)
     forms = tuple(e for kind in kinds for e in kind.candidates(joint.windows.law, masses=False))

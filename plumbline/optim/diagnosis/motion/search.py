@@ -36,7 +36,7 @@ IS_PART = DEVIATIONS[0]  # of an effect's size: what is unlisted and as large ma
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class JointFindings:
     """What a search found at one joint."""
 
     number: int  # the joint, from 1
@@ -73,7 +73,7 @@ class Begun:
         return self.quick.found[self.key]
 
 
-def search(begun: Begun, prior: float, sigma: float | None = None) -> Joint:
+def search(begun: Begun, prior: float, sigma: float | None = None) -> JointFindings:
     """Find a joint's causes.
 
     Args:
@@ -112,7 +112,7 @@ def search(begun: Begun, prior: float, sigma: float | None = None) -> Joint:
         for e, size in zip(library, windows.sizes(library), strict=True)
         if e.is_limit and e.name not in near
     }
-    return Joint(
+    return JointFindings(
         number, windows, fit, probability, instead, added, outside, every, anything, effective,
         unseen, std,
     )  # fmt: skip

@@ -35,7 +35,7 @@ from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.proposals import one_operator, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Array
-from plumbline.optim.diagnosis.motion.search import Joint
+from plumbline.optim.diagnosis.motion.search import JointFindings
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.predict.shrink import gap_between, shrink_interval
@@ -48,11 +48,11 @@ OWN = {"angle": "own angle"}  # as effects call what an unlisted function goes b
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class MotionFindings:
     """All that is known when a verdict is due."""
 
     recording: MotionRecording  # the data
-    joints: Sequence[Joint]  # what the search found at each joint that moved
+    joints: Sequence[JointFindings]  # what the search found at each joint that moved
     judged: Sequence[LeftOut]  # how that does on what was left out, joint by joint
     still: Sequence[int]  # joints, from 1, that were neither moved nor asked to
     by: str  # what was left out together
@@ -61,7 +61,7 @@ class Found:
     averaged: float = 1.0  # noise of a sample on the even clock, as a share of a reading's
 
 
-def verdict_of(found: Found) -> Verdict:
+def verdict_of(found: MotionFindings) -> Verdict:
     """Put the verdict together."""
     r, noise = found.recording, _noise(found)
     gap, counted = _gap(found, noise), sum(joint.effective for joint in found.joints)
@@ -100,7 +100,7 @@ def verdict_of(found: Found) -> Verdict:
     )
 
 
-def _tree(joints: Sequence[Joint]) -> tuple[dict[str, Any], ...]:
+def _tree(joints: Sequence[JointFindings]) -> tuple[dict[str, Any], ...]:
     """Drive, what its error depends on, mechanism: of equals what is named comes first."""
     on = {effect.name: effect.depends_on for effect in MOTION_EFFECTS}
     mechanisms: dict[Mechanism, float] = {}
@@ -113,7 +113,7 @@ def _tree(joints: Sequence[Joint]) -> tuple[dict[str, Any], ...]:
     return tree_of({(STAGE, joint.number): joint.anything for joint in joints}, mechanisms)
 
 
-def _noise(found: Found) -> NoiseLevel:
+def _noise(found: MotionFindings) -> NoiseLevel:
     left = _rms([j.fit.residual.ravel() ** 2 for j in found.joints])
     stated = found.recording.noise_std
     if stated is None:
@@ -126,7 +126,7 @@ def _rms(squares: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(list(squares)))))
 
 
-def _gap(found: Found, noise: NoiseLevel) -> Gap:
+def _gap(found: MotionFindings, noise: NoiseLevel) -> Gap:
     """Root mean squares of one reading, over all joints, of what was left out."""
     before, after = (
         np.concatenate(x) for x in zip(*((j.before, j.after) for j in found.judged), strict=True)
@@ -137,7 +137,7 @@ def _gap(found: Found, noise: NoiseLevel) -> Gap:
     return gap_between(found.recording.unit, sides, noise, noise.sigma, interval, found.by)
 
 
-def _causes(found: Found) -> tuple[Cause, ...]:
+def _causes(found: MotionFindings) -> tuple[Cause, ...]:
     """What earns its probability, most important first: by the square that is left without it.
 
     What was left out need not show it: of a limit that one window reached no other window tells.
@@ -151,13 +151,13 @@ def _causes(found: Found) -> tuple[Cause, ...]:
     return tuple(cause for _, cause in sorted(made, key=lambda pair: -pair[0]))
 
 
-def _alike(joint: Joint, name: str) -> float:
+def _alike(joint: JointFindings, name: str) -> float:
     """Probability of an effect, or of listed ones that the recording cannot tell from it."""
     others = (p for e, p in joint.instead[name].items() if e[0] != "?" and p > CONFOUNDED)
     return joint.probability[name] + sum(others)
 
 
-def _cause(found: Found, joint: Joint, judged: LeftOut, k: int) -> Cause:
+def _cause(found: MotionFindings, joint: JointFindings, judged: LeftOut, k: int) -> Cause:
     effect, r = joint.fit.effects[k], found.recording
     p = effect.parameter
     value, std = float(joint.fit.theta[k]), float(joint.std[k])
@@ -182,7 +182,7 @@ def in_unit(unit: str, of_place: str) -> str:
     return unit.replace("rad", of_place)
 
 
-def _confounded(joint: Joint, k: int) -> tuple[Blame, ...]:
+def _confounded(joint: JointFindings, k: int) -> tuple[Blame, ...]:
     """What may stand in a cause's place, and what the rows tell only together with it."""
     name = joint.fit.effects[k].name
     instead = {e: p for e, p in joint.instead[name].items() if p > CONFOUNDED and e[0] != "?"}
@@ -193,7 +193,7 @@ def _confounded(joint: Joint, k: int) -> tuple[Blame, ...]:
     return tuple(Blame(e, STAGE, joint.number) for e in dict.fromkeys([*instead, *others]))
 
 
-def _others(found: Found, causes: Sequence[Cause]) -> list[Cause]:
+def _others(found: MotionFindings, causes: Sequence[Cause]) -> list[Cause]:
     """What was considered and is not named, most probable first."""
     named = {(c.effect, c.element) for c in causes}
     rest = [
@@ -205,7 +205,7 @@ def _others(found: Found, causes: Sequence[Cause]) -> list[Cause]:
     return sorted(rest, key=lambda c: -c.probability)
 
 
-def _unseen(found: Found) -> Iterator[Blame]:
+def _unseen(found: MotionFindings) -> Iterator[Blame]:
     """Limits that no row comes near, and joints that did nothing."""
     effects = {e.name: e for e in MOTION_EFFECTS}
     for joint in found.joints:
@@ -217,7 +217,7 @@ def _unseen(found: Found) -> Iterator[Blame]:
         yield Blame("actuation", STAGE, j, "it was neither moved nor asked to")
 
 
-def _outside(found: Found, noise: NoiseLevel) -> tuple[float, str]:
+def _outside(found: MotionFindings, noise: NoiseLevel) -> tuple[float, str]:
     """Probability that something else is at work, and what it depends on."""
     spared, words = 1.0, []
     for joint in found.joints:
@@ -228,7 +228,7 @@ def _outside(found: Found, noise: NoiseLevel) -> tuple[float, str]:
     return float(1 - spared), most[1]
 
 
-def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
+def _outside_of(joint: JointFindings, noise: NoiseLevel) -> tuple[float, str]:
     unlisted = {name[1:]: p for name, p in joint.mechanisms.items() if name.startswith("?")}
     on = max(unlisted, key=unlisted.__getitem__, default="")
     if noise.source != "fit" or joint.fit.square <= FINEST**2:
@@ -240,7 +240,7 @@ def _outside_of(joint: Joint, noise: NoiseLevel) -> tuple[float, str]:
     return joint.outside, on
 
 
-def _where(found: Found) -> tuple[Place, ...]:
+def _where(found: MotionFindings) -> tuple[Place, ...]:
     """Shares of the square that each joint's causes take."""
     drops = {
         joint.number: max(float(judged.before.sum() - judged.after.sum()), 0.0)
@@ -252,7 +252,7 @@ def _where(found: Found) -> tuple[Place, ...]:
     return tuple(sorted(places, key=lambda place: -place.share))
 
 
-def _staircase(found: Found, gap: Gap) -> tuple[Step, ...]:
+def _staircase(found: MotionFindings, gap: Gap) -> tuple[Step, ...]:
     """The gap as the joints' causes go in, joint by joint."""
     pairs = list(zip(found.joints, found.judged, strict=True))
     count = sum(len(judged.before) for _, judged in pairs)
@@ -265,14 +265,14 @@ def _staircase(found: Found, gap: Gap) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _joints(found: Found) -> Iterator[JointGap]:
+def _joints(found: MotionFindings) -> Iterator[JointGap]:
     for joint, judged in zip(found.joints, found.judged, strict=True):
         before, after = (float(np.sqrt(s.mean())) for s in (judged.before, judged.after))
         label = f"{found.recording.noun} {joint.number}"
         yield JointGap(joint.number, label, before, after, found.recording.unit)
 
 
-def _notes(found: Found) -> list[str]:
+def _notes(found: MotionFindings) -> list[str]:
     told = [
         f"drive {joint.number}: play and a dead band are one and the same as they act here"
         for joint in found.joints
@@ -293,14 +293,14 @@ def _notes(found: Found) -> list[str]:
     return [*told, *(_held(joint, 1e3 * step, d) for joint, d in late if d < step)]
 
 
-def _delay(joint: Joint) -> float:
+def _delay(joint: JointFindings) -> float:
     """How late a drive whose commands are not known to be held is [s]; infinite if it is not."""
     values = zip(joint.fit.effects, joint.fit.theta, strict=True)
     late = (float(d) for e, d in values if e.name == "actuation_delay")
     return math.inf if joint.windows.law.holds else next(late, math.inf)
 
 
-def _held(joint: Joint, step: float, late: float) -> str:
+def _held(joint: JointFindings, step: float, late: float) -> str:
     """What a delay [s] by less than a row [ms] may be."""
     law = joint.windows.law
     if late < 0:
@@ -316,7 +316,7 @@ def _held(joint: Joint, step: float, late: float) -> str:
     )
 
 
-def _judgement(joints: Sequence[Joint]) -> Judgement:
+def _judgement(joints: Sequence[JointFindings]) -> Judgement:
     fits = []
     for joint in joints:
         go = to_go(joint.windows, joint.fit, joint.effective)

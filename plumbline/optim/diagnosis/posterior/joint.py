@@ -106,7 +106,7 @@ class Sampled:
         return {int(problem.labels[0][i]) for i in state if not problem.gross[i]}
 
 
-class Chain:
+class MarkovChain:
     """A state on its way.
 
     Attributes:
@@ -305,7 +305,7 @@ def sample(
     """
     looks: dict[State, _Look] = {}
     chains = [
-        Chain(problem, np.random.default_rng([seed, k]), start, looks)
+        MarkovChain(problem, np.random.default_rng([seed, k]), start, looks)
         for k, start in enumerate(starts)
     ]
     for chain in chains:

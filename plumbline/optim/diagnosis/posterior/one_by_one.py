@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis import prior
-from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Chain, Sampled, shares_of
+from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, MarkovChain, Sampled, shares_of
 from plumbline.optim.diagnosis.posterior.joint_problem import (
     JointProblem,
     Parts,
@@ -87,7 +87,7 @@ def _chain(
 
     Between them two terms go for two: pairs that do the same as others a chain would never leave.
     """
-    sweeps, moves, pairs = list[Sampled](), 0, Chain(problem, rng, frozenset(), {})
+    sweeps, moves, pairs = list[Sampled](), 0, MarkovChain(problem, rng, frozenset(), {})
     while moves < prior.LONG_MOVES:
         reduced, odds = problem.reduce(state), []
         places: list[list[SelectedTerm]] = [[], *([t] for t in problem.slots(state))]
@@ -103,7 +103,9 @@ def _chain(
     return _mean(sweeps)
 
 
-def _exchanged(chain: Chain, state: Sequence[SelectedTerm], moves: int) -> Sequence[SelectedTerm]:
+def _exchanged(
+    chain: MarkovChain, state: Sequence[SelectedTerm], moves: int
+) -> Sequence[SelectedTerm]:
     """A state after so many exchanges of two terms for two."""
     chain.state = before = frozenset(term.index for term in state)
     for _ in range(moves):

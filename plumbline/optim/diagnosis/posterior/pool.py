@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
 from plumbline.optim.diagnosis.prior import IN_ONE, LOG_SCALE_WEIGHTS, SCALES
-from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.observation import MeasurementModel, build_model
 from plumbline.optim.measurement.refit import candidates_of, scope_for
 
 
@@ -28,7 +28,7 @@ from plumbline.optim.measurement.refit import candidates_of, scope_for
 class Pool:
     """Candidates with their linearisation, fold by fold."""
 
-    model: Model  # the model of all candidates at once
+    model: MeasurementModel  # the model of all candidates at once
     x: Array  # where it is linearised: the current fit, absent effects at their null (P,)
     candidates: tuple[Candidate, ...]  # the candidates; nuisance columns come before theirs
     shared: Gram  # normal equations of what no row carries
@@ -146,7 +146,7 @@ def eliminate_first(linear: Linear, count: int) -> Linear:
 
 
 def make_pool(
-    fitted: Model,
+    fitted: MeasurementModel,
     x: Array,
     folds: NDArray[np.intp],
     noise: NoisePrior,
@@ -187,7 +187,7 @@ def make_pool(
     return Pool(model, at, candidates, own, noise, allowed, always, folds)
 
 
-def _deviations(fitted: Model, x: Array, chosen: Sequence[Effect]) -> Iterator[Effect]:
+def _deviations(fitted: MeasurementModel, x: Array, chosen: Sequence[Effect]) -> Iterator[Effect]:
     """Forms that follow from the fits of the chosen effects, unless one is chosen already."""
     held = {(e.name, e.element) for e in chosen if e.plain}
     for term in fitted.terms:
@@ -213,7 +213,9 @@ def size_odds(effect: Effect) -> float:
     return float(np.logaddexp.reduce(LOG_SCALE_WEIGHTS + density.sum(axis=1)))
 
 
-def _candidates(model: Model, fixed: int, variants: Sequence[Effect]) -> tuple[Candidate, ...]:
+def _candidates(
+    model: MeasurementModel, fixed: int, variants: Sequence[Effect]
+) -> tuple[Candidate, ...]:
     """Columns and prior shares: alike for every kind, then every element, then every variant.
 
     A finer variant than those listed was found by the data: its share is that of its own part of

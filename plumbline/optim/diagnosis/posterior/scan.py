@@ -31,7 +31,7 @@ from plumbline.optim.diagnosis.constants import TWIST
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
 from plumbline.optim.diagnosis.prior import LOG_SCALE_WEIGHTS
-from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.observation import MeasurementModel, build_model
 from plumbline.optim.measurement.refit import in_noise
 from plumbline.optim.recording.recording import Recording
 
@@ -123,7 +123,7 @@ class Given:
 
 
 def families(
-    model: Model,
+    model: MeasurementModel,
     x: Array,
     folds: NDArray[np.intp],
     variants: Sequence[Effect],
@@ -200,7 +200,7 @@ class _Sums:
     def add(
         self,
         f: int,
-        model: Model,
+        model: MeasurementModel,
         recording: Recording,
         rows: Array,
         ports: Array,
@@ -264,7 +264,7 @@ class _Sums:
         return Family(self.effects, self.blocks, self.cross, self.target)
 
 
-def _time_column(model: Model) -> int:
+def _time_column(model: MeasurementModel) -> int:
     """Time stands behind the joints and what was measured: see the order of a model's row."""
     return model.recording.q.shape[1] + model.recording.measured.shape[1]
 

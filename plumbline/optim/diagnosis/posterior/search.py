@@ -34,7 +34,7 @@ from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, sele
 from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, MANY_ROWS, ROUNDS, WIDE_PRIOR
 from plumbline.optim.measurement.correlated import trust
 from plumbline.optim.measurement.nuisance import Nuisance, nuisances_of
-from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.observation import MeasurementModel, build_model
 from plumbline.optim.recording.recording import Recording
 
 SOLVER = LevenbergMarquardt(max_iterations=20, tolerance=1e-8)
@@ -71,7 +71,7 @@ class Task:
         rows = np.sort(np.concatenate(visits))
         return replace(self, recording=self.recording.select(rows), folds=self.folds[rows])
 
-    def pool(self, model: Model, fitted: Solution) -> Pool:
+    def pool(self, model: MeasurementModel, fitted: Solution) -> Pool:
         """The candidates, linearised about a fit."""
         return make_pool(
             model, fitted.x, self.folds, self.noise, fixed=self.fixed, library=self.library
@@ -84,7 +84,7 @@ class SelectedModel:
 
     nominal: Solution  # the fit of the nuisances alone
     best: Solution  # the fit with the chosen effects
-    model: Model  # the model of that fit
+    model: MeasurementModel  # the model of that fit
     pool: Pool  # all candidates, linearised about the last fit but one
     selection: SelectionProblem  # the last selection problem
     chosen: tuple[SelectedTerm, ...]  # the terms that were selected
@@ -244,7 +244,7 @@ def search(
 
 def on_all_rows(
     guess: SelectedModel, recording: Recording, weights: Array
-) -> tuple[Model, Solution]:
+) -> tuple[MeasurementModel, Solution]:
     """The model that was found on a part of the rows, where it ended, of all of them.
 
     A frame's numbers are told from where it was registered; sockets are numbered by those that are
@@ -290,7 +290,7 @@ def about_its_fit(
 
 
 def _in_order_of(
-    model: Model, selection: SelectionProblem, chosen: Sequence[SelectedTerm]
+    model: MeasurementModel, selection: SelectionProblem, chosen: Sequence[SelectedTerm]
 ) -> list[SelectedTerm]:
     """The same terms in the order of the model's."""
     place = {term.effect: k for k, term in enumerate(model.terms)}
@@ -305,7 +305,7 @@ def fit(
     solver: Solver,
     start: Mapping[str, float] | None = None,
     ridge: Sequence[float] | None = None,
-) -> tuple[Model, Solution]:
+) -> tuple[MeasurementModel, Solution]:
     """Fit the nuisances and some effects, from named start values where there are any.
 
     With a ridge the fit is the most probable one under the priors that the evidence assumed, so

@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.prior import (
     MOST_REFINED,
     NO_EVIDENCE,
 )
-from plumbline.optim.measurement.observation import Model
+from plumbline.optim.measurement.observation import MeasurementModel
 from plumbline.optim.measurement.refit import scope_for
 from plumbline.optim.recording.recording import Recording
 
@@ -46,7 +46,7 @@ def nearby(chosen: Sequence[Effect], recording: Recording) -> dict[Effect, list[
 
 
 def shortlists(
-    fitted: Model,
+    fitted: MeasurementModel,
     x: Array,
     folds: NDArray[np.intp],
     noise: NoisePrior,
@@ -128,7 +128,7 @@ def _plain(own: Mapping[Effect, Columns], given: Given, noise: NoisePrior) -> li
 
 
 def _own_columns(
-    fitted: Model, family: Family, chosen: Sequence[Effect]
+    fitted: MeasurementModel, family: Family, chosen: Sequence[Effect]
 ) -> dict[Effect, NDArray[np.intp]]:
     """Columns of what has been chosen of a family's effect and element."""
     first = family.effects[0]

@@ -36,7 +36,7 @@ from plumbline.optim.diagnosis.prior import (
     VARIANCE_ROUNDS,
     WIDE_PRIOR,
 )
-from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.observation import MeasurementModel, build_model
 from plumbline.optim.measurement.refit import always_fitted, candidates_of, runs_once
 from plumbline.optim.recording.recording import Recording
 
@@ -48,7 +48,7 @@ class Carried:
     effects: tuple[Effect, ...]  # the effects
     values: Array  # their values
     # where ripples were filled up: the model, its unknowns (P,) and their inverse covariance (P, P)
-    whole: tuple[Model, Array, Array] | None = None
+    whole: tuple[MeasurementModel, Array, Array] | None = None
 
 
 def as_spectra(
@@ -126,7 +126,7 @@ class _Prior:
     flat: Array  # width of the prior of the others about their fit (P,)
 
     @classmethod
-    def of(cls, model: Model, joints: Sequence[int], always: Sequence[Effect]) -> _Prior:
+    def of(cls, model: MeasurementModel, joints: Sequence[int], always: Sequence[Effect]) -> _Prior:
         """Of a model whose ripples are filled up."""
         family, shape = np.full(model.problem.size, -1), model.problem.scale.copy()
         numbers: dict[object, int] = {}

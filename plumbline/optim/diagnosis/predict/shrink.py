@@ -30,7 +30,7 @@ from plumbline.optim.diagnosis.posterior.selection import (
     select,
 )
 from plumbline.optim.diagnosis.posterior.slots import added_evidence, asked_again
-from plumbline.optim.measurement.observation import Model, build_model
+from plumbline.optim.measurement.observation import MeasurementModel, build_model
 
 # It ends at a hundredth of what a fold's square may still change by.
 FOLD_SOLVER = LevenbergMarquardt(tolerance=0.01 * prior.FOLD_STILL**2)
@@ -187,7 +187,7 @@ def held_out_residuals(
 
 def _settled(
     pool: Pool,
-    union: Model,
+    union: MeasurementModel,
     left_out: Flags,
     model: FoldModel,
     start: Array,
@@ -220,7 +220,7 @@ def _settled(
 
 
 def _without_fold(
-    pool: Pool, union: Model, model: FoldModel, free: Columns, others: Flags, x: Array
+    pool: Pool, union: MeasurementModel, model: FoldModel, free: Columns, others: Flags, x: Array
 ) -> Problem:
     """A fold's fit to all other rows (N,) in some unknowns, under its priors; the others stay."""
     problem, held = union.problem, np.ones(len(x), dtype=bool)
@@ -254,7 +254,7 @@ def _judged(solution: Solution) -> Judged:
     return judged_by_gram(gram.part(np.flatnonzero(~held)), limit=_still(gram.count))
 
 
-def _columns_of(pool: Pool, union: Model, model: FoldModel) -> Columns:
+def _columns_of(pool: Pool, union: MeasurementModel, model: FoldModel) -> Columns:
     """Columns of what is always fitted and of a fold's effects, in the union of all folds'."""
     owners = {t.effect: t.columns for t in union.terms}
     columns = [np.arange(owners[e].start, owners[e].stop) for e in model.effects]
@@ -279,7 +279,7 @@ def _own(pool: Pool, model: FoldModel, rest: Linear, together: Columns) -> Colum
     return np.concatenate([pool.own_nuisances[model.fold], markers])
 
 
-def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> Model:
+def _union(pool: Pool, models: Sequence[FoldModel], best: Solution) -> MeasurementModel:
     """The model of all effects that any fold chose, on the rows that are trusted."""
     fixed = [t.effect for t in pool.model.terms if t.columns.stop <= pool.always]
     effects = dict.fromkeys([*fixed, *(e for model in models for e in model.effects)])

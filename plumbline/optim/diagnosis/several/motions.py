@@ -36,9 +36,9 @@ from plumbline.optim.diagnosis.motion.fit import evaluated, fitted
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import Windows
-from plumbline.optim.diagnosis.motion.search import Joint, errors_of, prior_at
+from plumbline.optim.diagnosis.motion.search import JointFindings, errors_of, prior_at
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
-from plumbline.optim.diagnosis.of_recordings import Carries, Compared, OfRecording, Transfer
+from plumbline.optim.diagnosis.of_recordings import AgainstOthers, Carries, OfRecording, Transfer
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of, scatter_of
@@ -170,19 +170,21 @@ def _figures(
     )  # fmt: skip
 
 
-def _without_it(signals: Signals, joint: Joint, mine: Flags) -> float:
+def _without_it(signals: Signals, joint: JointFindings, mine: Flags) -> float:
     """Mean square of a motion's windows with causes fitted to the others alone [rad^2]."""
     others = _windows(signals, joint, ~mine)
     fit = fitted(others, joint.fit.effects, joint.fit.theta)
     return evaluated(_windows(signals, joint, mine), fit.effects, fit.theta).square
 
 
-def _windows(signals: Signals, joint: Joint, chosen: Flags) -> Windows:
+def _windows(signals: Signals, joint: JointFindings, chosen: Flags) -> Windows:
     starts = signals.starts[chosen]
     return signals.windows(joint.number - 1, spread(starts, MOST_JUDGED))
 
 
-def _transfers(found: MotionDiagnosis, joint: Joint, mine: Flags, name: str) -> list[Transfer]:
+def _transfers(
+    found: MotionDiagnosis, joint: JointFindings, mine: Flags, name: str
+) -> list[Transfer]:
     """Every cause of a joint's drive as one motion alone says it, and what all others say."""
     if not joint.fit.effects:
         return []
@@ -200,7 +202,9 @@ def _transfers(found: MotionDiagnosis, joint: Joint, mine: Flags, name: str) -> 
         z = float(abs(one - other) / np.hypot(std, others_std))
         told = max(std, others_std) < scales[p]
         carries = Carries.NO if z > CHANGED else Carries.YES if told else Carries.UNTOLD
-        said = Compared(float(one), float(std), float(other), float(others_std), effect.unit(law))
+        said = AgainstOthers(
+            float(one), float(std), float(other), float(others_std), effect.unit(law)
+        )
         values = {effect.parameter.name: said}
         lines.append(Transfer(effect.name, joint.number, name, carries, z, values))
     return lines

@@ -24,12 +24,12 @@ from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.constants import FLATTEST_TOLD
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
-from plumbline.optim.diagnosis.of_recordings import Carries, Compared, OfRecording, Transfer
+from plumbline.optim.diagnosis.of_recordings import AgainstOthers, Carries, OfRecording, Transfer
 from plumbline.optim.diagnosis.posterior.agreement import share_of
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.verdict.words import parameter_name
-from plumbline.optim.measurement.observation import Term
+from plumbline.optim.measurement.observation import ModelTerm
 from plumbline.optim.measurement.refit import figure, gap_unit
 from plumbline.optim.measurement.torque import own_units
 from plumbline.optim.model.constants import CHANGED
@@ -53,7 +53,7 @@ class Each:
         return model.fixed + sum(len(e.parameters) for e in self.selected.fixed)
 
     @property
-    def causes(self) -> tuple[Term, ...]:
+    def causes(self) -> tuple[ModelTerm, ...]:
         """Terms of the causes."""
         return self.selected.model.terms[len(self.selected.fixed) :]
 
@@ -144,14 +144,14 @@ class Each:
 
 def transfers(each: Each) -> tuple[Transfer, ...]:
     """The table: every cause, every recording."""
-    found: dict[tuple[Key, int], list[Term]] = {}
+    found: dict[tuple[Key, int], list[ModelTerm]] = {}
     for term in each.causes:
         for k in range(len(each.session)):
             found.setdefault(((term.effect.name, term.effect.element), k), []).append(term)
     return tuple(t for (key, k), terms in found.items() for t in _of_cause(each, key, k, terms))
 
 
-def _of_cause(each: Each, key: Key, k: int, terms: list[Term]) -> list[Transfer]:
+def _of_cause(each: Each, key: Key, k: int, terms: list[ModelTerm]) -> list[Transfer]:
     """What a recording says of a cause; nothing where the cause is confined to others.
 
     What is in all, and more or less of it in this one, differs: then the whole of it is compared.
@@ -168,7 +168,9 @@ def _of_cause(each: Each, key: Key, k: int, terms: list[Term]) -> list[Transfer]
     return found
 
 
-def _against_others(each: Each, key: Key, k: int, terms: list[Term], more: list[Term]) -> Transfer:
+def _against_others(
+    each: Each, key: Key, k: int, terms: list[ModelTerm], more: list[ModelTerm]
+) -> Transfer:
     """A cause that several share, as recording k has it without what is confined to it."""
     own, absent = _columns(terms), _columns(more)
     mine, theirs = each.shares[k]
@@ -181,7 +183,7 @@ def _against_others(each: Each, key: Key, k: int, terms: list[Term], more: list[
     return Transfer(*key, each.session.parts[k].name, carries, z, values)
 
 
-def _columns(terms: Sequence[Term]) -> Indices:
+def _columns(terms: Sequence[ModelTerm]) -> Indices:
     """Unknowns of some terms."""
     parts = [np.arange(t.columns.start, t.columns.stop) for t in terms]
     return np.concatenate([np.empty(0, dtype=np.intp), *parts])
@@ -202,7 +204,7 @@ def _apart(one: tuple[Array, Array], other: tuple[Array, Array]) -> float:
     return float(np.sqrt(max(float(slope @ back @ slope), 0.0)))
 
 
-def _is_told(each: Each, terms: list[Term], P: Array) -> bool:
+def _is_told(each: Each, terms: list[ModelTerm], P: Array) -> bool:
     """Whether rows tell every parameter of a cause better than its prior does."""
     ridge = dict(zip(each.selected.model.terms, each.selected.model.ridge or (), strict=False))
     variance = each.selected.selection.variance(each.selected.chosen)
@@ -214,10 +216,10 @@ def _is_told(each: Each, terms: list[Term], P: Array) -> bool:
 
 def _compared(
     each: Each,
-    terms: list[Term],
+    terms: list[ModelTerm],
     here: tuple[Array, Array],
     there: tuple[Array, Array],
-) -> dict[str, Compared]:
+) -> dict[str, AgainstOthers]:
     scale = each.selected.best.problem.scale[_columns(terms)]
     sides = []
     for P, right in (here, there):
@@ -230,7 +232,7 @@ def _compared(
     for i, (effect, p) in enumerate(pairs):
         name = parameter_name(p.name, effect.variant if effect.scanned else "")
         one, two = (float(value[i]), float(std[i])), (float(others[i]), float(others_std[i]))
-        out[name] = Compared(*one, *two, effect.unit_of(p, chain))
+        out[name] = AgainstOthers(*one, *two, effect.unit_of(p, chain))
     return out
 
 
