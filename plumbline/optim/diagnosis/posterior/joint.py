@@ -71,8 +71,8 @@ class Sampled:
         every = np.ones(len(kinds), dtype=bool)
 
         def one_more(found: Sequence[int], kind: float) -> bool:
-            of_kind = self._one_more(problem, found, kinds == kind) >= prior.LEAST_NAMED
-            return of_kind or self._one_more(problem, found, every) >= prior.SETTLED
+            of_kind = self._one_more(problem, found, kinds == kind, prior.LEAST_NAMED)
+            return of_kind or self._one_more(problem, found, every, prior.SETTLED)
 
         found: list[int] = []
         while (marginals := self.given(problem, found)) is not None:
@@ -89,17 +89,24 @@ class Sampled:
         return {s: log for s, log in self.seen.items() if wanted <= self._labels(problem, s)}
 
     def _one_more(
-        self, problem: JointProblem, found: Sequence[int], among: NDArray[np.bool_]
-    ) -> float:
-        """Probability that a listed label among some (L,) is at work with those found.
+        self, problem: JointProblem, found: Sequence[int], among: NDArray[np.bool_], least: float
+    ) -> bool:
+        """Whether a listed label among some (L,) is at work with those found, as probably as that.
 
-        What may be a part of an unlisted mechanism does not count.
+        What may be a part of an unlisted mechanism does not count. States are asked, the most
+        probable first, until the others make no difference.
         """
-        held = self._holding(problem, found)
-        weights = np.exp(np.array(list(held.values())) - max(held.values()))
-        more = [self._labels(problem, s).difference(found, problem.parts(s)) for s in held]
-        wanted = problem.listed & among
-        return float(weights @ [wanted[list(m)].any() for m in more] / weights.sum())
+        wanted = frozenset(np.flatnonzero(problem.listed & among).tolist()).difference(found)
+        held = sorted(self._holding(problem, found).items(), key=lambda seen: -seen[1])
+        weights = np.exp(np.array([log for _, log in held]) - held[0][1])
+        sure, open_ = 0.0, 1.0
+        for (state, _), weight in zip(held, (weights / weights.sum()).tolist(), strict=True):
+            if sure >= least or sure + open_ < least:
+                break
+            more = wanted & self._labels(problem, state)
+            sure += weight if more and more.difference(problem.parts(state)) else 0.0
+            open_ -= weight
+        return sure >= least
 
     @staticmethod
     def _labels(problem: JointProblem, state: State) -> set[int]:

@@ -98,6 +98,13 @@ class JointProblem(TermProblem):
         return [int(level.max(initial=-1)) + 1 for level in self.labels]
 
     @cached_property
+    def laid_out(self) -> tuple[NDArray[np.intp], Array]:
+        """Of all terms' columns, one after the other (K,): the term, and its physical side."""
+        sizes = [len(t.columns) for t in self.candidates]
+        sides = [np.asarray(t.sides, dtype=float) for t in self.candidates]
+        return np.repeat(np.arange(len(sizes)), sizes), np.concatenate(sides)
+
+    @cached_property
     def listed(self) -> NDArray[np.bool_]:
         """Which labels of the first level are of the library (L,)."""
         found = np.zeros(self.sizes[0], dtype=bool)
@@ -125,16 +132,15 @@ class JointProblem(TermProblem):
 
         def evidence(some: State) -> float:
             left, total = whole, 0.0
-            for term in whole.chosen:
-                if indices[term.index] in some:
-                    total += own.worth(left, term)
-                    left = left.without(term)
+            for k, term in enumerate(t for t in whole.chosen if indices[t.index] in some):
+                left = left.without(last) if k else left
+                total, last = total + own.worth(left, term), term
             return total
 
         return evidence
 
     def only(self, indices: Sequence[int]) -> JointProblem:
-        """The same problem of some of its terms alone."""
+        """The same problem of some of its terms alone, of which none is asked."""
         kept = [self.candidates[i] for i in indices]
         columns = np.concatenate([np.empty(0, np.intp), *(t.columns for t in kept)])
         linear = self.linear
@@ -153,7 +159,7 @@ class JointProblem(TermProblem):
             gross=self.gross[own],
             labels=self.labels[:, own],
             unlisted=None,
-            asked=None,
+            asked=np.empty(0, np.intp),
             of_effect=None if self.of_effect is None else self.of_effect[own],
         )
 
@@ -298,15 +304,15 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
     """Log evidence (S,) of all terms against none, and the noise that they leave (S,).
 
     Args:
-        problem: The terms (C).
+        problem: The terms (C), of its linear problem's columns one after the other.
         scales: Their scales, so many ways (S, C).
         variance: Of the noise, a guess.
     """
     linear, noise = problem.linear, problem.noise
-    columns = np.concatenate([t.columns for t in problem.candidates])
-    s = np.repeat(scales, [len(t.columns) for t in problem.candidates], axis=1)
-    G = linear.G[np.ix_(columns, columns)] * (s[:, :, None] * s[:, None, :])
-    b = (linear.b[columns] * s)[:, :, None]
+    owner, sides = problem.laid_out
+    s = scales[:, owner]
+    G = linear.G * (s[:, :, None] * s[:, None, :])
+    b = (linear.b * s)[:, :, None]
     base = float(noise.variance(linear.tt, linear.n))
     lower, hidden, before = G, b, np.empty(0)
 
@@ -317,9 +323,8 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
         return np.maximum(linear.tt - np.sum(hidden**2, axis=(1, 2)), 0.0), linear.n
 
     v = noise.settled(left, np.full(len(s), variance))
-    occam = -np.log(np.einsum("sii->si", lower)).sum(axis=1) + 0.5 * len(columns) * np.log(before)
+    occam = -np.log(np.einsum("sii->si", lower)).sum(axis=1) + 0.5 * len(owner) * np.log(before)
     log = occam - 0.5 * (noise.freedom + linear.n) * np.log(v / base)
-    sides = np.concatenate([t.sides for t in problem.candidates])
     if sides.any():
         inverse = np.linalg.inv(lower)
         mean = (inverse.transpose(0, 2, 1) @ hidden)[:, :, 0]
@@ -331,7 +336,8 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
 
 def _factors(G: Array, variance: Array) -> Array:
     """Lower Cholesky factors (S, K, K) of Gram matrices and variances (S,) of the noise."""
-    A = G + variance[:, None, None] * np.eye(G.shape[1])
+    A = G.copy()
+    np.einsum("sii->si", A)[:] += variance[:, None]
     try:
         return np.asarray(np.linalg.cholesky(A))
     except np.linalg.LinAlgError:
