@@ -1,11 +1,13 @@
 """Drives against MuJoCo, which shares no code with them, and against closed forms."""
 
 from dataclasses import replace
+from functools import cache
 
 import casadi as cs
 import mujoco
 import numpy as np
 import pytest
+from mujoco.rollout import rollout as rollout_of_mujoco
 from scipy.signal import lsim, lti
 
 from plumbline import build_motion, diagnose, load
@@ -46,8 +48,9 @@ def waves(seconds=20.0, step=STEP):
     return t, np.column_stack([a, b])
 
 
-def moved(*, delay=0.0, strongest=None, kp=KP, rotor=0.0, noise=1e-4, held=False):
-    """What MuJoCo's arm does: a recording at 100 Hz under the servo's law.
+@cache
+def driven(delay=0.0, strongest=None, kp=KP, rotor=0.0, held=False):
+    """Fine times (N,), commands and positions (N, 2) of MuJoCo's arm under the servo's law.
 
     Its commands may be held from row to row. Its steps are implicit in the damping, which adds
     half of it times a step to the inertia.
@@ -56,16 +59,17 @@ def moved(*, delay=0.0, strongest=None, kp=KP, rotor=0.0, noise=1e-4, held=False
     limit = "" if strongest is None else f'forcerange="-{strongest} {strongest}"'
     model = mujoco.MjModel.from_xml_string(MJCF.format(step=t[1], kp=kp, kd=KD, limit=limit))
     model.dof_armature[0] = rotor
-    data = mujoco.MjData(model)
     late = np.column_stack([np.interp(t - delay, t, u[:, 0]), u[:, 1]])
     late = late[np.arange(len(t)) // (EVERY * FINER) * (EVERY * FINER)] if held else late
-    data.qpos[:] = u[0]
-    q = np.empty_like(u)
-    for k in range(len(t)):
-        q[k] = data.qpos
-        data.ctrl[:] = late[k]
-        mujoco.mj_step(model, data)
-    q += np.random.default_rng(0).normal(0.0, noise, q.shape)
+    begin = np.array([0.0, *u[0], 0.0, 0.0])  # time, places, speeds
+    after, _ = rollout_of_mujoco(model, mujoco.MjData(model), begin, late)
+    return t, u, np.concatenate([u[:1], after[0, :-1, 1:3]])
+
+
+def moved(*, noise=1e-4, **wrong):
+    """A recording of it at 100 Hz."""
+    t, u, q = driven(**wrong)
+    q = q + np.random.default_rng(0).normal(0.0, noise, q.shape)
     rows = slice(None, None, EVERY * FINER)
     return build_motion(
         robot=Robot.from_urdf(URDF), time=t[rows], command=u[rows], q=q[rows], kp=KP, kd=KD,

@@ -132,9 +132,10 @@ class JointProblem(TermProblem):
 
         def evidence(some: State) -> float:
             left, total = whole, 0.0
-            for k, term in enumerate(t for t in whole.chosen if indices[t.index] in some):
-                left = left.without(last) if k else left
-                total, last = total + own.worth(left, term), term
+            asked = [t for t in whole.chosen if indices[t.index] in some]
+            for k, term in enumerate(asked):
+                left = left.without(asked[k - 1]) if k else left
+                total += own.worth(left, term)
             return total
 
         return evidence
