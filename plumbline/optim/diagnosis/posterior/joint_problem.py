@@ -320,7 +320,7 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
     def left(v: Array) -> tuple[Array, float]:
         nonlocal lower, hidden, before
         lower, before = _factors(G, v), v
-        hidden = np.linalg.solve(lower, b)
+        hidden = np.asarray(np.linalg.solve(lower, b), dtype=float)
         return np.maximum(linear.tt - np.sum(hidden**2, axis=(1, 2)), 0.0), linear.n
 
     v = noise.settled(left, np.full(len(s), variance))
