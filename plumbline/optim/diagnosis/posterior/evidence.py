@@ -233,17 +233,19 @@ def evidence_of_all(
     beta = np.concatenate([b.ravel() for b in own])
     values = np.concatenate([values.ravel() for values, *_ in turned])
     owner = np.repeat(np.arange(len(sizes)), sizes)
-    s2 = np.broadcast_to(widths, (len(sizes), widths.shape[-1])).T[:, owner] ** 2
+    s2 = np.broadcast_to(widths, (len(sizes), widths.shape[-1])).T.take(owner, axis=1) ** 2
     weight, base = s2 * np.maximum(values, 0.0), float(noise.variance(tt, n))
     gain = s2 * beta**2
 
     def left(v: Array) -> tuple[Array, float]:
-        taken = np.add.reduceat(gain / (v[:, owner] + weight), starts, axis=1)
+        each = v.take(owner, axis=1)
+        each += weight
+        taken = np.add.reduceat(np.divide(gain, each, out=each), starts, axis=1)
         return np.maximum(tt - taken, 0.0), n
 
     start = np.full((len(s2), len(sizes)), base)
     v = noise.settled(left, start, 1.0 - 100.0 * np.finfo(float).eps)
-    each = v[:, owner]
+    each = v.take(owner, axis=1)
     found = -0.5 * np.add.reduceat(np.log1p(weight / each), starts, axis=1)
     found -= 0.5 * (noise.freedom + n) * np.log(v / base)
     shrunk, first, at = s2 / (each + weight), 0, 0
