@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 
 TURNED = ("", "90 degrees", "180 degrees", "-90 degrees")
+UNIT_CROSSES = np.cross(np.eye(3)[None], np.eye(3)[:, None]).reshape(3, 9)
 
 
 class Slip(NamedTuple):
@@ -134,7 +135,7 @@ def matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array,
 
 def _cross(v: Array) -> Array:
     """Matrices (N, 3, 3) that take the cross products of vectors (N, 3) with another."""
-    return np.cross(np.eye(3)[None], v[:, None])
+    return np.asarray(v @ UNIT_CROSSES).reshape(-1, 3, 3)
 
 
 # x, y, z, and qw, qx, qy, qz of the rotations seen in a mirror

@@ -134,7 +134,7 @@ def test_a_blind_set_is_told_right(tmp_path):
     for k, (kind, count) in enumerate(BLIND, start=1):
         out, truth = tmp_path / "out" / kind, tmp_path / "truth" / kind
         plan = {"kind": kind, "gap": (1.0, 4.0), "rows": (60, 90)}
-        for name in made_elsewhere(out, truth, count, seed=10 + k, **plan):
+        for name in made_elsewhere(out, truth, count, seed=20 + k, **plan):
             verdicts[kind, name] = diagnose(load_recording(out / name))
     right = {kind: 0 for kind, _ in BLIND}
     for (kind, name), found in verdicts.items():
