@@ -274,7 +274,7 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
     for _ in range(ROUNDS if len(scales) else 0):
         before, spread = scales, 0.0
         for k in range(len(scales)):
-            tried = np.tile(scales, (len(SCALES), 1))
+            tried = np.repeat(scales[None], len(SCALES), axis=0)
             tried[:, k] = problem.candidates[k].widths
             logs, found = _evidence(problem, tried, variance)
             by_scale = logs + LOG_SCALE_WEIGHTS
