@@ -50,6 +50,14 @@ class Slip(NamedTuple):
     q: Array  # joint readings (N, n) without it
 
 
+class Other(NamedTuple):
+    """Another set-up."""
+
+    change: str  # what is other in it, in words
+    recording: Recording
+    q: Array  # its joint readings (N, n)
+
+
 def signs(q: Array) -> Iterator[Slip]:
     """One sign turned."""
     for j in range(q.shape[1]):
@@ -117,25 +125,36 @@ def named(joints: Sequence[int]) -> str:
 
 
 def matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array, Array]:
-    """The best frame's rotation (3, 3), and measured minus predicted (N, 3) in it [m].
+    """The best frame's rotation (..., 3, 3), and measured minus predicted (..., N, 3) in it [m].
 
-    R (N, 3, 3) and p (N, 3) [m] are the tips' as predicted; ``fit_tool`` frees the tool.
+    R (..., N, 3, 3) and p (..., N, 3) [m] are the tips' as predicted, by as many set-ups as may be;
+    ``fit_tool`` frees the tool.
     """
-    a, y = p - p.mean(axis=0), measured - measured.mean(axis=0)
-    inner, tool = R - R.mean(axis=0), np.zeros(3)
-    F = best_rotation(a, y)
+    a, y = p - p.mean(axis=-2, keepdims=True), measured - measured.mean(axis=0)
+    inner, tool = R - R.mean(axis=-3, keepdims=True), np.zeros((*p.shape[:-2], 1, 3, 1))
+    F, v = best_rotation(a, y), a
     for _ in range(FRAME_STEPS if fit_tool else 0):
-        v = a + inner @ tool
-        J = np.concatenate([-_cross(v), inner], axis=2).reshape(-1, 6)
-        step = np.linalg.lstsq(J, (y @ F - v).ravel(), rcond=HARDLY_TOLD)[0]
-        tool = tool + step[3:]
-        F = best_rotation(a + inner @ tool, y)
-    return F, y - (a + inner @ tool) @ F.T
+        J = np.concatenate([-_cross(v), inner], axis=-1)
+        tool = tool + _least(J, y @ F - v)[..., None, 3:, None]
+        v = a + (inner @ tool)[..., 0]
+        F = best_rotation(v, y)
+    return F, y - v @ np.swapaxes(F, -1, -2)
+
+
+def _least(J: Array, gaps: Array) -> Array:
+    """Unknowns (..., k) that make gaps (..., N, 3) least by their columns (..., N, 3, k)."""
+    J = J.reshape(*J.shape[:-3], -1, J.shape[-1])
+    J_T = np.swapaxes(J, -1, -2)
+    values, vectors = np.linalg.eigh(J_T @ J)
+    told = values > HARDLY_TOLD**2 * values[..., -1:]
+    inverse = np.divide(1.0, values, out=np.zeros_like(values), where=told)
+    turned = np.swapaxes(vectors, -1, -2) @ (J_T @ gaps.reshape(*J.shape[:-1], 1))
+    return np.asarray((vectors @ (inverse[..., None] * turned))[..., 0])
 
 
 def _cross(v: Array) -> Array:
-    """Matrices (N, 3, 3) that take the cross products of vectors (N, 3) with another."""
-    return np.asarray(v @ UNIT_CROSSES).reshape(-1, 3, 3)
+    """Matrices (..., 3, 3) that take the cross products of vectors (..., 3) with another."""
+    return np.asarray(v @ UNIT_CROSSES).reshape(*v.shape, 3)
 
 
 # x, y, z, and qw, qx, qy, qz of the rotations seen in a mirror
@@ -204,7 +223,10 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
     if not own > constants.ASKED * plausible(r):
         return None
     others = itertools.chain(_others(r), _a_row_off(recording, some))
-    tried = [(change, missed(other)) for change, other in others]
+    tried: list[tuple[str, float]] = []
+    for _, each in itertools.groupby(others, key=lambda other: id(other.recording)):
+        changes, of, q = zip(*each, strict=True)
+        tried += zip(changes, _missed(of[0], np.stack(q)).tolist(), strict=True)
     left = min(left for _, left in tried)
     if not left < constants.MENDED * own:
         return None
@@ -216,58 +238,78 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
 
 def missed(r: Recording) -> float:
     """Median misfit [m] after the best frame, tool and sockets, as far as they are fitted."""
-    T = r.chain.placement(r.q)
-    R, p = T[:, :3, :3], T[:, :3, 3] + T[:, :3, :3] @ r.tool_offset
+    return float(_missed(r, r.q[None])[0])
+
+
+def _missed(r: Recording, q: Array) -> Array:
+    """The same (S,) by each of several joint readings (S, N, n)."""
+    T = r.chain.placement(q.reshape(-1, q.shape[2])).reshape(*q.shape[:2], 4, 4)
+    R, p = T[..., :3, :3], T[..., :3, 3] + T[..., :3, :3] @ r.tool_offset
     fitted = "tool" in r.always
     if r.socket is not None and r.kind.sockets:
         return _apart_in_sockets(R, p, np.unique(r.socket, return_inverse=True)[1], fitted)
     F, gaps = matched(R, p, r.measured[:, :3], fitted)
-    squares = np.sum(gaps**2, axis=1)
+    squares = np.sum(gaps**2, axis=2)
     if r.kind.oriented:
-        squares = squares + (constants.LEVER * _turned(F @ R, r.measured[:, 3:], fitted)) ** 2
-    return float(np.sqrt(np.median(squares)))
+        turned = _turned(F[:, None] @ R, r.measured[:, 3:], fitted)
+        squares = squares + (constants.LEVER * turned) ** 2
+    return np.asarray(np.sqrt(np.median(squares, axis=1)))
 
 
-def _apart_in_sockets(R: Array, p: Array, socket: Integers, fit_tool: bool) -> float:
-    """Median distance [m] of the tips from the middle of their socket, with the best tool."""
+def _apart_in_sockets(R: Array, p: Array, socket: Integers, fit_tool: bool) -> Array:
+    """Median distances (S,) [m] of the tips from the middle of their socket, with the best tool."""
     hot = np.eye(int(socket.max()) + 1)[socket]
-    a, inner = _about_middle(p, hot), _about_middle(R.reshape(-1, 9), hot).reshape(-1, 3, 3)
+    a = _about_middle(p, hot)
     if fit_tool:
-        tool = np.linalg.lstsq(inner.reshape(-1, 3), -a.ravel(), rcond=constants.HARDLY_TOLD)[0]
-        a = a + inner @ tool
-    return float(np.median(np.linalg.norm(a, axis=1)))
+        inner = _about_middle(R.reshape(*p.shape[:2], 9), hot).reshape(R.shape)
+        a = a + (inner @ _least(inner, -a)[:, None, :, None])[..., 0]
+    return np.asarray(np.median(np.linalg.norm(a, axis=2), axis=1))
 
 
 def _about_middle(values: Array, hot: Array) -> Array:
-    """Values (N, k) less their mean over the rows that share a one in hot (N, s)."""
+    """Values (..., N, k) less their mean over the rows that share a one in hot (N, s)."""
     return values - hot @ (hot.T @ values / hot.sum(axis=0)[:, None])
 
 
 def _turned(R: Array, quaternions: Array, fit_tool: bool) -> Array:
-    """Angles (N,) between rotations (N, 3, 3) and measured ones, after the best tool's turn."""
-    between = R.transpose(0, 2, 1) @ rotations(quaternions)
+    """Angles (S, N) of rotations (S, N, 3, 3) to measured ones, after the best tool's turn."""
+    between = R.transpose(0, 1, 3, 2) @ rotations(quaternions)
     if fit_tool:
-        between = between @ nearest_rotation(between.sum(axis=0)).T
-    cosine = (np.trace(between, axis1=1, axis2=2) - 1.0) / 2.0
+        between = between @ nearest_rotation(between.sum(axis=1)).transpose(0, 2, 1)[:, None]
+    cosine = (np.trace(between, axis1=2, axis2=3) - 1.0) / 2.0
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def _a_row_off(recording: Recording, some: Integers) -> Iterator[tuple[str, Recording]]:
+def _a_row_off(recording: Recording, some: Integers) -> Iterator[Other]:
     """Measurements that stand a row too late or too early, of postures that are no path in time."""
     if recording.kind.sockets or recording.time is not None or recording.velocity is not None:
         return
     for by, side in ((1, "late"), (-1, "early")):
         met = some[(some + by >= 0) & (some + by < len(recording))]
         moved = replace(recording.select(met), measured=recording.measured[met + by])
-        yield f"what was measured a row too {side}", moved
+        yield Other(f"what was measured a row too {side}", moved, moved.q)
 
 
-def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
+def _others(r: Recording) -> Iterator[Other]:
     """Other simple set-ups with what is other in them, the likeliest first."""
     turns = r.chain.turning
     slips = signs(r.q), zeros(r.q, turns), swaps(r.q), turned_round(r.q)
     for slip in itertools.chain(*slips, counted_from_others(r.q, turns)):
-        yield slip.change, replace(r, q=slip.q)
+        yield Other(slip.change, r, slip.q)
+    for change, other in _other_recordings(r):
+        yield Other(change, other, other.q)
+    # Two changes at once are named where one does not do.
+    for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
+        change = f"{TURNED[quarter]} added to q{j + 1} and its sign turned"
+        yield Other(change, r, moved_zero(turned_signs(r.q, [j]), j, quarter))
+    most = r.chain.n if r.chain.n <= constants.MOST_SIGNS else 1
+    for count in range(2, most + 1):
+        for joints in combinations(range(r.chain.n), count):
+            yield Other(f"the signs of {named(joints)} turned", r, turned_signs(r.q, joints))
+
+
+def _other_recordings(r: Recording) -> Iterator[tuple[str, Recording]]:
+    """Measurements, sockets or robots that are other."""
     if r.measured.shape[1]:
         mirrored = replace(r, measured=r.measured * MIRROR[: r.measured.shape[1]])
         yield "the device's axes mirrored (left-handed: turn the sign of z)", mirrored
@@ -283,14 +325,6 @@ def _others(r: Recording) -> Iterator[tuple[str, Recording]]:
         other = Robot.bundled(name).chain()
         if other.kinds == r.chain.kinds and name != r.robot.name:
             yield f"the robot {name}", replace(r, chain=other)
-    # Two changes at once are named where one does not do.
-    for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
-        change = f"{TURNED[quarter]} added to q{j + 1} and its sign turned"
-        yield change, replace(r, q=moved_zero(turned_signs(r.q, [j]), j, quarter))
-    most = r.chain.n if r.chain.n <= constants.MOST_SIGNS else 1
-    for count in range(2, most + 1):
-        for joints in combinations(range(r.chain.n), count):
-            yield f"the signs of {named(joints)} turned", replace(r, q=turned_signs(r.q, joints))
 
 
 def _sockets_by_place(r: Recording) -> Iterator[tuple[str, Recording]]:
@@ -339,12 +373,8 @@ def _wrong_encoder(r: Recording) -> WrongSetUp | None:
             continue
         read = r.measured[:, j]
         own = _scatter(read - r.q[:, j])
-        tried = [
-            (
-                f"the sign of m{j + 1} turned: m{j + 1} runs against q{j + 1}",
-                _scatter(read + r.q[:, j]),
-            )
-        ]
+        against = f"the sign of m{j + 1} turned: m{j + 1} runs against q{j + 1}"
+        tried = [(against, _scatter(read + r.q[:, j]))]
         tried += [
             (f"m{j + 1} taken for joint {i + 1}", _scatter(read - r.q[:, i]))
             for i in range(r.q.shape[1])
