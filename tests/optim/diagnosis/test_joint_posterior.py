@@ -497,9 +497,9 @@ def test_what_fills_no_place_once_in_ten_thousand_is_not_asked_again(monkeypatch
     state, asked = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)], []
     own_chain = one_by_one_module._chain
 
-    def kept(problem, *rest):
-        asked.append(2 in problem.asked)
-        return own_chain(problem, *rest)
+    def kept(pairs, *rest):
+        asked.append(2 in pairs.problem.asked)
+        return own_chain(pairs, *rest)
 
     def of_size(size):
         return problem(X * [1.0, 1.0, size * SIGMA / np.linalg.norm(X[:, 2])], t)
@@ -698,7 +698,7 @@ def test_of_seven_moves_one_asks_whether_rows_are_gross_and_of_the_rest_one_in_f
 
 def test_of_two_terms_for_one_one_is_among_the_first_twelve():
     look = joint.look_at(problem(*drawn(0, count=20, mixed=0.0, causes=0)), frozenset())
-    rank = np.argsort(np.argsort(-look.log_odds)).tolist()
+    rank = np.argsort(np.argsort(-look.odds[0])).tolist()
     assert max(min(rank[i] for i in two) for two in look.pairs) == 11
     assert sum(look.pairs.values()) == pytest.approx(1.0)
 

@@ -131,7 +131,6 @@ class MarkovChain:
         state: State,
         looks: dict[State, _Look],
     ) -> None:
-        """At its start."""
         self.problem, self.rng, self.state, self.looks = problem, rng, state, looks
         self.been: dict[State, _Look] = {}
         # More terms than equations say nothing.
@@ -140,7 +139,7 @@ class MarkovChain:
     def run(self, moves: int) -> None:
         """From its start on: first to the best that is near, then at random."""
         while len(self.state) < self.most:
-            log_odds = self._look(self.state).log_odds
+            log_odds = self._look(self.state).odds[0]
             if not log_odds.max(initial=-np.inf) > 0.0:
                 break
             self.state = self.state | {int(np.argmax(log_odds))}
@@ -187,7 +186,7 @@ class MarkovChain:
         look, new = self._look(rest), rest | (two if sign > 0.0 else {one})
         gained = self._look(rest | two).log_posterior - self._look(rest | {one}).log_posterior
         with np.errstate(divide="ignore"):  # of what is never asked
-            asked = np.log([shares_of(look.log_odds)[one], look.pairs.get(two, 0.0)])
+            asked = np.log([shares_of(look.odds[0])[one], look.pairs.get(two, 0.0)])
         log = gained + float(asked[0] - asked[1] + np.log(2.0 / (filled + 1)))
         if np.log(self.rng.random()) < sign * log:
             self.state = new
@@ -211,7 +210,7 @@ class MarkovChain:
             self.state = rest | (new if accepted else old)
 
     def _log_share(self, rest: State, term: int) -> float:
-        log_odds = self._look(rest).log_odds  # that it fills one place beside these
+        log_odds = self._look(rest).odds[0]  # that it fills one place beside these
         return float(log_odds[term] - np.logaddexp.reduce(log_odds, initial=0.0))
 
     def _look(self, state: State) -> _Look:
@@ -226,7 +225,7 @@ class MarkovChain:
         rows = frozenset(np.flatnonzero(self.problem.gross).tolist())
         rest = self.state - rows
         alone, instead = self._look(rest | rows), self._look(rest)
-        odds = np.append(instead.log_odds, alone.log_posterior - instead.log_posterior)
+        odds = np.append(instead.odds[0], alone.log_posterior - instead.log_posterior)
         drawn = int(np.searchsorted(np.cumsum(shares_of(odds)), self.rng.random()))
         told = len(odds) - 1
         self.state = rest | rows if drawn == told else rest | ({drawn} if drawn < told else set())
@@ -246,18 +245,24 @@ class _Look:
     # its terms, each at its most probable scale given those before it
     terms: tuple[SelectedTerm, ...]
     log_posterior: float  # against the empty state
-    log_odds: Array  # of every term more (C,), against none
-    row_odds: Array  # of every row more that may be gross (C,), against none
+
+    @cached_property
+    def odds(self) -> tuple[Array, Array]:
+        """Log odds of every term more, and of every row more that may be gross (C,), to none."""
+        log_odds, scores = self.problem.odds(self.problem.reduce(self.terms))
+        rows = np.where(self.problem.gross, scores.log_bayes + LOG_GROSS_ODDS, -np.inf)
+        rows[[term.index for term in self.terms]] = -np.inf
+        return log_odds, rows
 
     @cached_property
     def near(self) -> Array:
         """Log posterior of this state with each term, or row, more (C,)."""
-        return np.asarray(self.log_posterior + np.maximum(self.log_odds, self.row_odds))
+        return np.asarray(self.log_posterior + np.maximum(*self.odds))
 
     @cached_property
     def up_to(self) -> Array:
         """Probability that one of the terms up to each fills one place (C,)."""
-        return np.cumsum(shares_of(self.log_odds))
+        return np.cumsum(shares_of(self.odds[0]))
 
     @cached_property
     def pairs(self) -> Mapping[State, float]:
@@ -272,24 +277,19 @@ class _Look:
         for i in np.argsort(-log_odds, kind="stable")[: prior.PAIRED].tolist():
             both = listed.reduce([*self.terms, SelectedTerm(i, float(scores.scale[i]))])
             logs = log_odds[i] + listed.odds(both)[0]
-            for k in np.flatnonzero(
-                logs > logs.max(initial=-np.inf) - prior.NEARLY_NOTHING
-            ).tolist():
+            least = logs.max(initial=-np.inf) - prior.NEARLY_NOTHING
+            for k in np.flatnonzero(logs > least).tolist():
                 found[frozenset((i, k))] = np.logaddexp(found[frozenset((i, k))], logs[k])
         logs = np.array([*found.values()])
         return dict(zip(found, np.exp(logs - np.logaddexp.reduce(logs)).tolist(), strict=True))
 
 
 def look_at(problem: JointProblem, state: State) -> _Look:
-    """A state's posterior, and the odds of one term more."""
+    """A state's posterior."""
     indices = sorted(state)
-    small = problem.only(indices)
-    total, scales, _ = weighed(small)
+    total, scales, _ = weighed(problem.only(indices))
     terms = tuple(SelectedTerm(i, s) for i, s in zip(indices, scales, strict=True))
-    log_odds, scores = problem.odds(problem.reduce(terms))
-    rows = np.where(problem.gross, scores.log_bayes + LOG_GROSS_ODDS, -np.inf)
-    rows[indices] = -np.inf
-    return _Look(problem, terms, total, log_odds, rows)
+    return _Look(problem, terms, total)
 
 
 def shares_of(log_odds: Array) -> Array:

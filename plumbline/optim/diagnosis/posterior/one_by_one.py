@@ -64,9 +64,11 @@ def coarsened(
     shares = [_largest(problem, ends[k]) for k in starts]
     problem = replace(problem, asked=np.flatnonzero(np.max(shares, axis=0) >= prior.LEAST_ASKED))
     asked = Asked()
+    first = MarkovChain(problem, np.random.default_rng([seed, 0]), frozenset(), {})
+    second = MarkovChain(problem, np.random.default_rng([seed, 1]), frozenset(), first.looks)
     chains = [
-        _chain(problem, ends[start], np.random.default_rng([seed, k]), asked)
-        for k, start in enumerate(starts)
+        _chain(pairs, ends[start], asked)
+        for pairs, start in zip((first, second), starts, strict=True)
     ]
     apart = np.ptp([chain.marginals[0] for chain in chains], axis=0)
     weights = np.exp(logs[starts] - logs.max())
@@ -80,14 +82,12 @@ def _largest(problem: JointProblem, state: Sequence[SelectedTerm]) -> Array:
     return np.max([shares_of(problem.odds(reduced)[0]) for reduced in places], axis=0)
 
 
-def _chain(
-    problem: JointProblem, state: Sequence[SelectedTerm], rng: np.random.Generator, asked: Asked
-) -> Sampled:
+def _chain(pairs: MarkovChain, state: Sequence[SelectedTerm], asked: Asked) -> Sampled:
     """What sweeps say together, each of every place of a state and an empty one, in any order.
 
     Between them two terms go for two: pairs that do the same as others a chain would never leave.
     """
-    sweeps, moves, pairs = list[Sampled](), 0, MarkovChain(problem, rng, frozenset(), {})
+    problem, rng, sweeps, moves = pairs.problem, pairs.rng, list[Sampled](), 0
     while moves < prior.LONG_MOVES:
         reduced, odds = problem.reduce(state), []
         places: list[list[SelectedTerm]] = [[], *([t] for t in problem.slots(state))]
