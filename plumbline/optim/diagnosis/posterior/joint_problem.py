@@ -18,6 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dtrtri
 from scipy.special import expit, gammaln, log_ndtr, logit
 
 from plumbline.optim.core.problem import Array
@@ -223,9 +224,10 @@ class Parts:
             if places.isdisjoint(place[list(own)].tolist()):
                 elsewhere[k] = own
         moved = moved_by(problem, indices) if elsewhere else None
+        least = moved(lacked) if moved else 0.0
         for k, own in elsewhere.items():
             log = np.inf  # of what is far larger
-            if moved and DEVIATIONS[0] ** 2 * moved(sorted(own)) <= moved(lacked):
+            if moved and DEVIATIONS[0] ** 2 * moved(sorted(own)) <= least:
                 log = self._conditional(problem, listed, places)(own)
             found[k] = float(expit(logit(found[k]) - max(log, 0.0)))
         return found
@@ -327,7 +329,7 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
     occam = -np.log(np.einsum("sii->si", lower)).sum(axis=1) + 0.5 * len(owner) * np.log(before)
     log = occam - 0.5 * (noise.freedom + linear.n) * np.log(v / base)
     if sides.any():
-        inverse = np.linalg.inv(lower)
+        inverse = np.stack([dtrtri(one, lower=1)[0] for one in lower])
         mean = (inverse.transpose(0, 2, 1) @ hidden)[:, :, 0]
         std = np.sqrt(v[:, None] * np.sum(inverse**2, axis=1))
         inside = np.log(2.0) + log_ndtr(sides * mean / np.maximum(std, 1e-300))
