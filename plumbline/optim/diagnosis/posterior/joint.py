@@ -382,14 +382,14 @@ def _marginals(
     logs = np.array([log + tilt * len(key) for key, log in seen.items()])
     weights = np.exp(logs - np.logaddexp.reduce(logs))
     found = [np.zeros(size) for size in problem.sizes]
-    levels = [level.tolist() for level in problem.labels]
+    levels, is_gross = [level.tolist() for level in problem.labels], problem.gross.tolist()
     gross = np.zeros(len(problem.candidates))
     # Of the least states, which together hold a tenth of what is told, parts are no matter.
     ranked = np.argsort(-weights)
     heavy = np.empty(len(weights), dtype=bool)
     heavy[ranked] = np.cumsum(weights[ranked]) - weights[ranked] < 1.0 - 0.1 * prior.LEAST_TOLD
     for weight, key, told in zip(weights.tolist(), seen, heavy.tolist(), strict=True):
-        mine = [i for i in key if not problem.gross[i]]
+        mine = [i for i in key if not is_gross[i]]
         for i in key.difference(mine):
             gross[i] += weight
         for level, total in zip(levels, found, strict=True):
