@@ -164,6 +164,19 @@ def test_neighbours_of_a_drive_are_those_of_every_form_that_it_goes_by():
     assert here not in found.around(here)
 
 
+def test_a_form_that_is_worse_alone_may_come_with_another_effect():
+    """A rate's dead band that lets large ones whole hid, with a lag, one that does not: no delay."""
+    library = tuple(e for c in MOTION_EFFECTS for e in c.candidates(Law.RATE, masses=False))
+    delay, lag, whole, less = (
+        next(e for e in library if e.name == f"actuation_{name}" and bool(e.variant) == varies)
+        for name, varies in (("delay", 0), ("lag", 0), ("deadband", 0), ("deadband", 1))
+    )
+    signals = signals_of(recorded([{"lag": 0.05}, {}], seconds=20.0))
+    found = models.Models(signals.windows(0, signals.starts), library, signals.seen(0))
+    found.fit(here := frozenset((lag, whole)), found.found[frozenset()])
+    assert frozenset((lag, less, delay)) in found.with_one_more(here)
+
+
 def test_a_search_goes_on_from_what_all_windows_alone_have_shown():
     """Of a saturated motor effects were spared that no search on fewer windows had tried."""
     signals = signals_of(recorded([{"gain": 0.1, "lag": 0.05}, {}], seconds=20.0))

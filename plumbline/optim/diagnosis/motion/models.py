@@ -166,8 +166,17 @@ class Models:
         return [k for k in dict.fromkeys(every) if k != key]
 
     def with_one_more(self, key: Key) -> list[Key]:
-        """Models with one effect more, of all its forms: beside a lag these are not the same."""
-        return [form | {e} for form in self._forms(key) for e in self.library]
+        """Models with one effect more, of all its forms: beside a lag these are not the same.
+
+        Of an effect's forms the one that is best alone need not be the best with another effect.
+        """
+        forms = [*self._forms(key), *self._variants(key)]
+        return [form | {e} for form in forms for e in self.library]
+
+    def _variants(self, key: Key) -> list[Key]:
+        """The model with one of its effects in another form."""
+        every = ((own, new) for own in key for new in self.library)
+        return [key - {own} | {new} for own, new in every if own.name == new.name and own != new]
 
     def _forms(self, key: Key) -> list[Key]:
         return [key, *(other for *_, other in self.other_forms(key))]
