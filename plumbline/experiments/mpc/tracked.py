@@ -67,14 +67,15 @@ class Tracked:
         return 1 - (self.told.error - self.ideal.error) / (self.untold.error - self.ideal.error)
 
 
-def drawn(rng: np.random.Generator) -> Slides:
+def drawn(rng: np.random.Generator, across: float = 0.0) -> Slides:
     """Faults of six axes: what is late is so for all, gains and friction are an axis' own."""
     return Slides(
-        delay=float(rng.uniform(0.03, 0.09)),
-        lag=rng.uniform(0.02, 0.05) * rng.uniform(0.9, 1.1, 6),
+        delay=float(rng.uniform(0.04, 0.1)),
+        lag=rng.uniform(0.03, 0.08) * rng.uniform(0.9, 1.1, 6),
         gain=rng.uniform(-0.06, 0.06, 6),
-        band=rng.uniform(1.0, 4.0, 6),
+        band=rng.uniform(0.05, 0.2, 6) * FAST,
         measured=0.05,
+        across=across,
     )
 
 
@@ -134,10 +135,12 @@ def followed(
     return Followed(error, judged(scenario, np.concatenate(way), DT)[0])
 
 
-def track(seed: int, planner: mpc.Planner, seconds: float = FOLLOWED) -> Tracked:
+def track(
+    seed: int, planner: mpc.Planner, seconds: float = FOLLOWED, across: float = 0.0
+) -> Tracked:
     """Draw a plant, record and diagnose it, and follow a path without and with what was found."""
     rng = np.random.default_rng(seed)
-    wrong = drawn(rng)
+    wrong = drawn(rng, across)
     answer = diagnose_motion(shaken(wrong, rng))
     ideal = Slides(measured=wrong.measured)
     three = [(ideal, mpc.Plant()), (wrong, mpc.Plant()), (wrong, mpc.Plant.of(answer))]
@@ -149,11 +152,14 @@ def track(seed: int, planner: mpc.Planner, seconds: float = FOLLOWED) -> Tracked
 def bench(
     seed: Annotated[int, typer.Option(min=0, help="Of the first plant.")] = 0,
     count: Annotated[int, typer.Option(min=1, help="Plants.")] = 5,
+    across: Annotated[
+        float, typer.Option(help="Share of a rate that the next axis does too.")
+    ] = 0.0,
 ) -> Found:
     """Compare closed loops whose controller knows its plant with some that do not."""
 
     def line(name: str, planner: mpc.Planner, number: int) -> dict[str, object]:
-        t = track(number, planner)
+        t = track(number, planner, across=across)
         errors = {knows: getattr(t, knows).error for knows in ("ideal", "untold", "told")}
         least = min(t.untold.clearance, t.told.clearance)
         return {"planner": name, "plant": number, **errors, "gone": t.gone, "clearance": least}

@@ -31,6 +31,7 @@ class Mismatch:
     """How the plant differs from x+ = x + dt u; all zero by default."""
 
     measured: float = 0.0  # 1 sigma per axis of a measurement [mm]
+    across: float = 0.0  # share of an axis' rate that the next axis carries out as well
     shake: float = 0.0  # 1 sigma per axis that a control step adds [mm]
     gain: float = 0.0  # largest gain error of an axis
     lag: float = 0.0  # time constant [s]
@@ -102,6 +103,7 @@ class Slides:
     gain: float | Array = 0.0  # share of a rate that is carried out beyond it
     band: float | Array = 0.0  # mm/s that friction takes
     measured: float = 0.0  # 1 sigma per axis of a measurement [mm]
+    across: float = 0.0  # share of an axis' rate that the next axis carries out as well
 
 
 class SlidingTips:
@@ -137,6 +139,7 @@ class SlidingTips:
     def move(self, rate: Array) -> Array:
         """Carry out a rate (I, 3) [mm/s] for one control step; the tips (S, I, 3) on the way."""
         asked, way = self.gain * rate.ravel() / MM, np.empty((self.substeps, *self.shape))
+        asked = asked + self.wrong.across * np.roll(asked, 1)
         axes = np.arange(len(asked))
         for k in range(self.substeps):
             self.queue = np.concatenate([asked[None], self.queue[:-1]])
