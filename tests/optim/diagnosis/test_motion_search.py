@@ -165,7 +165,7 @@ def test_neighbours_of_a_drive_are_those_of_every_form_that_it_goes_by():
 
 
 def test_a_form_that_is_worse_alone_may_come_with_another_effect():
-    """A rate's dead band that lets large ones whole hid, with a lag, one that does not: no delay."""
+    """With a lag, a dead band that lets large rates whole hid one that does not and a delay."""
     library = tuple(e for c in MOTION_EFFECTS for e in c.candidates(Law.RATE, masses=False))
     delay, lag, whole, less = (
         next(e for e in library if e.name == f"actuation_{name}" and bool(e.variant) == varies)
@@ -174,7 +174,7 @@ def test_a_form_that_is_worse_alone_may_come_with_another_effect():
     signals = signals_of(recorded([{"lag": 0.05}, {}], seconds=20.0))
     found = models.Models(signals.windows(0, signals.starts), library, signals.seen(0))
     found.fit(here := frozenset((lag, whole)), found.found[frozenset()])
-    assert frozenset((lag, less, delay)) in found.with_one_more(here)
+    assert frozenset((lag, less, delay)) in found.in_another_form(here)
 
 
 def test_a_search_goes_on_from_what_all_windows_alone_have_shown():

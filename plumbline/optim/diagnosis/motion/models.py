@@ -152,9 +152,11 @@ class Models:
                 return here
 
     def settle(self, here: Key) -> Key:
-        """Exchange, add and drop while that pays."""
+        """Exchange, add and drop while that pays, at last in other forms too."""
         for _ in range(MOVES):
             here, moved = self._best(here, [*self.around(here), *self.with_one_more(here)])
+            if not moved:
+                here, moved = self._best(here, self.in_another_form(here))
             if not moved:
                 break
         return here
@@ -166,17 +168,14 @@ class Models:
         return [k for k in dict.fromkeys(every) if k != key]
 
     def with_one_more(self, key: Key) -> list[Key]:
-        """Models with one effect more, of all its forms: beside a lag these are not the same.
+        """Models with one effect more, of all its forms: beside a lag these are not the same."""
+        return [form | {e} for form in self._forms(key) for e in self.library]
 
-        Of an effect's forms the one that is best alone need not be the best with another effect.
-        """
-        forms = [*self._forms(key), *self._variants(key)]
-        return [form | {e} for form in forms for e in self.library]
-
-    def _variants(self, key: Key) -> list[Key]:
-        """The model with one of its effects in another form."""
-        every = ((own, new) for own in key for new in self.library)
-        return [key - {own} | {new} for own, new in every if own.name == new.name and own != new]
+    def in_another_form(self, key: Key) -> list[Key]:
+        """Models with one effect in another form and one more: forms worse alone may need it."""
+        forms = [(e, new) for e in key for new in self.library if new.name == e.name and new != e]
+        more = [e for e in self.library if e.name not in names_of(key)]
+        return [key - {e} | {new, other} for e, new in forms for other in more]
 
     def _forms(self, key: Key) -> list[Key]:
         return [key, *(other for *_, other in self.other_forms(key))]
