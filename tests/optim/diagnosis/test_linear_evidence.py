@@ -165,10 +165,10 @@ def test_what_all_others_leave_of_a_term_is_known_without_taking_it_back(gone):
 # Evidence
 
 
-def evidence(X, t, noise, sides=None):
+def evidence(X, t, noise, limits=None):
     """Log Bayes factors (S,) of the columns X together, at every scale."""
     s = statistics(X, t)
-    return block_evidence(s.G[None], s.b[None], s.tt, s.n, noise, sides)[0]
+    return block_evidence(s.G[None], s.b[None], s.tt, s.n, noise, limits)[0]
 
 
 def settled_variance(X, t, noise, s):
@@ -229,23 +229,26 @@ def test_evidence_is_the_marginal_likelihood_over_all_noises(strength, columns):
     )
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    "limits", [(0.0, np.inf), (-np.inf, 0.0), (-0.05, 0.1), (0.0, 0.7), (-np.inf, -0.4)]
+)
 @pytest.mark.parametrize("strength", [0.0, 0.2, -0.2])
-def test_a_one_sided_effect_has_the_evidence_of_its_half_line(side, strength):
-    """The noise is known for certain here, so the integral over the half line is all there is."""
+def test_a_bounded_effect_has_the_evidence_of_what_is_within_its_bounds(limits, strength):
+    """The noise is known for certain here, so the integral between the bounds is all there is."""
     rng = np.random.default_rng(7)
     x, sigma = rng.normal(size=N), 0.5
     t = strength * x + rng.normal(0.0, sigma, N)
-    found = evidence(x[:, None], t, NoisePrior(sigma, 1e8), np.array([[side]]))
+    found = evidence(x[:, None], t, NoisePrior(sigma, 1e8), np.array([[limits]]))
     for s, ours in zip(SCALES, found, strict=True):
+        whole = np.diff(norm.cdf(limits, scale=s))[0]
 
-        def density(z, s=s):
+        def density(z, s=s, whole=whole):
             gain = (x @ t * z - 0.5 * x @ x * z**2) / sigma**2
-            return 2 * norm.pdf(z, scale=s) * np.exp(gain)
+            return norm.pdf(z, scale=s) / whole * np.exp(gain)
 
         peak = x @ t / (x @ x)
-        ends = sorted({0.0, *(side * abs(p) for p in (peak - 0.5, peak, peak + 0.5, 3.0))})
-        pieces = pairwise(ends)
+        ends = np.clip([-3.0, peak - 0.5, peak, peak + 0.5, 3.0], *limits)
+        pieces = pairwise(sorted({*ends, *np.clip([-0.45, 0.0], *limits)}))
         exact = sum(quad(density, a, b, epsabs=0, epsrel=1e-9)[0] for a, b in pieces)
         assert ours == pytest.approx(np.log(exact), abs=1e-5)
 
@@ -267,9 +270,9 @@ def test_the_wrong_side_of_a_bound_earns_nothing():
 @pytest.mark.parametrize("freedom", [0.0, 100.0])
 def test_evidence_does_not_depend_on_the_unit_of_the_readings(factor, freedom):
     X, t = signal(0.5, 2)
-    sides = np.array([[1.0, 0.0]])
-    one = evidence(X, t, NoisePrior(0.5, freedom), sides)
-    other = evidence(factor * X, factor * t, NoisePrior(factor * 0.5, freedom), sides)
+    limits = np.array([[[0.0, 3.0], [-np.inf, np.inf]]])
+    one = evidence(X, t, NoisePrior(0.5, freedom), limits)
+    other = evidence(factor * X, factor * t, NoisePrior(factor * 0.5, freedom), limits)
     np.testing.assert_allclose(other, one, rtol=1e-9)
 
 
@@ -297,7 +300,7 @@ def test_neither_the_order_of_rows_nor_of_columns_matters():
 def test_a_scan_is_the_mean_over_the_grid_of_scales():
     X, t = signal(0.3, 2)
     own = candidates([2])
-    by_scale = evidence(X, t, NoisePrior.of(1.0)) + LOG_SCALE_WEIGHTS
+    by_scale = evidence(X, t, NoisePrior.of(1.0), own[0].limits[None]) + LOG_SCALE_WEIGHTS
     assert np.exp(LOG_SCALE_WEIGHTS).sum() == pytest.approx(1.0)
     assert scanned(X, t, own)[0] == pytest.approx(logsumexp(by_scale), rel=1e-10)
 
@@ -311,10 +314,11 @@ def test_a_column_of_nothing_is_no_evidence_either_way():
 def test_batches_that_are_weighed_together_are_each_weighed_as_alone(seed):
     rng = np.random.default_rng(seed)
     asked = []
-    for k, one_sided in ((1, True), (2, False), (3, True), (2, True)):
+    for k, bounded in ((1, True), (2, False), (3, True), (2, True)):
         X = rng.normal(size=(5, 8, k))
         blocks, b = X.transpose(0, 2, 1) @ X, rng.normal(size=(5, k))
-        asked.append((blocks, b, rng.integers(0, 2, (5, k)) * 1.0 if one_sided else None))
+        limits = rng.uniform(0.0, 2.0, (5, k, 2)) * [-1.0, 1.0]
+        asked.append((blocks, b, limits if bounded else None))
     together = evidence_of_all(asked, 9.0, 30.0, NoisePrior())
     alone = [block_evidence(blocks, b, 9.0, 30.0, NoisePrior(), s) for blocks, b, s in asked]
     assert_same([together], [np.concatenate(alone)])

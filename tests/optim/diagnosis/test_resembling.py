@@ -13,7 +13,7 @@ from plumbline.kinematics.effects.joint_scale import JointScale
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Unlisted
-from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
+from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence
 from plumbline.optim.diagnosis.discrepancy.resembling import _modulated, _words, resembling
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
@@ -139,7 +139,7 @@ def posterior(beside, strength, form):
     sizes = [1, *(len(f.columns) for f in found)]
     ends = np.cumsum([0, *sizes])
     terms = [
-        SimpleNamespace(columns=np.arange(a, z), sides=[0.0] * (z - a), widths=SCALES)
+        SimpleNamespace(columns=np.arange(a, z), limits=np.array([ANY] * (z - a)), widths=SCALES)
         for a, z in pairwise(ends)
     ]
     shares = [f.log_prior + np.log(UNLISTED) for f in found]
@@ -187,12 +187,15 @@ def test_deviations_run_from_a_third_of_the_effect_to_all_of_it():
     assert 0.8 < max(DEVIATIONS) < 1.3
 
 
-def test_what_resembles_an_effect_of_one_side_has_its_side(beside):
+def test_what_resembles_an_effect_has_its_bounds(beside):
     """Play and compliance are positive, and so is what is nearly one of them."""
     recording, ports, *_ = beside
     listed = Candidate(JointCompliance(joint=1), np.array([0]), 0.0)
     for f in resembling([listed], [], recording, ports, lambda c: np.linalg.norm(c)):
-        assert Unlisted(f, np.arange(len(f.columns))).sides == [1.0, *[0.0] * (len(f.columns) - 1)]
+        own, *rest = Unlisted(f, np.arange(len(f.columns))).limits
+        assert own.tolist() == listed.limits[0].tolist()
+        assert own[0] == 0.0
+        assert all(tuple(limits) == ANY for limits in rest)
 
 
 def test_what_resembles_a_ripple_may_have_any_form_of_its_period():

@@ -22,7 +22,7 @@ from scipy.special import gammaln
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
+from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
@@ -63,9 +63,9 @@ class Unlisted:
     columns: Columns  # its columns (k,)
 
     @property
-    def sides(self) -> list[float]:
-        """Either side is as likely (k,), but of what resembles an effect of one side."""
-        return list(self.family.sides) or [0.0] * len(self.columns)
+    def limits(self) -> Array:
+        """Any size is possible (k, 2), but of what resembles an effect only its sizes."""
+        return np.array(self.family.limits or [ANY] * len(self.columns))
 
     @property
     def widths(self) -> Array:
@@ -81,9 +81,9 @@ class GrossRow:
     columns: Columns  # its columns (m,)
 
     @property
-    def sides(self) -> list[float]:
-        """Either side is as likely (m,)."""
-        return [0.0] * len(self.columns)
+    def limits(self) -> Array:
+        """Any size is possible (m, 2)."""
+        return np.array([ANY] * len(self.columns))
 
     @property
     def widths(self) -> Array:

@@ -10,6 +10,8 @@ import numpy as np
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis import prior
 
+ANY = (-np.inf, np.inf)  # bounds of what has none
+
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
@@ -23,7 +25,7 @@ class Dependence:
         columns: Its columns.
         log_prior: Log share among the forms of one dependence; where the data have chosen it from
             many, of these.
-        sides: Sign that each column's number has, 0 where either; empty where all may be either.
+        limits: Bounds of each column's number; empty where all may be any.
     """
 
     words: str
@@ -32,7 +34,7 @@ class Dependence:
     element: int | None
     columns: Array
     log_prior: float = 0.0
-    sides: tuple[float, ...] = ()
+    limits: tuple[tuple[float, float], ...] = ()
 
 
 def one_of(*kinds: Iterable[Dependence]) -> Iterator[Dependence]:

@@ -24,7 +24,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED, VARIANTS_SEEN
-from plumbline.optim.diagnosis.discrepancy.dependence import Dependence, leading
+from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence, leading
 from plumbline.optim.diagnosis.discrepancy.functions import (
     as_angles,
     cosines,
@@ -102,10 +102,10 @@ def resembling(
         for seen, deviation, log in found:
             on = seen if _is_constant(effect) else effect.depends_on
             words, share = _words(*place, on, effect.name), candidate.log_prior + log - ways
-            sides = (*candidate.sides, *[0.0] * len(deviation))
+            limits = (*candidate.limits, *[ANY] * len(deviation))
             for r in DEVIATIONS:
                 columns = np.concatenate([own, r * deviation])
-                yield Dependence(words, on, *place, columns, share, sides)
+                yield Dependence(words, on, *place, columns, share, limits)
 
 
 def _off_a_zero(columns: Array, port: Array) -> Array:

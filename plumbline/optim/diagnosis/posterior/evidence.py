@@ -8,8 +8,13 @@ candidate's projected Gram matrix (Gelman et al. 2013, Bayesian Data Analysis, s
           - \tfrac{\nu_0 + n}{2} \log \frac{\nu_0 \sigma_0^2 + Q}{\nu_0 \sigma_0^2 + t^T t},
           \qquad Q = t^T t - \sum_j \frac{s^2 \beta_j^2}{\sigma^2 + s^2 \lambda_j}
 
-The scale s is summed over a logarithmic grid. A parameter whose null lies on a bound counts only
-the half of its prior that physics allows.
+The scale s is summed over a logarithmic grid. Of a prior that physics bounds counts what is within:
+with the posterior's mean m and deviation d of a parameter between l and u, the evidence grows by
+
+.. math:: \log \frac{\Phi((u - m) / d) - \Phi((l - m) / d)}{\Phi(u / s) - \Phi(l / s)},
+
+log 2 of what is on the right side of a null that is a bound, and next to none is left of what only
+a value far beyond a bound would explain.
 """
 
 from __future__ import annotations
@@ -93,10 +98,11 @@ class Candidate:
         return (self.effect.name, self.effect.element)
 
     @property
-    def sides(self) -> list[float]:
-        """1 or -1 where only one side of a parameter's null is physical, else 0 (k,)."""
+    def limits(self) -> Array:
+        """Where its parameters' bounds are from their nulls, in their scales (k, 2)."""
         declared = self.effect.parameters
-        return [float(p.null == p.lower) - float(p.null == p.upper) for p in declared]
+        return np.array([((p.lower - p.null) / p.scale, (p.upper - p.null) / p.scale)
+                         for p in declared])  # fmt: skip
 
     @property
     def widths(self) -> Array:
@@ -112,8 +118,8 @@ class Term(Protocol):
         """Its columns of the linear problem (k,)."""
 
     @property
-    def sides(self) -> list[float]:
-        """1 or -1 where only one side of the null is physical, else 0 (k,)."""
+    def limits(self) -> Array:
+        """Lower and upper bounds of its columns' numbers, which its prior keeps to (k, 2)."""
 
     @property
     def widths(self) -> Array:
@@ -135,7 +141,7 @@ class Batch:
     members: Columns  # which candidates (C,)
     columns: NDArray[np.intp]  # their columns (C, k)
     blocks: Array  # their Gram blocks (C, k, k), nothing eliminated
-    sides: Array  # 1 or -1 where only one side of the null is physical, else 0 (C, k)
+    limits: Array  # bounds of their numbers (C, k, 2)
     widths: Array  # widths of their priors that are tried (C, S)
 
 
@@ -151,8 +157,8 @@ def batches(
         own = [candidates[int(i)] for i in members]
         columns = np.array([candidate.columns for candidate in own])
         blocks = linear.G[columns[:, :, None], columns[:, None, :]]
-        sides = np.array([candidate.sides for candidate in own])
-        found.append(Batch(members, columns, blocks, sides, np.array([c.widths for c in own])))
+        limits = np.array([candidate.limits for candidate in own])
+        found.append(Batch(members, columns, blocks, limits, np.array([c.widths for c in own])))
     return found
 
 
@@ -180,7 +186,7 @@ def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior, count
     """Evidence for the candidates that are asked, of so many, given what has been eliminated."""
     log_bayes, scale = np.full(count, -np.inf), np.ones(count)
     if gathered:
-        asked = [(blocks, reduced.b[batch.columns], batch.sides)
+        asked = [(blocks, reduced.b[batch.columns], batch.limits)
                  for batch, blocks in zip(gathered, reduced.blocks, strict=True)]  # fmt: skip
         widths = np.concatenate([batch.widths for batch in gathered])
         by_scale = evidence_of_all(asked, reduced.tt, reduced.n, noise, widths) + LOG_SCALE_WEIGHTS
@@ -197,7 +203,7 @@ def block_evidence(
     tt: float,
     n: float,
     noise: NoisePrior,
-    sides: Array | None = None,
+    limits: Array | None = None,
     widths: Array = SCALES,
 ) -> Array:
     """Log Bayes factors (C, S) of candidates of as many columns at every width that is tried.
@@ -208,10 +214,10 @@ def block_evidence(
         tt: Square of the target given what has been eliminated.
         n: Equations left.
         noise: The prior of the noise.
-        sides: 1 or -1 where only values above or below the null are physical, else 0 (C, k).
+        limits: Bounds of their numbers (C, k, 2); none if not given.
         widths: Those of all candidates (S,), or of each (C, S), over their scales.
     """
-    return evidence_of_all([(blocks, correlations, sides)], tt, n, noise, widths)
+    return evidence_of_all([(blocks, correlations, limits)], tt, n, noise, widths)
 
 
 def evidence_of_all(
@@ -221,12 +227,12 @@ def evidence_of_all(
     noise: NoisePrior,
     widths: Array = SCALES,
 ) -> Array:
-    """The same of several batches (blocks, correlations, sides), one behind the other (C, S).
+    """The same of several batches (blocks, correlations, limits), one behind the other (C, S).
 
     All their directions stand in one row: few candidates of many sizes cost no more than many
     of one.
     """
-    turned = [(*_eigen(blocks), b, sides) for blocks, b, sides in batches]
+    turned = [(*_eigen(blocks), b, limits) for blocks, b, limits in batches]
     sizes = np.concatenate([np.full(*values.shape) for values, *_ in turned])
     starts = np.cumsum(sizes) - sizes
     own = [np.einsum("ckj,ck->cj", vectors, b) for _, vectors, b, _ in turned]
@@ -249,22 +255,29 @@ def evidence_of_all(
     found = -0.5 * np.add.reduceat(np.log1p(weight / each), starts, axis=1)
     found -= 0.5 * (noise.freedom + n) * np.log(v / base)
     shrunk, first, at = s2 / (each + weight), 0, 0
-    for (_, vectors, _, sides), b in zip(turned, own, strict=True):
-        if sides is not None and sides.any():
-            some = np.flatnonzero(sides.any(axis=1))
-            mine = at + some[:, None] * b.shape[1] + np.arange(b.shape[1])
-            moments = (b[some], shrunk[:, mine], each[:, mine])
-            found[:, first + some] += _inside(vectors[some], *moments, sides[some])
-        first, at = first + len(b), at + b.size
+    for (_, vectors, _, limits), b in zip(turned, own, strict=True):
+        end = at + b.size
+        if limits is not None and np.isfinite(limits).any():
+            mean = np.einsum("cij,scj->sci", vectors, shrunk[:, at:end].reshape(-1, *b.shape) * b)
+            spread = (shrunk * each)[:, at:end].reshape(-1, *b.shape)
+            std = np.sqrt(np.einsum("cij,scj->sci", vectors**2, spread))
+            prior = np.sqrt(s2[:, at:end].reshape(-1, *b.shape))
+            found[:, first : first + len(b)] += log_within(limits, mean, std, prior).sum(axis=2)
+        first, at = first + len(b), end
     return np.asarray(found.T)
 
 
-def _inside(vectors: Array, beta: Array, shrunk: Array, v: Array, sides: Array) -> Array:
-    """Log of twice the probability (S, C) that what has sides is on the physical ones."""
-    mean = np.einsum("cij,scj->sci", vectors, shrunk * beta)
-    std = np.sqrt(np.einsum("cij,scj->sci", vectors**2, shrunk * v))
-    log = np.log(2.0) + log_ndtr(sides * mean / np.maximum(std, 1e-300))
-    return np.asarray(np.where(sides != 0, log, 0.0).sum(axis=2))
+def log_within(limits: Array, mean: Array, std: Array, prior: Array) -> Array:
+    """Log of the share of posteriors (S, ...) within limits (..., 2), over that of their priors."""
+    ends = np.moveaxis(limits, -1, 0)[:, None]
+    return _log_between((ends - mean) / np.maximum(std, 1e-300)) - _log_between(ends / prior)
+
+
+def _log_between(ends: Array) -> Array:
+    """Log of a standard normal variable's probability to be between two ends (2, ...)."""
+    low, high = np.clip(ends, -1e100, 1e100)
+    high, low = log_ndtr(np.where(low > 0.0, (-low, -high), (high, low)))  # where digits are
+    return np.asarray(high + np.log1p(-np.exp(np.minimum(low - high, -np.finfo(float).eps))))
 
 
 def _eigen(blocks: Array) -> tuple[Array, Array]:

@@ -19,13 +19,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
-from scipy.special import expit, gammaln, log_ndtr, logit
+from scipy.special import expit, gammaln, logit
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
 from plumbline.optim.diagnosis.posterior.evidence import (
     NoisePrior,
     Term,
+    log_within,
 )
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import TermProblem
@@ -59,7 +60,7 @@ class _Moved:
     """A term whose columns (k,) have other numbers."""
 
     columns: Columns
-    sides: list[float]
+    limits: Array
     widths: Array
 
 
@@ -100,10 +101,10 @@ class JointProblem(TermProblem):
 
     @cached_property
     def laid_out(self) -> tuple[NDArray[np.intp], Array]:
-        """Of all terms' columns, one after the other (K,): the term, and its physical side."""
+        """Of all terms' columns, one after the other (K,): its term, and its bounds (K, 2)."""
         sizes = [len(t.columns) for t in self.candidates]
-        sides = [np.asarray(t.sides, dtype=float) for t in self.candidates]
-        return np.repeat(np.arange(len(sizes)), sizes), np.concatenate(sides)
+        limits = np.concatenate([t.limits for t in self.candidates])
+        return np.repeat(np.arange(len(sizes)), sizes), limits
 
     @cached_property
     def listed(self) -> NDArray[np.bool_]:
@@ -149,7 +150,7 @@ class JointProblem(TermProblem):
         part = Linear(linear.G[np.ix_(columns, columns)], linear.b[columns], linear.tt, linear.n)
         ends = np.cumsum([0, *(len(t.columns) for t in kept)])
         moved = tuple(
-            _Moved(np.arange(a, z), t.sides, t.widths)
+            _Moved(np.arange(a, z), t.limits, t.widths)
             for t, (a, z) in zip(kept, pairwise(ends), strict=True)
         )
         own = list(indices)
@@ -312,7 +313,7 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
         variance: Of the noise, a guess.
     """
     linear, noise = problem.linear, problem.noise
-    owner, sides = problem.laid_out
+    owner, limits = problem.laid_out
     s = scales[:, owner]
     G = linear.G * (s[:, :, None] * s[:, None, :])
     b = (linear.b * s)[:, :, None]
@@ -328,12 +329,11 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
     v = noise.settled(left, np.full(len(s), variance))
     occam = -np.log(np.einsum("sii->si", lower)).sum(axis=1) + 0.5 * len(owner) * np.log(before)
     log = occam - 0.5 * (noise.freedom + linear.n) * np.log(v / base)
-    if sides.any():
+    if np.isfinite(limits).any():
         inverse = np.stack([dtrtri(one, lower=1)[0] for one in lower])
-        mean = (inverse.transpose(0, 2, 1) @ hidden)[:, :, 0]
-        std = np.sqrt(v[:, None] * np.sum(inverse**2, axis=1))
-        inside = np.log(2.0) + log_ndtr(sides * mean / np.maximum(std, 1e-300))
-        log = log + inside[:, sides != 0].sum(axis=1)
+        mean = s * (inverse.transpose(0, 2, 1) @ hidden)[:, :, 0]
+        std = s * np.sqrt(v[:, None] * np.sum(inverse**2, axis=1))
+        log = log + log_within(limits, mean, std, s).sum(axis=1)
     return log, v
 
 

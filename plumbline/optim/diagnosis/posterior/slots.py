@@ -128,7 +128,7 @@ class TermProblem(ABC):
         """Log evidence of one of the terms given all others."""
         block, b, tt, n = reduced.of(term)
         own = self.candidates[term.index]
-        given = (self.noise, np.array([own.sides]), own.widths)
+        given = (self.noise, np.array([own.limits]), own.widths)
         by_scale = block_evidence(block[None], b[None], tt, n, *given)
         return float(np.logaddexp.reduce(by_scale[0] + LOG_SCALE_WEIGHTS))
 
