@@ -21,11 +21,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, ndtri
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
@@ -39,6 +40,8 @@ from plumbline.optim.diagnosis.prior import (
     SETTLED_VARIANCE,
     VARIANCE_ROUNDS,
 )
+
+ALL = -float(ndtri(np.finfo(float).eps))  # standard deviations within which, to rounding, all is
 
 
 @dataclass(frozen=True)
@@ -255,29 +258,55 @@ def evidence_of_all(
     found = -0.5 * np.add.reduceat(np.log1p(weight / each), starts, axis=1)
     found -= 0.5 * (noise.freedom + n) * np.log(v / base)
     shrunk, first, at = s2 / (each + weight), 0, 0
+    far = np.add.reduceat((shrunk.max(axis=0) * beta) ** 2, starts) ** 0.5
+    far += ALL * np.maximum.reduceat((shrunk * each).max(axis=0), starts) ** 0.5
     for (_, vectors, _, limits), b in zip(turned, own, strict=True):
-        end = at + b.size
-        if limits is not None and np.isfinite(limits).any():
-            mean = np.einsum("cij,scj->sci", vectors, shrunk[:, at:end].reshape(-1, *b.shape) * b)
-            spread = (shrunk * each)[:, at:end].reshape(-1, *b.shape)
-            std = np.sqrt(np.einsum("cij,scj->sci", vectors**2, spread))
-            prior = np.sqrt(s2[:, at:end].reshape(-1, *b.shape))
-            found[:, first : first + len(b)] += log_within(limits, mean, std, prior).sum(axis=2)
-        first, at = first + len(b), end
+        if limits is not None:
+            found[:, first : first + len(b)] -= _of_priors(limits, s2[:, at : at + b.size])
+            near = far[first : first + len(b)] > np.abs(limits).min(axis=(1, 2))
+            if (some := np.flatnonzero(near)).size:
+                mine = at + some[:, None] * b.shape[1] + np.arange(b.shape[1])
+                moments = shrunk[:, mine] * b[some], shrunk[:, mine] * each[:, mine]
+                found[:, first + some] += _inside(vectors[some], *moments, limits[some])
+        first, at = first + len(b), at + b.size
     return np.asarray(found.T)
 
 
-def log_within(limits: Array, mean: Array, std: Array, prior: Array) -> Array:
-    """Log of the share of posteriors (S, ...) within limits (..., 2), over that of their priors."""
-    ends = np.moveaxis(limits, -1, 0)[:, None]
-    return _log_between((ends - mean) / np.maximum(std, 1e-300)) - _log_between(ends / prior)
+def _inside(vectors: Array, along: Array, square: Array, limits: Array) -> Array:
+    """Log of the share (S, C) of posteriors within limits, of moments along directions."""
+    mean = np.einsum("cij,scj->sci", vectors, along)
+    std = np.sqrt(np.einsum("cij,scj->sci", vectors**2, square))
+    return np.asarray(log_within(limits, mean, std).sum(axis=2))
+
+
+def _of_priors(limits: Array, squares: Array) -> Array:
+    """Log of the share (S, C) of priors of such variances (S, C k) within limits (C, k, 2)."""
+    return _of_prior(limits.tobytes(), limits.shape, squares.tobytes())
+
+
+@lru_cache(maxsize=1024)
+def _of_prior(limits: bytes, shape: tuple[int, ...], squares: bytes) -> Array:
+    """The same of what is asked again and again."""
+    own, std = np.frombuffer(limits), np.sqrt(np.frombuffer(squares))
+    return np.asarray(log_within(own.reshape(shape), 0.0, std.reshape(-1, *shape[:2])).sum(axis=2))
+
+
+def log_within(limits: Array, mean: Array | float, std: Array) -> Array:
+    """Log of the share (S, ...) of normal distributions within limits (..., 2)."""
+    return _log_between((np.moveaxis(limits, -1, 0)[:, None] - mean) / np.maximum(std, 1e-300))
 
 
 def _log_between(ends: Array) -> Array:
     """Log of a standard normal variable's probability to be between two ends (2, ...)."""
     low, high = np.clip(ends, -1e100, 1e100)
-    high, low = log_ndtr(np.where(low > 0.0, (-low, -high), (high, low)))  # where digits are
-    return np.asarray(high + np.log1p(-np.exp(np.minimum(low - high, -np.finfo(float).eps))))
+    found = np.zeros(low.shape)
+    near = (low > -ALL) | (high < ALL)
+    if near.any():
+        low, high = low[near], high[near]
+        turned = low > 0.0  # of the upper tail, by the lower one: there digits are
+        top, rest = log_ndtr(np.where(turned, -low, high)), log_ndtr(np.where(turned, -high, low))
+        found[near] = top + np.log1p(-np.exp(np.minimum(rest - top, -np.finfo(float).eps)))
+    return found
 
 
 def _eigen(blocks: Array) -> tuple[Array, Array]:

@@ -333,7 +333,7 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
         inverse = np.stack([dtrtri(one, lower=1)[0] for one in lower])
         mean = s * (inverse.transpose(0, 2, 1) @ hidden)[:, :, 0]
         std = s * np.sqrt(v[:, None] * np.sum(inverse**2, axis=1))
-        log = log + log_within(limits, mean, std, s).sum(axis=1)
+        log = log + (log_within(limits, mean, std) - log_within(limits, 0.0, s)).sum(axis=1)
     return log, v
 
 
