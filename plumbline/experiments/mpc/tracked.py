@@ -12,6 +12,7 @@ that the faults add, the share that is gone:
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
@@ -135,13 +136,19 @@ def followed(
     return Followed(error, judged(scenario, np.concatenate(way), DT)[0])
 
 
+@lru_cache
+def recorded(seed: int, across: float = 0.0) -> tuple[Slides, MotionDiagnosis]:
+    """A plant, and what is found of its recording."""
+    rng = np.random.default_rng(seed)
+    wrong = drawn(rng, across)
+    return wrong, diagnose_motion(shaken(wrong, rng))
+
+
 def track(
     seed: int, planner: mpc.Planner, seconds: float = FOLLOWED, across: float = 0.0
 ) -> Tracked:
-    """Draw a plant, record and diagnose it, and follow a path without and with what was found."""
-    rng = np.random.default_rng(seed)
-    wrong = drawn(rng, across)
-    answer = diagnose_motion(shaken(wrong, rng))
+    """Record and diagnose a plant, and follow a path without and with what was found."""
+    wrong, answer = recorded(seed, across)
     ideal = Slides(measured=wrong.measured)
     three = [(ideal, mpc.Plant()), (wrong, mpc.Plant()), (wrong, mpc.Plant.of(answer))]
     runs = [followed(planner, slides, plant, seed, seconds) for slides, plant in three]
