@@ -42,7 +42,7 @@ def read(path: Path) -> list[Raw]:
     mark = _mark(body)
     table = _cells(path, "".join(body), mark, skipped)
     notes = cut_short(path.name, text, len(lines), [*map(str, table.iloc[1:, -1])])
-    header, table, first = _header(table, skipped)
+    header, table, first = _header(table, skipped, _remarked(lines[:skipped], mark))
     said = _units_row(table)
     if said:
         table, first = table.iloc[1:], first + 1
@@ -108,16 +108,31 @@ def _cells(path: Path, text: str, mark: str, skipped: int) -> pd.DataFrame:
     return table.fillna("")
 
 
-def _header(table: pd.DataFrame, skipped: int) -> tuple[list[str], pd.DataFrame, int]:
+def _remarked(above: list[str], mark: str) -> list[str]:
+    """Cells of the last remark above the rows: NumPy's ``# x,y``, a ROS echo's ``%time,x``."""
+    last = above[-1].strip() if above else ""
+    sign = next((sign for sign in REMARK if last.startswith(sign)), None)
+    if sign is None:
+        return []
+    line = last[len(sign) :].strip()
+    return line.split() if mark == " " else next(csv.reader([line], delimiter=mark), [])
+
+
+def _header(
+    table: pd.DataFrame, skipped: int, remarked: list[str]
+) -> tuple[list[str], pd.DataFrame, int]:
     """Column names, the rows below them, and the first one's number in the file."""
     names = [str(name).strip() for name in table.iloc[0]]
+    below = 1
     if all(_numeric(name) for name in names):
-        return [str(k + 1) for k in range(len(names))], table, skipped + 1
+        names, below = [name.strip() for name in remarked], 0
+        if len(names) != table.shape[1] or any(_numeric(name) for name in names):
+            return [str(k + 1) for k in range(table.shape[1])], table, skipped + 1
     seen: dict[str, int] = {}
     for k, name in enumerate(names):
         seen[name] = seen.get(name, 0) + 1
         names[k] = f"{name}.{seen[name]}" if seen[name] > 1 and name else name
-    return names, table.iloc[1:], skipped + 2
+    return names, table.iloc[below:], skipped + 1 + below
 
 
 def _units_row(table: pd.DataFrame) -> list[str]:

@@ -123,6 +123,19 @@ def test_numbered_columns_stand_for_joints_but_for_those_that_are_named(tmp_path
     same(imported(tmp_path, tmp_path / "log.txt", *words), bench)
 
 
+@pytest.mark.parametrize(("sign", "mark"), [("# ", " "), ("% ", ","), ("%", ","), ("//", ";")])
+def test_names_behind_a_sign_of_remarks_are_names(tmp_path, bench, sign, mark):
+    """As np.savetxt writes its ``header``, and ``rostopic echo -p`` (``%time,...``)."""
+    columns = [*JOINTS, "x", "y", "z"]
+    head = f"# a remark\n{sign}{mark.join(columns)}\n"
+    rows = bench[columns].to_csv(index=False, header=False, sep=mark)
+    (tmp_path / "log.txt").write_text(head + rows)
+    words = ["--robot", "ur5", "--tool", TOOL, "--yes"]
+    same(imported(tmp_path, tmp_path / "log.txt", *words), bench)
+    (tmp_path / "log.txt").write_text(f"{sign}{mark.join(columns[1:])}\n" + rows)
+    assert list(text.read(tmp_path / "log.txt")[0].columns) == [f"{k}" for k in range(1, 10)]
+
+
 def test_remarks_units_in_a_row_and_units_in_names_are_read(tmp_path, bench):
     log = tmp_path / "log.txt"
     rows = bench[[*JOINTS, "x", "y", "z"]].copy()
