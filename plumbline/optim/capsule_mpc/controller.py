@@ -227,8 +227,11 @@ class Controller:
         lengths = own.unit == 1 / constants.MM
         if values.shape == (own.n,) and np.isfinite(values).all() and near(values[lengths]):
             self._blind, values = 0, values / self.statement.unit
-            self._present = values
             self._underway.seen(values)
+            if unseen := self._underway.unseen():
+                events += unseen
+                return None
+            self._present = values
             return values
         self._blind += 1
         most = self.safety.patience

@@ -243,6 +243,16 @@ def acts_late(k: int, later: float) -> Event:
     return Event(Trouble.LATE, words, later)
 
 
+def unseen(k: int, way: float, steps: int) -> Event:
+    """A body, from 0, that is seen in one place while it was sent on [mm]."""
+    words = (
+        f"instrument {k + 1}: seen in one place for {steps} steps, to the last bit, while it was "
+        f"sent {way:.1f} mm: its reading repeats itself, or it is held; stopped until "
+        "it is seen elsewhere, or reset()"
+    )
+    return Event(Trouble.BAD_MEASUREMENT, words, way / MM)
+
+
 def not_evaded(k: int, overlap: float) -> Event:
     """Every known way of a body, from 0, ends in what comes [mm]."""
     words = f"instrument {k + 1}: no way out of what comes, {overlap:.3f} mm of overlap at best"

@@ -18,6 +18,15 @@ on a grid, refined by a parabola. The sum forgets by the way gone: nothing is le
 nothing lost. Every :math:`\tau` with :math:`J - \min J \le 9\, \max(1, \min J / N)` may be true;
 how far the state may come to rest from where it is thought to, by any of them, is a bias that the
 distances are widened for. At the beginning that is all that was sent.
+
+A body that is seen in one place to the last bit, since :math:`t_0`, is seen no more, because its
+reading repeats itself or it is held, where by the latest :math:`\tau` that was possible then its
+tip went on by more than is kept between two,
+
+.. math:: |\Delta p| - \tfrac{1}{10}\, v_{max}\, (t - t_0) > d_s
+
+axis by axis, with what the dry friction of a drive that nobody told may keep a slow one from. It
+stays so until it is seen elsewhere, and what was learnt of it meanwhile is forgotten.
 """
 
 from collections.abc import Sequence
@@ -30,7 +39,7 @@ from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
-from plumbline.optim.capsule_mpc.events import Event, acts_late
+from plumbline.optim.capsule_mpc.events import Event, acts_late, unseen
 from plumbline.optim.capsule_mpc.planning import tracked_function
 from plumbline.optim.capsule_mpc.settings import Plant
 from plumbline.optim.capsule_mpc.statement import Statement
@@ -83,6 +92,12 @@ class Underway:
         self._gain = np.ones((count, n))
         self.later = np.zeros(len(self._parts))
         self._may = np.ones((count, len(self._parts)), dtype=bool)
+        self._place: Array | None = None  # (n,), as seen last
+        # Steps for which each body was seen there, the latest lateness, and the place sent, then.
+        self._still = np.zeros(len(self._parts))
+        self._latest = np.full(len(self._parts), count - 1)
+        self._left = np.zeros(n)
+        self._unseen: dict[int, Event] = {}
         self._weigh()
 
     @property
@@ -102,6 +117,7 @@ class Underway:
 
     def seen(self, state: Array) -> None:
         """The state (n,) as it was measured."""
+        self._compare(state)
         now = np.concatenate([state[None], self._then])
         if self._origin is None:
             self._origin, self._spread = now, 1.0 + self._wanders
@@ -119,6 +135,38 @@ class Underway:
         self._sums = kept * self._sums + moves * fresh
         self._count = kept * self._count + moves
         self._weigh()
+
+    def _compare(self, state: Array) -> None:
+        """Which bodies are seen where they were seen last, to the last bit."""
+        old, self._place = self._place, state.copy()
+        for b, part in enumerate(self._parts):
+            if old is not None and (state[part] == old[part]).all():
+                self._still[b] += 1
+                continue
+            self._still[b] = 0
+            if self._unseen.pop(b, None):
+                self._origin, self._sums[..., part], self._count[part] = None, 0.0, 0.0
+                self._weigh()
+            self._latest[b] = len(self._may) - 1 - int(self._may[::-1, b].argmax())
+            self._left[part] = self._then[self._latest[b], part]
+
+    def unseen(self) -> list[Event]:
+        """Bodies that are seen in one place though, for certain, they were sent on."""
+        for b in np.flatnonzero(self._still).tolist():
+            if b in self._unseen or self._sent_on(b) > constants.MM * self.statement.settings.safe:
+                self._unseen[b] = unseen(b, self._sent_on(b), int(self._still[b]))
+        return [self._unseen[b] for b in sorted(self._unseen)]
+
+    def _sent_on(self, b: int) -> float:
+        """How far the tip of a body, from 0, was sent since it was last seen elsewhere [mm]."""
+        part, here = self._parts[b], self._place
+        assert here is not None  # seen at least twice
+        way = self._then[self._latest[b], part] - self._left[part]
+        slow = constants.HELD * self.statement.speed[part] * self.dt * self._still[b]
+        there = here.copy()
+        there[part] += np.sign(way) * np.maximum(np.abs(way) - slow, 0.0)
+        tips = [self._tracked(at, self.statement.blank)[0].copy() for at in (here, there)]
+        return float(np.linalg.norm(_points(tips[1] - tips[0]), axis=1).max())
 
     def _weigh(self) -> None:
         """What is now most likely, and what is possible."""
@@ -158,8 +206,7 @@ class Underway:
         ends = [self.way(), ways[soon, self._axes], ways[late, self._axes]]
         tips = [self._tracked(state + way, self.statement.blank)[0].copy() for way in ends]
         off = np.subtract(tips[1:], tips[0])
-        points = off.reshape(-1, 3 if off.shape[1] % 3 == 0 else 1)
-        most = float(np.linalg.norm(points, axis=1).max())
+        most = float(np.linalg.norm(_points(off), axis=1).max())
         return max(most - constants.MM * self.statement.settings.noise.bias, 0.0)
 
     def _ways(self) -> Array:
@@ -180,6 +227,11 @@ class Underway:
         """Obstacles as they will be by then."""
         late = float(self.late.max())
         return [_later(o, late) if late and o.usable and any(o.velocity) else o for o in obstacles]
+
+
+def _points(tracked: Array) -> Array:
+    """What is tracked (..., g) as points (K, 3), or numbers (K, 1)."""
+    return tracked.reshape(-1, 3 if tracked.shape[-1] % 3 == 0 else 1)
 
 
 def _later(o: Obstacle, seconds: float) -> Obstacle:

@@ -110,3 +110,51 @@ def test_what_swings_past_a_late_plant_is_no_wider_for_it(known):
     (capsule,) = own._believed
     assert np.abs([capsule.a[0], capsule.b[0]]).max() < 31.0
     assert own._known == [ball]
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.09, False), (0.13, True)])
+def test_what_friction_may_hold_is_no_reading_that_repeats_itself(share, found):
+    """A tenth of the largest speed, at which 2 mm more are sent within 2 s."""
+    own, rate = Underway(Plant(), STATEMENT), np.zeros(6)
+    rate[0] = share * 60.0
+    for _ in range(120):
+        own.seen(START)
+        own.sent(rate)
+    assert bool(own.unseen()) == found
+
+
+@pytest.mark.parametrize("frozen", [5, 20])
+@pytest.mark.parametrize("bodies", [slice(0, 6), slice(3, 6)])
+def test_a_reading_that_repeats_itself_stops_the_motion_until_it_changes(frozen, bodies):
+    """Which had let two shafts through each other without a word."""
+    own = Controller(STATEMENT, OneStep(compiled=False), Safety(9.0))
+    goals, tips = np.array([40.0, 15.0, -110.0, -40.0, -5.0, -120.0]), START.copy()
+    way, kept = 0.0, tips
+    for k in range(frozen + 60):
+        kept = tips.copy() if k <= frozen else kept
+        seen = tips.copy()
+        seen[bodies] = kept[bodies]
+        command = own.step(seen, goals)
+        tips = tips + DT * command.rate
+        way += DT * np.linalg.norm(command.rate[3:]) * (k > frozen)
+    assert command.mode.value == "stop"
+    assert not command.rate.any()
+    assert {"bad-measurement", "stopped"} <= {t.value for t in command.troubles()}
+    # d_s, the lateness that was still possible, and the stop.
+    assert way < 2.0 + 60.0 * 0.2 + 4.0
+    for _ in range(200):
+        command = own.step(tips, goals)
+        tips = tips + DT * command.rate
+    assert not command.events
+    np.testing.assert_allclose(tips, goals, atol=0.1)
+
+
+def test_a_distance_that_is_kept_is_what_may_be_sent_unseen():
+    for safe in (0.001, 0.004):
+        settings = replace(STATEMENT.settings, safe=safe)
+        own, steps = Underway(Plant(), Statement(BODIES, 0, settings)), 0
+        while not own.unseen():
+            own.seen(START)
+            own.sent(np.array([60.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+            steps += 1
+        assert 54.0 * DT * (steps - 1) == pytest.approx(1e3 * safe + 60.0 * 0.2, abs=2.4)
