@@ -18,10 +18,10 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     GrossRow,
     Unlisted,
     _log_shares,
-    _not_listed,
     _shared_shift,
     alternatives,
     key_of,
+    not_listed,
     rows_compared,
     spread_of_noise,
 )
@@ -127,12 +127,32 @@ def test_what_the_library_lists_it_does_not_lack(place, offered):
     short = [c for c in place.pool.candidates if c.effect.name != "joint_scale"]
     without = replace(place.pool, candidates=tuple(short))
     angle = about_joint_2(found)[1]
-    kept = [_not_listed(pool, ports, found) for pool in (place.pool, without)]
+    kept = [not_listed(pool, ports, found) for pool in (place.pool, without)]
     lacked = [any(np.array_equal(f.columns, angle.columns) for f in fs) for fs in kept]
     assert lacked == [False, True]
     for families in kept:
         shares = [f.log_prior for f in families if (f.on, f.element) == ("own angle", 2)]
         assert np.exp(shares).sum() == pytest.approx(1.0)
+
+
+def test_the_other_side_of_an_effect_of_one_side_is_listed_nowhere(place, offered):
+    """A drive yields to its load: one that rises against it, as under a balancer, is lacked."""
+    ports, found = offered
+    yields = next(
+        c for c in place.pool.candidates
+        if (c.effect.name, c.effect.element) == ("joint_compliance", 2)
+    )  # fmt: skip
+    column = ports.base.reshape(len(ports.base), -1)[yields.columns[0]]
+    rises = [
+        f for f in not_listed(place.pool, ports, found)
+        if (f.stage, f.on, f.element) == ("joint", "load", 2) and any(f.sides)
+    ]  # fmt: skip
+    (f,) = [f for f in rises if abs(np.corrcoef(f.columns.ravel(), column)[0, 1]) > 0.99]
+    assert f.sides[0] * yields.sides[0] * (f.columns.ravel() @ column) < 0.0
+    (whole,) = [g for g in found if g.words == f.words and np.array_equal(g.columns, f.columns)]
+    of = [g.log_prior for g in found if (g.stage, g.on, g.element) == ("joint", "load", 2)]
+    assert np.exp(f.log_prior) >= 0.5 * np.exp(whole.log_prior)
+    assert np.exp(of).sum() == pytest.approx(1.0)
 
 
 def about_joint_2(found):

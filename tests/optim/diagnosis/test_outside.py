@@ -169,6 +169,25 @@ def test_an_axis_that_floats_as_it_turns_is_its_joint_s(joint, tmp_path):
     assert told(recording).lacked_at["joint", joint] > 0.95
 
 
+class Overshoot(JointMechanism):
+    """A joint that goes on over where it stops: play of the other sign, which no play has."""
+
+    effect = "overshoot"
+
+    def _error(self, scene):
+        return 0.5 * self.size * scene.session.direction[:, self.joint - 1]
+
+
+@pytest.mark.parametrize("joint", [2, 6])
+def test_play_of_the_other_sign_is_its_joint_s_and_no_other_s(joint, tmp_path):
+    """It had been one of all joints, or one that hangs on the angle too."""
+    fault = Overshoot(0.0, joint)
+    found = told(recorded(with_fault(faultless(rows=90, seed=4), fault, gap=2.0), tmp_path)[0])
+    assert found.lacked_at["joint", joint] > 0.9
+    assert found.words == f"joint {joint}'s error depends on the way it came"
+    assert not found.named
+
+
 def test_a_zero_that_settles_is_its_joint_s_though_the_base_could_turn_so(tmp_path):
     """One number does what six do, and is no further form of anything listed."""
     case = with_fault(faultless(rows=90, seed=4), WarmZero(0.0, 1), gap=2.0)

@@ -25,9 +25,10 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
+from plumbline.optim.diagnosis.discrepancy.listed import not_listed
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, orthonormal
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, Parts
@@ -45,7 +46,6 @@ from plumbline.optim.diagnosis.prior import (
     PART_OF_UNLISTED,
     RESEMBLING,
     SCALES,
-    SWALLOWED,
     USUAL,
 )
 from plumbline.optim.recording.recording import Recording
@@ -177,7 +177,7 @@ def _families(pool: Pool, recording: Recording, ports: Ports, seed: int) -> list
     found = [f for f in dependences(recording, ports, seed) if f.columns.any()]
     if recording.element is None:
         found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
-    return _not_listed(pool, ports, found)
+    return not_listed(pool, ports, found)
 
 
 def _terms(
@@ -294,33 +294,6 @@ def _log_shares(found: Sequence[Dependence]) -> Array:
     elements = Counter((stage, on) for stage, _, on in {(f.stage, f.element, f.on) for f in found})
     each = [elements[f.stage, f.on] * len(kinds) for f in found]
     return np.array([f.log_prior for f in found]) - np.log(each)
-
-
-def _not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[Dependence]:
-    """Without what an effect of the library is already; its other forms have its share."""
-    flat = ports.base.reshape(len(ports.base), ports.target.size)
-    nuisances = orthonormal(flat[: pool.always].T)
-
-    def left(columns: Array) -> Array:
-        return columns - (columns @ nuisances) @ nuisances.T
-
-    listed: dict[tuple[str, int | None, str], list[Array]] = {}
-    for c in pool.candidates:
-        key = str(c.effect.stage), c.effect.element, c.effect.depends_on
-        listed.setdefault(key, []).append(orthonormal(left(flat[c.columns]).T))
-    kept, gone = [], Counter[tuple[str, int | None, str]]()
-    for f in found:
-        key, k = (f.stage, f.element, f.on), len(f.columns)
-        spans = [span for span in listed.get(key, []) if k <= span.shape[1]]
-        own = left(f.columns.reshape(k, -1)) if spans else np.empty(0)
-        rest = [np.linalg.norm(own - (own @ span) @ span.T) for span in spans]
-        if min(rest, default=np.inf) <= SWALLOWED * np.linalg.norm(own):
-            gone[key] += np.exp(f.log_prior)
-        else:
-            kept.append(f)
-    keys = [(f.stage, f.element, f.on) for f in kept]
-    of = [float(np.log1p(-gone[key])) for key in keys]
-    return [replace(f, log_prior=f.log_prior - log) for f, log in zip(kept, of, strict=True)]
 
 
 def rows_compared(pool: Pool) -> NDArray[np.intp]:
