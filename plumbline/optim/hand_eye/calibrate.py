@@ -29,6 +29,7 @@ from plumbline.optim.hand_eye.observability import (
 )
 from plumbline.optim.hand_eye.readings import Beam, Frames, Plane, Readings
 from plumbline.optim.hand_eye.reweighting import LikelyFit, Variance, likely_fit
+from plumbline.optim.hand_eye.scale import scale_told
 from plumbline.optim.hand_eye.shapes import arm_shapes, shapes
 from plumbline.optim.hand_eye.start import refuse_misread, robust_start
 
@@ -256,7 +257,7 @@ def _answer(
         iterations=solution.iterations,
         message=solution.message,
         judged=Judgement.of([judged(solution, "the fit of the beam")]),
-        notes=_notes(readings, gross),
+        notes=(*_notes(readings, gross), *_scale(solution, fit, kept, incidence)),
     )
 
 
@@ -278,6 +279,15 @@ def _seen(
     seen = observability(kept, frames, beam, covariance, incidence, _bias(given))
     refuse_lost(seen, kept, beam, covariance, incidence)
     return seen, covariance
+
+
+def _scale(solution: Solution, fit: LikelyFit, kept: Readings, incidence: Array) -> tuple[str, ...]:
+    """That the finder's scale is off, where the readings say so."""
+    value, std = scale_told(solution, fit, kept.distance, incidence)
+    if abs(value) <= _student(constants.SCALE_TOLD, _freedom(kept)) * std:
+        return ()
+    words = f"ranges read {1e2 * value:+.2g} +- {1e2 * std:.1g} % too long, which moves the beam "
+    return (f"{words}beyond its errors: divide them by {1 + value:.5f} and ask again",)
 
 
 def _notes(readings: Readings, gross: Integers) -> tuple[str, ...]:

@@ -46,6 +46,7 @@ BETTER = 5.0  # times less scatter that shows how the poses were meant
 # Statement and variances
 SHAPES, ARM_SHAPES = 16, 48  # smooth shapes of a board, of the arm: chosen
 GROSS = 4.5  # sigmas: one good reading of 150,000 lies beyond
+SCALE_TOLD = 3.0  # sigmas: chance alone tells of a scale in one of 370 calibrations
 MAD_EFFICIENCY = 0.37  # of a normal's median absolute deviation (Rousseeuw and Croux 1993)
 NORMAL_95 = 1.96  # sigmas of a normal that hold 95 %
 GROSS_ROUNDS = 3  # of fit and of gross readings left out

@@ -69,6 +69,37 @@ def test_planes_need_not_be_square():
     assert angle == pytest.approx(wanted, abs=0.3)
 
 
+def said_of_scale(found):
+    return [note for note in found.notes if note.startswith("ranges read")]
+
+
+@pytest.mark.parametrize("scale", [-0.01, 0.003])
+def test_a_scale_that_the_readings_tell_is_said_and_put_right_as_said(scale):
+    """Of 0.1 % the beam's direction was off by up to 7 standard errors without a word."""
+    scene, _, readings = surveyed(0)
+    readings = replace(readings, distance=readings.distance * (1.0 + scale))
+    found, rounds, whole = calibrate(readings), 0, 1.0
+    while notes := said_of_scale(found):
+        factor = float(notes[0].split("divide them by ")[1].split(" ")[0])
+        readings = replace(readings, distance=readings.distance / factor)
+        found, rounds, whole = calibrate(readings), rounds + 1, whole * factor
+    assert rounds in (1, 2)
+    assert whole == pytest.approx(1.0 + scale, abs=5e-4)  # the arm's own error looks like 0.03 %
+    assert near(found, scene) < 5 * found.point_std(0.3)
+
+
+@pytest.mark.parametrize("instrument", [CLEAN, PAPER])
+def test_of_a_right_scale_nothing_is_said(instrument):
+    assert not any(said_of_scale(calibrate(surveyed(k, instrument)[2])) for k in SEEDS)
+
+
+@pytest.mark.parametrize(("sigmas", "said"), [(2.9, False), (3.2, True)])
+def test_a_scale_is_said_from_three_sigmas_on(sigmas, said, monkeypatch):
+    told = "plumbline.optim.hand_eye.calibrate.scale_told"
+    monkeypatch.setattr(told, lambda *_: (sigmas * 1e-4, 1e-4))
+    assert bool(said_of_scale(calibrate(surveyed(0)[2]))) == said
+
+
 def test_no_group_and_no_label_of_motion_is_needed():
     _, _, readings = surveyed(1)
     plain = replace(readings, motion=np.zeros(180, dtype=np.int64))
