@@ -93,7 +93,8 @@ def _limits(answer: Registration, error: TargetError) -> list[str]:
             "resolution and the robot's std"
         )
     if _unchecked(answer):
-        found.append("three markers cannot show that one of them moved")
+        mirrored = "or that an axis of CT is mirrored"
+        found.append(f"three markers cannot show that one of them moved, {mirrored}")
     elif answer.unstated is None and _freedoms(answer) < constants.ENOUGH_FREEDOMS:
         found.append(f"{_kept(answer)} markers hardly check what was stated of the noise")
     if answer.surprise < constants.DOUBTFUL:

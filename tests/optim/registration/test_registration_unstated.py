@@ -220,6 +220,7 @@ def test_three_markers_are_never_good_since_one_may_have_moved():
         said = trust(answer, answer.tre(LESION, None), "M")
         assert said.startswith(f"M: {grade}")
         assert ("cannot show that one of them moved" in said) is (n == 3)
+        assert ("that an axis of CT is mirrored" in said) is (n == 3)
 
 
 def test_four_markers_hardly_check_a_stated_noise_and_are_good_only_where_it_is_exact():
