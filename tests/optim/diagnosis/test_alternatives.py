@@ -145,10 +145,12 @@ def test_the_other_side_of_an_effect_of_one_side_is_listed_nowhere(place, offere
     column = ports.base.reshape(len(ports.base), -1)[yields.columns[0]]
     rises = [
         f for f in not_listed(place.pool, ports, found)
-        if (f.stage, f.on, f.element) == ("joint", "load", 2) and any(f.sides)
+        if (f.stage, f.on, f.element) == ("joint", "load", 2) and f.limits
     ]  # fmt: skip
     (f,) = [f for f in rises if abs(np.corrcoef(f.columns.ravel(), column)[0, 1]) > 0.99]
-    assert f.sides[0] * yields.sides[0] * (f.columns.ravel() @ column) < 0.0
+    assert yields.limits[0, 0] == 0.0
+    other = (-np.inf, 0.0) if f.columns.ravel() @ column > 0.0 else (0.0, np.inf)
+    assert f.limits == (other,)
     (whole,) = [g for g in found if g.words == f.words and np.array_equal(g.columns, f.columns)]
     of = [g.log_prior for g in found if (g.stage, g.on, g.element) == ("joint", "load", 2)]
     assert np.exp(f.log_prior) >= 0.5 * np.exp(whole.log_prior)

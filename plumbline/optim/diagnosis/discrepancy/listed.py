@@ -30,8 +30,9 @@ def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[De
     listed: dict[tuple[str, int | None, str], list[tuple[Array, Array]]] = {}
     for c in pool.candidates:
         key, columns = (str(c.effect.stage), c.effect.element, c.effect.depends_on), c.columns
-        own = left(flat[columns])
-        listed.setdefault(key, []).append((orthonormal(own.T), np.asarray(c.sides) @ own))
+        own, (lower, upper) = left(flat[columns]), c.limits.T
+        way = ((lower == 0.0).astype(float) - (upper == 0.0)) @ own
+        listed.setdefault(key, []).append((orthonormal(own.T), way))
     kept, gone = [], Counter[tuple[str, int | None, str]]()
     for f in found:
         key, k = (f.stage, f.element, f.on), len(f.columns)
@@ -54,4 +55,5 @@ def _other_side(f: Dependence, own: Array, same: list[tuple[Array, Array]]) -> l
     sides = {float(np.sign(own[0] @ way)) if span.shape[1] == 1 else 0.0 for span, way in same}
     if len(own) > 1 or len(sides) > 1 or 0.0 in sides:
         return []
-    return [replace(f, sides=(-sides.pop(),), log_prior=f.log_prior - float(np.log(2.0)))]
+    other = (-np.inf, 0.0) if sides.pop() > 0.0 else (0.0, np.inf)
+    return [replace(f, limits=(other,), log_prior=f.log_prior - float(np.log(2.0)))]
