@@ -8,6 +8,9 @@ on the arm that lags by :math:`\tau` shows T where the links are at
 
 .. math:: T + \tau\, \dot T
 
+Nobody knows to a kelvin at what temperature the lengths of a model hold. How wide that makes a
+growth that is always there follows from what :math:`\epsilon` was found to be.
+
 First-order warm-up after Heisel, Richter, Wurst (1997), CIRP Annals 46(1).
 """
 
@@ -22,12 +25,16 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.constants import COLD
 from plumbline.kinematics.effects.base_drift import APART, SETTLING
-from plumbline.kinematics.effects.effect import Effect, Scope, Stage, State
+from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform
 from plumbline.kinematics.parameters import Parameter, between
+from plumbline.kinematics.weights import as_found
 
 STANDARD_TEMPERATURE = 20.0
+# [K], 1 sigma, of where a model's lengths hold: rooms in which arms are built and measured are kept
+# to some kelvin; by hand.
+ROOM = 3.0
 # Of the recording's length on either side, over which a slope of T is taken: of thermometers of 0.1
 # and 0.01 K half and twice of it leave more of a warm-up untold.
 SMOOTHED = 0.06
@@ -57,6 +64,7 @@ class LinkThermal(_Lengths):
     """Growth with the logged temperature above a reference [degC]."""
 
     reference_temperature: float = field(default=STANDARD_TEMPERATURE, metadata={"unit": "degC"})
+    found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     needs: ClassVar[tuple[str, ...]] = ("temperature",)
     needs_one_of = ("temperature", "time")  # a warm-up over time will do, see candidates
@@ -64,6 +72,30 @@ class LinkThermal(_Lengths):
         "aluminium 23, steel 12 ppm/K (Heisel et al. 1997); the bound allows for a poor thermometer"
     )
     expansion = Parameter("1/K", -2e-3, 2e-3, scale=1.5e-5, doc="relative growth per kelvin")
+    grown = Parameter("1", -2e-2, 2e-2, scale=7.5e-5, doc="relative growth where the model holds")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """As declared; of another reference one more, as wide as :data:`ROOM` makes it."""
+        own = self.declared[:-1]
+        if not self.found:
+            return own
+        other = replace(self.grown, scale=ROOM * abs(self.found[0]))
+        return (*as_found(own, self.found), other)
+
+    @property
+    def variant(self) -> str:
+        """What it grows above."""
+        return super().variant + ", or thereabouts" * bool(self.found)
+
+    def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
+        """The same above another temperature than the model was measured at."""
+        return [replace(self, found=tuple(values))] if values[0] and not self.found else []
+
+    @property
+    def plain(self) -> Effect | None:
+        """The same above the stated one."""
+        return replace(self, found=()) if self.found else None
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -79,7 +111,7 @@ class LinkThermal(_Lengths):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         above = state.row["temperature"] - self.reference_temperature
-        return self._grow(state, values[0] * above)
+        return self._grow(state, values[0] * above + sum(values[1:]))
 
 
 @dataclass(frozen=True)
@@ -91,6 +123,7 @@ class LinkAheadOfShown(LinkThermal):
     needs = ("time", "temperature")
     expansion = LinkThermal.expansion
     lag = Parameter("s/K", -2.0, 2.0, scale=1.5e-3, doc="relative growth per kelvin a second")
+    grown = LinkThermal.grown
 
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
@@ -103,7 +136,8 @@ class LinkAheadOfShown(LinkThermal):
 
     def apply(self, state: State, *values: cs.SX) -> State:
         above = state.row["temperature"] - self.reference_temperature
-        return self._grow(state, values[0] * above + values[1] * state.row["warming"])
+        late = values[1] * state.row["warming"]
+        return self._grow(state, values[0] * above + late + sum(values[2:]))
 
 
 def slope_of(time: Array, values: Array) -> Array:

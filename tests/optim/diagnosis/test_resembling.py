@@ -1,11 +1,15 @@
 """Laws of mechanisms that resemble an effect: as visible as it is, one share, and when they win."""
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from plumbline.experiments.reality.body_effects import LinkThermal
+from plumbline.experiments.reality.end_effects import SensorScale
+from plumbline.experiments.reality.joint_effects import Latency
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.kinematics.effects.joint_offset import JointOffset
@@ -26,7 +30,7 @@ from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.kinds import KINDS
 from tests.designs import statistics
-from tests.simulated_cases import faultless, recorded
+from tests.simulated_cases import faultless, recorded, with_fault
 
 N, SIGMA = 120, 1.0
 
@@ -244,3 +248,35 @@ def test_a_zero_and_an_eccentric_wheel_of_one_joint_are_two_causes_not_one_unlis
     named = {(c.effect, c.element) for c in verdict.causes}
     assert named == {("joint_offset", 3), ("transmission_ripple", 3)}
     assert min(c.probability for c in verdict.causes) > 0.8
+
+
+@pytest.mark.parametrize(
+    ("faults", "gaps", "plan", "seed"),
+    [
+        ((Latency(1.0), SensorScale(1.0)), (2.5, 2.5), {"moving": 1.0}, 3),
+        ((LinkThermal(0.0), SensorScale(1.0)), (1.5, 4.0), {}, 6),
+        ((LinkThermal(0.0), SensorScale(1.0)), (1.5, 4.0), {}, 8),
+    ],
+)
+def test_a_device_s_scale_is_a_cause_of_its_own_and_no_deviation_of_another(
+    tmp_path, faults, gaps, plan, seed
+):
+    """Neither a late clock that lengthens, nor links that were too long before they were warm."""
+    case = faultless(100, seed, **plan)
+    sized = [with_fault(case, f, gap=g).effects[0] for f, g in zip(faults, gaps, strict=True)]
+    case = replace(case, kind="pair", effects=tuple(sized), gap_to_noise=gaps)
+    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
+    assert verdict.outside_probability < 0.1
+    assert {c.effect for c in verdict.causes} == {f.effect for f in faults}
+    assert min(c.probability for c in verdict.causes) > 0.9
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_links_that_are_right_at_another_temperature_are_no_scale_of_the_device(tmp_path, seed):
+    """Nobody knows to a kelvin at what temperature a model's lengths hold."""
+    case = with_fault(faultless(100, seed), LinkThermal(0.0, 23.0), gap=4.0)
+    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
+    [cause] = verdict.causes
+    assert cause.effect == "link_thermal"
+    assert cause.probability > 0.95
+    assert verdict.outside_probability < 0.1

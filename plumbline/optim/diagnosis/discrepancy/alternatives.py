@@ -25,7 +25,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
-from plumbline.optim.diagnosis.discrepancy.listed import not_listed
+from plumbline.optim.diagnosis.discrepancy.listed import not_listed, scale_of
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
@@ -154,7 +154,8 @@ def alternatives(
     shares = _log_shares(found)
     design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
-    near = list(resembling(listed, found, recording, ports, design.visible))
+    without = partial(design.without, one=scale_of(pool, ports))
+    near = list(resembling(listed, found, recording, ports, design.visible, without))
     if near:
         own = np.array([f.log_prior for f in near])
         shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])

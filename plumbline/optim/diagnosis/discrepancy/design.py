@@ -30,6 +30,7 @@ from plumbline.optim.diagnosis.prior import (
     LOG_SCALE_WEIGHTS,
     MANY_CAUSES,
     MOST_FAMILIES,
+    SAME_FORM,
 )
 from plumbline.optim.measurement.correlated import Whitening
 
@@ -112,10 +113,27 @@ class FamilyDesign:
         """An orthonormal basis (E, r) of what the nuisances span."""
         return orthonormal(self.base[: self.always].T)
 
+    def _seen(self, block: Array) -> Array:
+        """Columns (k, E) of a block (k, N, m) without what the nuisances take up."""
+        flat = self._flat(block)
+        return np.asarray(flat - (flat @ self._nuisances) @ self._nuisances.T)
+
     def visible(self, block: Array) -> float:
         """Root of the squares of columns (k, N, m) that the nuisances leave."""
-        flat = self._flat(block)
-        return float(np.linalg.norm(flat - (flat @ self._nuisances) @ self._nuisances.T))
+        return float(np.linalg.norm(self._seen(block)))
+
+    def without(self, block: Array, own: Array, one: Array) -> Array:
+        """Columns (k, N, m) less each sum of them that is, with others (p, N, m), one (N, m)."""
+        beside, other = self._seen(own), self._seen(one[None])[0]
+        least = SAME_FORM * np.linalg.norm(other)
+        for _ in range(len(block)):
+            both = np.concatenate([seen := self._seen(block), beside])
+            w = np.linalg.lstsq(both.T, other, rcond=1e-10)[0]
+            left, w = np.linalg.norm(other - w @ both), w[: len(block)]
+            if left > least or np.linalg.norm(w @ seen) <= least:
+                break
+            block = block - np.tensordot(np.outer(w, w) / (w @ w), block, 1)
+        return block
 
     def columns(self, more: Sequence[Array]) -> Array:
         """Its own columns and blocks (k, N, m) of more behind them (P, E)."""

@@ -8,16 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
 from plumbline.optim.diagnosis.linearise.linear import orthonormal
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.prior import SWALLOWED
+from plumbline.optim.diagnosis.prior import SAME_FORM, SWALLOWED
 
 
 def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[Dependence]:
-    """Without what an effect of the library is already; its other forms have its share.
+    """Without what a listed effect is, or it and the device's scale; other forms have its share.
 
     Of an effect that is physical on one side alone the other side is listed nowhere, and stays.
     """
@@ -27,19 +28,26 @@ def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[De
     def left(columns: Array) -> Array:
         return columns - (columns @ nuisances) @ nuisances.T
 
-    listed: dict[tuple[str, int | None, str], list[tuple[Array, Array]]] = {}
+    scale = left(scale_of(pool, ports).reshape(1, -1))
+    listed: dict[tuple[str, int | None, str], list[tuple[int, Array, Array]]] = {}
     for c in pool.candidates:
         key, columns = (str(c.effect.stage), c.effect.element, c.effect.depends_on), c.columns
         own, (lower, upper) = left(flat[columns]), c.limits.T
         way = ((lower == 0.0).astype(float) - (upper == 0.0)) @ own
-        listed.setdefault(key, []).append((orthonormal(own.T), way))
+        span = orthonormal(np.concatenate([own, scale]).T)
+        listed.setdefault(key, []).append((len(own), span, way))
     kept, gone = [], Counter[tuple[str, int | None, str]]()
     for f in found:
         key, k = (f.stage, f.element, f.on), len(f.columns)
-        near = [(span, way) for span, way in listed.get(key, []) if k <= span.shape[1]]
+        near = [one for one in listed.get(key, []) if k <= one[1].shape[1]]
         own = left(f.columns.reshape(k, -1)) if near else np.empty(0)
-        limit = SWALLOWED * np.linalg.norm(own)
-        same = [(s, w) for s, w in near if np.linalg.norm(own - (own @ s) @ s.T) <= limit]
+        same = [
+            (n, way)
+            for n, span, way in near
+            # Of more numbers an effect may come near to much that it is not.
+            if np.linalg.norm(own - (own @ span) @ span.T)
+            <= (SAME_FORM if n <= k else SWALLOWED) * np.linalg.norm(own)
+        ]
         rest = _other_side(f, own, same)
         kept += rest
         gone[key] += np.exp(f.log_prior) - sum(np.exp(r.log_prior) for r in rest)
@@ -48,12 +56,19 @@ def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[De
     return [replace(f, log_prior=f.log_prior - log) for f, log in zip(kept, of, strict=True)]
 
 
-def _other_side(f: Dependence, own: Array, same: list[tuple[Array, Array]]) -> list[Dependence]:
-    """What is left of a form that effects are, given their spans and the ways (t,) they may go."""
+def _other_side(f: Dependence, own: Array, same: list[tuple[int, Array]]) -> list[Dependence]:
+    """What is left of a form that effects of n numbers are, given the ways (t,) they may go."""
     if not same:
         return [f]
-    sides = {float(np.sign(own[0] @ way)) if span.shape[1] == 1 else 0.0 for span, way in same}
+    sides = {float(np.sign(own[0] @ way)) if n == 1 else 0.0 for n, way in same}
     if len(own) > 1 or len(sides) > 1 or 0.0 in sides:
         return []
     other = (-np.inf, 0.0) if sides.pop() > 0.0 else (0.0, np.inf)
     return [replace(f, limits=(other,), log_prior=f.log_prior - float(np.log(2.0)))]
+
+
+def scale_of(pool: Pool, ports: Ports) -> Array:
+    """What the device's scale does (N, m), nothing if that is not listed."""
+    own = [c.columns for c in pool.candidates if c.effect.name == SensorScale.name]
+    nothing = np.zeros(ports.target.shape)
+    return next((ports.base[at[0]] for at in own if len(at) == 1), nothing)
