@@ -221,8 +221,10 @@ class DHFit(Answer):
         values = np.array([u.nominal for u in known.unknowns])
         for name, k in place.items():
             values[at[name]] = self.x[k]
-        fitted = triangle(self.task.stated(self.task.asked), self.readings, values)
-        found = sums(known.unknowns, basis, known.triangle, fitted)
+        drawn = [u.nominal if u.cell else v for u, v in zip(known.unknowns, values, strict=True)]
+        about = self.task.stated(self.task.asked), self.readings
+        triangles = (triangle(*about, at) for at in (np.array(drawn), values))
+        found = sums(known.unknowns, basis, *triangles)
         free = [place[known.unknowns[k].name] for k in found.leading]
         covariance = self.covariance[np.ix_(free, free)]
         reach95 = ndtri(SIDES[1]) if self.agrees else stdtrit(max(self.freedom, 1), SIDES[1])

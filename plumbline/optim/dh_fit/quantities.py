@@ -114,8 +114,8 @@ class Sums:
 def sums(unknowns: Sequence[Unknown], basis: list[int], drawn: Array, fitted: Array) -> Sums:
     """The sums that a fit with some parameters free (``basis``) estimates.
 
-    Who leans on whom is taken from the R (P, P) of the robot as drawn, where axes are parallel; by
-    how much from the fitted one, whose tool may be longer.
+    Who leans on whom is taken from the R (P, P) of the robot as drawn, where axes are parallel,
+    with the fitted tool; by how much from the fitted one.
     """
     scale = np.array([u.scale for u in unknowns])
     first, weights = (

@@ -47,6 +47,20 @@ def test_each_interval_holds_the_truth_of_what_it_names(arm, loss, noise):
     assert 0.90 <= np.mean(held) <= 0.98
 
 
+@pytest.mark.parametrize("arm", [ur5(), bh7()])
+def test_a_tool_that_nobody_told_leans_on_the_last_joint_as_one_that_was_told(arm):
+    """Without a lever as drawn: tool x had been told to 0.1 mm, without the angle times 0.02 m."""
+    held = []
+    for seed in range(6):
+        recording, truth = drawn(seed, arm=arm, noise_std=1e-4, tool_offset=np.zeros(3))
+        tool = {f"tool {axis}": v for axis, v in zip("xyz", TOOL, strict=True)}
+        for q in fit_dh(recording).quantities:
+            if any(name in tool for name, _ in q.parts):
+                off = sum(c * (truth.truth[name] + tool.get(name, 0.0)) for name, c in q.parts)
+                held.append(q.ci95[0] <= q.nominal + off <= q.ci95[1])
+    assert np.mean(held) >= 0.85
+
+
 def test_what_is_known_only_in_a_sum_is_reported_as_that_sum():
     fit = fit_dh(drawn()[0])
     names = {q.name for q in fit.quantities}
