@@ -135,11 +135,13 @@ def calibrate(readings: Readings, options: HandEyeOptions | None = None) -> Cali
     _check_count(readings)
     beam, sigma, good = _robust(readings, given)
     kept = readings.select(good)
-    for _ in range(constants.GROSS_ROUNDS):
+    for rounds in range(constants.GROSS_ROUNDS + 1):
         _check_planes(kept, readings)
         frames, problem, fit, incidence = _likely(kept, beam, sigma, given)
         # Before any reading is called gross: where the beam is open, a fit may end anywhere.
         _seen(kept, frames, fit, fit.x, incidence, given)
+        if rounds == constants.GROSS_ROUNDS:
+            break
         beam = frames.beam(fit.x)
         gross = _gross(fit, incidence, _student(given.gross, _freedom(kept)))
         if not gross.any():

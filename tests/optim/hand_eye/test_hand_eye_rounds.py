@@ -70,8 +70,9 @@ def test_gross_readings_are_left_out_three_times(monkeypatch):
 
     monkeypatch.setattr(calibrate, "_gross", one_more)
     _, _, readings = surveyed(0)
-    calibrate.calibrate(readings, HandEyeOptions(poses=0, shapes=0, arm=0))
+    found = calibrate.calibrate(readings, HandEyeOptions(poses=0, shapes=0, arm=0))
     assert len(left) == 3
+    assert len(found.incidence) == len(found.readings) == len(readings) - 3
 
 
 def test_a_variance_s_slope_takes_eight_rounds(monkeypatch):

@@ -125,9 +125,12 @@ def noisiest_joint(recording: Recording, selected: SelectedModel) -> str:
     return f"joint {recording.measured_joints[k] + 1}'s error changes from reading to reading"
 
 
+CAME = "depends on the way it came"  # of a joint
+
+
 def turned_sides(selected: SelectedModel, words: str) -> Iterator[str]:
     """What is said where an unlisted side of approach is that of a play of less than nothing."""
-    if "side of approach" not in words:
+    if not ("side of approach" in words or words.endswith(CAME)):
         return
     left = selected.selection.reduce(selected.chosen)
     pulls = {
@@ -136,6 +139,8 @@ def turned_sides(selected: SelectedModel, words: str) -> Iterator[str]:
         if isinstance(c.effect, Backlash) and c.effect.by == "direction"
     }
     joint = max(pulls, key=lambda j: abs(pulls[j]), default=None)
+    if words.endswith(CAME) and words != f"joint {joint}'s error {CAME}":
+        return
     if joint is not None and pulls[joint] < 0.0:
         yield (
             f"joint {joint} goes further on the side that it comes from, which no play does: "
