@@ -28,6 +28,8 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.functions import nearness
+from plumbline.optim.diagnosis.discrepancy.listed import scale_of
+from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.parts import apart
@@ -155,6 +157,43 @@ def test_the_other_side_of_an_effect_of_one_side_is_listed_nowhere(place, offere
     of = [g.log_prior for g in found if (g.stage, g.on, g.element) == ("joint", "load", 2)]
     assert np.exp(f.log_prior) >= 0.5 * np.exp(whole.log_prior)
     assert np.exp(of).sum() == pytest.approx(1.0)
+
+
+@pytest.fixture(scope="module")
+def seen(place, offered):
+    """What tells how large columns (k, N, m) are beyond the nuisances there."""
+    pool, ports = place.pool, offered[0]
+    shared = Linear.about(pool.shared, pool.x, pool.model.problem.scale)
+    return design.FamilyDesign.of(ports, np.ones(3), shared, pool, rows_compared(pool))
+
+
+def nearly(columns, off, seen):
+    """Columns (1, N, m) with a share that is anything else."""
+    more = np.random.default_rng(0).normal(size=columns.shape)
+    return columns + off * seen.visible(columns) / seen.visible(more) * more
+
+
+@pytest.mark.parametrize(("off", "lacked"), [(0.02, False), (0.05, True)])
+def test_a_form_is_a_listed_effect_to_three_hundredths_of_it(place, offered, seen, off, lacked):
+    ports, found = offered
+    angle = about_joint_2(found)[1]
+    form = replace(angle, columns=nearly(angle.columns, off, seen))
+    assert bool(not_listed(place.pool, ports, [form])) is lacked
+
+
+@pytest.mark.parametrize(("off", "gone"), [(0.02, True), (0.05, False)])
+@pytest.mark.parametrize("beside", [False, True])
+def test_of_a_deviation_goes_what_is_the_device_s_scale_to_as_much(
+    place, offered, seen, off, gone, beside
+):
+    """Alone, or together with what it deviates from."""
+    scale = scale_of(place.pool, offered[0])
+    other = np.random.default_rng(1).normal(size=(2, *scale.shape)) * np.abs(scale).max()
+    alike = nearly(scale[None], off, seen)
+    block = np.concatenate([alike - other[:1] if beside else alike, other[1:]])
+    left = seen.without(block, other[:1], scale)
+    assert (seen.visible(left[:1]) < 0.1 * seen.visible(block[:1])) is gone
+    assert seen.visible(left[1:]) > 0.9 * seen.visible(block[1:])
 
 
 def about_joint_2(found):
