@@ -72,7 +72,10 @@ class LinkThermal(_Lengths):
         "aluminium 23, steel 12 ppm/K (Heisel et al. 1997); the bound allows for a poor thermometer"
     )
     expansion = Parameter("1/K", -2e-3, 2e-3, scale=1.5e-5, doc="relative growth per kelvin")
-    grown = Parameter("1", -2e-2, 2e-2, scale=7.5e-5, doc="relative growth where the model holds")
+    grown = Parameter(
+        "1", -2e-2, 2e-2, scale=7.5e-5,
+        doc="always there: by another reference, or as the device's scale",
+    )  # fmt: skip
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

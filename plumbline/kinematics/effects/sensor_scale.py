@@ -39,7 +39,8 @@ class SensorScale(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """One number where all axes are alike; within what the maker states, if that is known."""
-        found = self.declared[:1] if self.alike else self.declared
+        alike = replace(self.declared[0], doc="relative error, alike along all axes")
+        found = (alike,) if self.alike else self.declared
         return tuple(map(self._stated, found)) if self.known_to else found
 
     @property
