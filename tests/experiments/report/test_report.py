@@ -583,6 +583,15 @@ def test_one_probability_of_many_causes_says_where_it_comes_from(most):
     assert shared_words(SimpleNamespace(causes=causes, outside_probability=0.01)) == ""
 
 
+@pytest.mark.parametrize(
+    ("at", "said"), [(("link", None), "all links"), (("sensor", None), "the sensor")]
+)
+def test_a_place_without_a_number_has_its_article(bench, at, said):
+    verdict = replace(bench.verdict, where=(Place(*at, 1.0),))
+    shown = {p.key: p for p in pictures(Subject.of(replace(bench, verdict=verdict)))}
+    assert f"comes from {said}" in shown["where"].title
+
+
 @pytest.mark.parametrize("stage", ["joint", "actuation"])
 def test_a_guilty_joint_s_disc_is_coloured_its_drive_s_too(stage):
     shown = made_up()

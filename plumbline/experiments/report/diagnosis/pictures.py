@@ -31,7 +31,8 @@ def _where(subject: Subject) -> Picture | None:
     if not where:
         return None
     first = place_words(where[0].stage, where[0].element)
-    first = first if where[0].element is not None else f"the {first}"
+    whole = where[0].element is not None or first.startswith("all ")
+    first = first if whole else f"the {first}"
     of = "explained gap comes from" if subject.verdict.causes else "gap points to"
     drawn = [causes.shares(subject.verdict)]
     drawn = drawn if stages else [arm(subject), *drawn]
