@@ -102,8 +102,8 @@ GAINS = 0.1  # 1 sigma of a gain, before anything is seen
 LEARNT = 60.0  # [mm] of way by which e-fold is forgotten: a second at the largest speed
 SEEN_FROM = 0.01  # [mm], 1 sigma of noise that is not stated; rounding
 STANDARD = 3.0  # sigmas within which a lateness may be true
-# Of the largest speed, below which dry friction that nobody told may hold a drive: 1 to 4 of 60
-# mm/s in the plants that are learnt (docs/howto/capsule_mpc.md).
+# [largest speed] below which dry friction that nobody told may hold a drive: 1 to 4 of 60 mm/s in
+# the plants that are learnt (docs/howto/capsule_mpc.md; test_underway.py fails on either side).
 HELD = 0.1
 NO_SEAT = 1e6  # [mm] of gap where there is nothing
 

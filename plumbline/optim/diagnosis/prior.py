@@ -118,8 +118,8 @@ UNLISTED = 0.2  # prior probability that a term is of no effect of the library (
 PART_OF_UNLISTED = 0.4
 RESEMBLING = 0.3  # share of these that resemble an effect of the library (test_resembling.py)
 DEVIATIONS = (0.3, 1.0)  # of such a mechanism from that effect [the effect], root of squares
-# Share of a form that a listed effect leaves of it, up to which it is that: of 4 sigma in 100
-# places it leaves two standard errors.
+# What a listed effect leaves of a form [the form], up to which it is that: of 4 sigma in 100 rows,
+# 300 numbers, it is two standard errors (test_alternatives.py fails at 0.01 and 0.08).
 SAME_FORM = 0.03
 MOST_RESEMBLED = 4  # effects at each look with which such mechanisms are tried
 MOVES = 120  # of a chain: seeds then repeat marginals to 0.01 (test_joint_posterior.py)
