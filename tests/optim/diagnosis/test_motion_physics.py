@@ -17,7 +17,8 @@ from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion import rollout
-from plumbline.optim.diagnosis.motion.rollout import Windows, roll_out
+from plumbline.optim.diagnosis.motion.rollout import roll_out
+from plumbline.optim.diagnosis.motion.windows import Windows
 
 KP, KD, STEP, EVERY = 60.0, 3.0, 1e-3, 10
 FINER = 10  # times in which a rotor of the integrator's own making goes under

@@ -18,7 +18,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.dh_fit import DHOptions, Readings, Squares, fit_dh
 from plumbline.optim.diagnosis.motion.fit import evaluated, fitted
-from plumbline.optim.diagnosis.motion.rollout import Windows
+from plumbline.optim.diagnosis.motion.windows import Windows
 from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of

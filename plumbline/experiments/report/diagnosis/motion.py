@@ -15,7 +15,8 @@ from plumbline.experiments.report.page.page import Picture
 from plumbline.experiments.report.style import AFTER, FAINT, INK, calm, house_style, new_figure
 from plumbline.optim.core.quantities import counted, percent, quantity, scaled
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
-from plumbline.optim.diagnosis.motion.rollout import Array, played
+from plumbline.optim.diagnosis.motion.rollout import played
+from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.verdict.words import place_words
 
 SHOWN = 3  # joints whose traces are drawn: those with the largest gap

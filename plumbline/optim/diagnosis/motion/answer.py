@@ -11,9 +11,9 @@ from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import JointFindings
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
+from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model.drives import Drives, drives_of

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,10 +19,14 @@ def share_of_mean(ratio: float) -> tuple[float, float]:
     second differences; a lag of ratio r weighs what they are off a straight line by
     :math:`6 (r - 2 r^2 + (r + 2 r^2)\, e^{-1/r}) / (1 - e^{-1/r})` of that: all for long ones.
     """
-    r = ratio + np.array([0.0, RATIO_STEP * (1 + ratio)])
-    stays, square = np.exp(-1 / (r + 1e-9)), 2 * r**2
-    here, ahead = 6 * (r - square + stays * (r + square)) / (1 - stays)
-    return float(here), float((ahead - here) / (r[1] - r[0]))
+    ahead = ratio + RATIO_STEP * (1 + ratio)
+    here, there = (_share(r) for r in (ratio, ahead))
+    return here, (there - here) / (ahead - ratio)
+
+
+def _share(r: float) -> float:
+    stays, square = math.exp(-1 / (r + 1e-9)), 2 * r**2
+    return 6 * (r - square + stays * (r + square)) / (1 - stays)
 
 
 def bend_of(u: Array, first: NDArray[np.int64]) -> Array:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.diagnosis.motion.constants import ENDED, ENOUGH, ITERATIONS
-from plumbline.optim.diagnosis.motion.rollout import Array, Effects, Windows, roll_out
+from plumbline.optim.diagnosis.motion.rollout import roll_out
+from plumbline.optim.diagnosis.motion.windows import Array, Effects, Windows
 from plumbline.optim.diagnosis.prior import FINEST
 
 
@@ -35,7 +36,8 @@ class JointFit:
     @cached_property
     def square(self) -> float:
         """Mean square [rad^2], no less than that of rounded digits."""
-        return max(float(np.mean(self.residual**2)), FINEST**2) if self.residual.size else 0.0
+        r = self.residual.ravel()
+        return max(float(r @ r) / len(r), FINEST**2) if len(r) else 0.0
 
     @property
     def flat(self) -> Array:

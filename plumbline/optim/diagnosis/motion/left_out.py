@@ -10,9 +10,9 @@ import numpy as np
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated, fitted
-from plumbline.optim.diagnosis.motion.rollout import Array, Effects
 from plumbline.optim.diagnosis.motion.search import JointFindings
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
+from plumbline.optim.diagnosis.motion.windows import Array, Effects
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,8 +29,8 @@ from plumbline.optim.diagnosis.motion.constants import (
     WORTH_A_FIT,
 )
 from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
-from plumbline.optim.diagnosis.motion.rollout import Effects, Windows
 from plumbline.optim.diagnosis.motion.unlisted import NO_FORM, UnlistedFunction, exceeds
+from plumbline.optim.diagnosis.motion.windows import Effects, Windows
 from plumbline.optim.diagnosis.prior import EARNED
 
 Key = frozenset[MotionEffect]

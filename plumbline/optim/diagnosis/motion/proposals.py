@@ -18,8 +18,8 @@ from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.optim.diagnosis.findings import Cause
 from plumbline.optim.diagnosis.motion.constants import CHIRP, CONFOUNDED, SECONDS
 from plumbline.optim.diagnosis.motion.models import SAME, twins
-from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import JointFindings
+from plumbline.optim.diagnosis.motion.windows import Array
 
 BY_HAND = ("hold", "pushed by hand either way: play gives way, a dead band does not")
 # What parts two effects: a motion's kind, and what it is in words.

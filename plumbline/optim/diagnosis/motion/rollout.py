@@ -13,190 +13,22 @@ memory grows with the windows that are looked at together, not with the recordin
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from dataclasses import fields, replace
+from functools import lru_cache
 from typing import Any
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from plumbline.kinematics.drive import Drive, Law, Memory
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
-from plumbline.kinematics.effects.motion_effect import MotionEffect
-from plumbline.optim.diagnosis.motion.between_rows import (
-    bend_of,
-    between,
-    between_slope,
-    share_of_mean,
-)
-from plumbline.optim.diagnosis.motion.constants import (
-    ABREAST,
-    OPEN,
-    PIECE,
-    PIECES,
-    POSTURE,
-    TOGETHER,
-    WIDE,
-)
+from plumbline.optim.diagnosis.motion.constants import ABREAST, PIECE, PIECES, TOGETHER, WIDE
+from plumbline.optim.diagnosis.motion.filtered import Filters, filtered, filters_of
+from plumbline.optim.diagnosis.motion.windows import Array, Effects, Integers, Windows
 
-Array = NDArray[np.float64]
-Effects = tuple[MotionEffect, ...]
 MEMORY = tuple(field.name for field in fields(Memory))
 # What lags has more, what plans all.
 PLACE, SENT, PLAIN = (MEMORY.index(name) for name in ("place", "sent", "told"))
-SMOOTH = (Law.VELOCITY, Law.SMOOTH)  # commands that run smoothly between rows
-
-
-@dataclass(frozen=True, eq=False)
-class Windows:
-    """Windows of one joint, all of one length."""
-
-    law: Law  # what the joint's command is
-    dt: float  # time from sample to sample [s]
-    kp: float  # known gain [N m/rad]; zero if there is none
-    kd: float  # known damping [N m s/rad]
-    command: Array  # commands of the joint's whole recording (N,)
-    first: NDArray[np.int64]  # where in it the run of each sample begins (N,): no command is older
-    q: Array  # measured positions (N,) [rad]
-    posture: Array  # the same smoothed (N,) [rad]
-    speed: Array  # measured speeds (N,) [rad/s]
-    load: Array  # torque of gravity and of the other joints (N,) [N m]
-    inertia: Array  # inertia about the joint (N,) [kg m^2]
-    start: NDArray[np.int64]  # sample at which each window starts (W,)
-    length: int  # samples after it (H)
-    settle: int  # how many of those do not count, since what nobody measured settles in them
-    size: float = 1.0  # what a radian is in the unit of ``q``
-    bare: float = 1.0  # inertia about the joint at its zero, the others free [kg m^2]
-    push: float = 1.0  # what a newton metre of command is in this joint's usual ones
-    others: tuple[tuple[Array, Array], ...] = ()  # places and speeds (N,) of each other joint
-
-    def __len__(self) -> int:
-        """How many windows there are."""
-        return len(self.start)
-
-    @property
-    def drive(self) -> Law:
-        """The law of a step, which knows only its ends."""
-        return Law.POSITION if self.law.ideal else self.law
-
-    @cached_property
-    def samples(self) -> NDArray[np.int64]:
-        """Indices of the samples that count (W, H - settle)."""
-        return self.start[:, None] + np.arange(self.settle + 1, self.length + 1)
-
-    @cached_property
-    def measured(self) -> Array:
-        """What was measured there (W, H - settle) [rad]."""
-        return self.q[self.samples]
-
-    @cached_property
-    def given(self) -> Array:
-        """Load and inertia (R, steps, 2) of every step of the roll-outs."""
-        begin, steps, _ = self.passes
-        at = begin[:, None] + np.arange(1, steps.max(initial=0) + 1)
-        return np.stack(self.loads(np.minimum(at, len(self.q) - 1)), axis=-1)
-
-    def sizes(self, effects: Effects) -> Array:
-        """Factors (P,) by which widths, bounds and starts of parameters grow for this joint."""
-        return np.array([self._size(e) for e in effects], dtype=float)
-
-    def _size(self, effect: MotionEffect) -> float:
-        if effect.of_command and self.law.pushes:
-            return self.push
-        return self.size if effect.parameter.unit in ("rad", "rad/s") else 1.0
-
-    def loads(self, at: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Load and inertia for the steps that end at samples (...): what pushes feels their mean.
-
-        An ideal servo yields to its load where it is, at the sample itself.
-        """
-        if not self.law.known and not self.law.pushes:
-            return self.load[at], self.inertia[at]
-        load, inertia = ((x[at] + x[at - 1]) / 2 for x in (self.load, self.inertia))
-        return load, inertia
-
-    def level(self, misses: Array) -> Array:
-        """Misses (W, K, ...) without what a window's unknown start makes of them."""
-        order = OPEN.get(self.law, 0)
-        if not order:
-            return misses
-        K = self.length - self.settle
-        basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, K), order))[0]
-        return np.asarray(misses - np.einsum("ka,la,wl...->wk...", basis, basis, misses))
-
-    def integrated(self, features: Array) -> Array:
-        """What functions (n, F) that act on a drive's rate or torque do to its place (n, F)."""
-        order = OPEN.get(self.law, 0)
-        if not order:
-            return features
-        W, K = len(self), self.length - self.settle
-        found = features.reshape(W, K, -1)
-        for _ in range(order):
-            found = np.cumsum(found, axis=1) / K
-        return self.level(found).reshape(W * K, -1)
-
-    @cached_property
-    def passes(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Samples where roll-outs begin and how many they take (R,), and that of each window (W,).
-
-        A servo on position forgets where it began, so windows that follow one another are one
-        roll-out, with as much before the first as a window is long: what a servo plans, and how
-        play lies, are then as the commands before have it.
-        """
-        if not self.law.follows or not len(self):
-            steps = np.full(len(self), self.length, np.int64)
-            return self.start, steps, np.arange(len(self), dtype=np.int64)
-        run = self.first[self.start]
-        new = (np.diff(self.start) > self.length) | (np.diff(run) != 0)
-        row = np.concatenate([[0], np.cumsum(new)]).astype(np.int64)
-        heads = np.flatnonzero(np.concatenate([[True], new]))
-        known = run[heads] + round(POSTURE / 2 / self.dt)  # speeds have rows on both sides
-        begin = np.maximum(self.start[heads] - self.length, np.minimum(known, self.start[heads]))
-        ends = self.start[np.append(heads[1:], len(self)) - 1] + self.length
-        return begin, ends - begin, row
-
-    def asked(
-        self, shift: float, begin: NDArray[np.int64], steps: int, late: float = 0.0
-    ) -> tuple[Array, Array, Array]:
-        """Commands (R, steps + 1) obeyed so much later [s], and their derivatives by that.
-
-        What trails a ramp by ``late`` [s] takes the mean of a step, what does not its end: of
-        that, too.
-        """
-        at = np.minimum(begin[:, None] + np.arange(steps + 1), len(self.command) - 1)
-        shift += self.law.holds * self.dt  # what stood over the sample before this one
-        place = np.clip(at - shift / self.dt, self.first[at], self.last[at])
-        low = np.minimum(np.floor(place).astype(np.int64), len(self.command) - 2)
-        mean, by_late = share_of_mean(late / self.dt) if self.law.ideal else (1.0, 0.0)
-        u, bend = self.command, self.bend
-        if self.law in SMOOTH:
-            u, bend = u - mean * bend / 12, bend - mean * bend_of(bend, self.first) / 12
-        f, slope = place - low, u[low + 1] - u[low]
-        ends = self.first[low + 1] > low  # the next run's command is not this one's
-        slope[ends] = 0.0
-        if self.law.holds:
-            return u[low] + f * slope, -slope / self.dt, np.zeros_like(f)
-        bends = [np.where(ends, 0.0, bend[low + k]) for k in (0, 1)]
-        if self.law not in SMOOTH:  # a corner within a step is off its line
-            corner = (bends[0] + bends[1]) / 4
-            straight = u[low] + f * slope - f * (1 - f) * mean * corner
-            less = -(slope - (1 - 2 * f) * mean * corner) / self.dt
-            return straight, less, -by_late * f * (1 - f) * corner / self.dt
-        more = -by_late * ((1 - f) * self.bend[low] + f * self.bend[low + 1]) / 12 / self.dt
-        less = -between_slope(slope, bends, f) / self.dt
-        return between(u[low], slope, bends, f), less, more
-
-    @cached_property
-    def last(self) -> NDArray[np.int64]:
-        """Where in the recording the run of each sample ends (N,): no command is later."""
-        begins, run = np.unique(self.first, return_inverse=True)
-        return np.append(begins[1:], len(self.first))[run] - 1
-
-    @cached_property
-    def bend(self) -> Array:
-        """Second differences of the commands (N,), none where a run begins or ends."""
-        return bend_of(self.command, self.first)
 
 
 def roll_out(
@@ -217,11 +49,9 @@ def _rolled(w: Windows, effects: Effects, theta: Array, slopes: bool, rough: boo
     """Positions and their derivatives (W, H - settle, 1 + P)."""
     if not len(w):
         return np.empty((0, w.length - w.settle, 1 + len(theta) * slopes))
-    begin, _, row = w.passes
-    at = (w.start - begin[row])[:, None] + np.arange(w.settle, w.length)
     given = tuple(range(len(theta))) if slopes else ()
     if not any(effect.plans for effect in effects):
-        return np.asarray(_passed(w, effects, theta, given)[row[:, None], at])
+        return _counted(w, _passed(w, effects, theta, given))
     # A planned way switches between full speed up and full braking: a small change moves every
     # later switch, so that derivatives grow without end where differences over a wide step do not.
     # What acts behind the way moves no switch.
@@ -237,7 +67,15 @@ def _rolled(w: Windows, effects: Effects, theta: Array, slopes: bool, rough: boo
         with np.errstate(over="ignore", invalid="ignore"):  # where a way runs off, no step is taken
             slope = (_passed(w, effects, high, ())[..., 0] - near) / (high[k] - back[k])
         out[..., 1 + k] = np.where(np.isfinite(slope), slope, 0.0)
-    return np.asarray(out[row[:, None], at])
+    return _counted(w, out)
+
+
+def _counted(w: Windows, passed: Array) -> Array:
+    """Of every sample of the roll-outs (R, steps, C) those that count (W, H - settle, C)."""
+    begin, _, row = w.passes
+    at = (row * passed.shape[1] + w.start - begin[row])[:, None] + np.arange(w.settle, w.length)
+    each = passed.transpose(2, 0, 1).reshape(passed.shape[2], -1)
+    return each.take(at, axis=1).transpose(1, 2, 0)
 
 
 def _wide(w: Windows, effects: Effects, theta: Array, k: int) -> tuple[Array, Array]:
@@ -251,35 +89,49 @@ def _wide(w: Windows, effects: Effects, theta: Array, k: int) -> tuple[Array, Ar
 
 def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> Array:
     """The same of every sample of the roll-outs (R, steps, 1 + B), by so many parameters."""
-    begin, steps, _ = w.passes
-    P, H, R, size = len(by), int(steps.max()), len(begin), len(_memory(effects))
+    begin = w.passes[0]
     shift, yields = (_per_unit(effects, term) for term in ("shift", "compliance"))
     lags = np.array([e.lags for e in effects])
-    u, *du = w.asked(float(shift @ theta), begin, H, float(lags @ theta))
+    u, *du = w.asked(float(shift @ theta), float(lags @ theta), w.reach)
     if any(effect.plans for effect in effects):
         du = [np.zeros_like(u)] * 2  # the way is as it is
+    size = len(_memory(effects))
+    state = np.zeros((len(begin), 1 + len(by), size))
+    state[:, 0] = _begun(w, u, begin, float(yields @ theta))[:size].T
+    late = du[0][:, :1] * shift[list(by)] + du[1][:, :1] * lags[list(by)]
+    for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
+        state[:, 1:, k] = late
+    if w.law.ideal:
+        state[:, 1:, PLACE] = w.load[begin][:, None] * yields[list(by)]
+    fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
+    told = [x[:, 1:] for x in (u, *du)]
+    if (filters := _filters(w.drive, effects, by)) is not None:
+        data = (*told, *w.given.transpose(2, 0, 1))
+        return filtered(filters, state.reshape(len(state), -1), data, fixed)
+    return _stepped(w, effects, by, state, np.stack(told, axis=-1), fixed)
+
+
+def _stepped(
+    w: Windows, effects: Effects, by: tuple[int, ...], state: Array, told: Array, fixed: Array
+) -> Array:
+    """The same by steps, from where roll-outs begin (R, 1 + B, size)."""
+    (R, H, _), steps = told.shape, w.passes[1]
     abreast = 1 if w.law.follows else ABREAST
     pieces = PIECES if w.law.follows else -(-H // PIECE)
     call = pieces * PIECE
     data = np.ones((-(-R // abreast) * abreast, -(-H // call) * call, 5))  # an inertia of one
-    data[:R, :H, :3] = np.stack([u, *du], axis=-1)[:, 1:]
-    data[:R, :H, 3:] = w.given
-    state = np.zeros((len(data), 1 + P, size))
-    state[:R, 0] = _begun(w, u, begin, float(yields @ theta))[:size].T
-    late = du[0][:, :1] * shift[list(by)] + du[1][:, :1] * lags[list(by)]
-    for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
-        state[:R, 1:, k] = late
-    if w.law.ideal:
-        state[:R, 1:, PLACE] = w.load[begin][:, None] * yields[list(by)]
-    fixed = np.tile([w.dt, w.kp, w.kd, w.bare, *theta], (abreast * pieces, 1))
-    after = np.empty((abreast, pieces, 1 + P, size))
-    out = np.empty((*data.shape[:2], 1 + P))
+    data[:R, :H, :3], data[:R, :H, 3:] = told, w.given
+    begun = np.zeros((len(data), *state.shape[1:]))
+    begun[:R] = state
+    every = np.tile(fixed, (abreast * pieces, 1))
+    after = np.empty((abreast, pieces, *state.shape[1:]))
+    out = np.empty((*data.shape[:2], 1 + len(by)))
     handle: Any = _rolling(w.drive, effects, pieces, abreast, by).buffer()  # addresses alone
     buffer, run = handle
-    buffer.set_arg(2, fixed.data)
+    buffer.set_arg(2, every.data)
     buffer.set_res(0, after.data)
     for r in range(0, R, abreast):
-        now = state[r : r + abreast]
+        now = begun[r : r + abreast]
         buffer.set_arg(0, now.data)
         for k in range(0, int(steps[r]), call):
             buffer.set_arg(1, data[r : r + abreast, k : k + call].data)
@@ -289,6 +141,13 @@ def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> 
     return out
 
 
+@lru_cache(maxsize=1024)
+def _filters(law: Law, effects: Effects, by: tuple[int, ...]) -> Filters | None:
+    """A step and its sensitivities as filters, where nothing in it switches."""
+    size, output = len(_memory(effects)), MEMORY.index("output")
+    return filters_of(_step(law, effects, by), [size * k + output for k in range(1 + len(by))])
+
+
 def _memory(effects: Effects) -> tuple[str, ...]:
     """What a drive with these effects keeps from sample to sample."""
     if any(effect.plans for effect in effects):
@@ -296,7 +155,7 @@ def _memory(effects: Effects) -> tuple[str, ...]:
     return MEMORY[: PLAIN if any(isinstance(e, ActuationLag) for e in effects) else SENT]
 
 
-def _begun(w: Windows, u: Array, start: NDArray[np.int64], compliance: float) -> Array:
+def _begun(w: Windows, u: Array, start: Integers, compliance: float) -> Array:
     """States (8, w) in which windows begin, as in MEMORY: a planned way is where the joint is.
 
     A joint within its play stays where it began, which a single reading's noise would move. What
@@ -388,7 +247,7 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     whole = replace(w, start=w.start[:1], length=M - 1, settle=0)
     shift = float(_per_unit(effects, "shift") @ theta)
     late = sum(e.lags * value for e, value in zip(effects, theta, strict=True))
-    u, *_ = whole.asked(shift, whole.start, M - 1, float(late))
+    u, *_ = whole.asked(shift, float(late), whole.reach_of(whole.start, M - 1))
     at = int(w.start[0])
     size = len(_memory(effects))
     yields = float(_per_unit(effects, "compliance") @ theta)

@@ -23,13 +23,13 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.models import Key, Models, names_of
-from plumbline.optim.diagnosis.motion.rollout import Array, Windows
 from plumbline.optim.diagnosis.motion.unlisted import (
     VARIABLES,
     FunctionRivals,
     UnlistedFunction,
     own_past,
 )
+from plumbline.optim.diagnosis.motion.windows import Array, Windows
 from plumbline.optim.diagnosis.prior import DEVIATIONS, NO_EVIDENCE, PART_OF_UNLISTED
 
 IS_PART = DEVIATIONS[0]  # of an effect's size: what is unlisted and as large may be all of both

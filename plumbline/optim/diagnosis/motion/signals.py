@@ -37,7 +37,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.rollout import Array, Windows
+from plumbline.optim.diagnosis.motion.windows import Array, Windows
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
 
 Integers = NDArray[np.int64]

@@ -38,7 +38,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     WIDTHS,
 )
 from plumbline.optim.diagnosis.motion.fit import JointFit
-from plumbline.optim.diagnosis.motion.rollout import Array, Windows
+from plumbline.optim.diagnosis.motion.windows import Array, Windows
 from plumbline.optim.diagnosis.prior import FINEST
 
 PAST = "past commands"

@@ -34,8 +34,8 @@ from plumbline.optim.diagnosis.motion.fit import to_go
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.proposals import one_operator, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.rollout import Array
 from plumbline.optim.diagnosis.motion.search import JointFindings
+from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.predict.shrink import gap_between, shrink_interval

@@ -35,9 +35,9 @@ from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
 from plumbline.optim.diagnosis.motion.fit import evaluated, fitted
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.rollout import Windows
 from plumbline.optim.diagnosis.motion.search import JointFindings, errors_of, prior_at
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
+from plumbline.optim.diagnosis.motion.windows import Windows
 from plumbline.optim.diagnosis.of_recordings import AgainstOthers, Carries, OfRecording, Transfer
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
