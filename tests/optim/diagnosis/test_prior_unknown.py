@@ -60,13 +60,15 @@ def test_what_is_smooth_errs_alike_over_a_quarter_to_one_and_a_half_of_a_radian(
 
 
 def offered(**given):
-    """What ranges of one plane may follow: by name, how many functions its family has."""
-    r = SimpleNamespace(
-        element=np.ones(N, dtype=int), elements=(1,), time=np.linspace(0.0, 60.0, N), **given
-    )
-    return {
-        (o.on, o.element): len(o.forms[0]) for o in part_dependences._of_time(r, "plane", "sensor")
-    }
+    """What ranges of one plane may follow: by name, how many functions its largest family has."""
+    one = SimpleNamespace(ranges=True)
+    time = np.linspace(0.0, 60.0, N)
+    r = SimpleNamespace(element=np.ones(N, dtype=int), elements=(1,), time=time, kind=one, **given)
+    ports = SimpleNamespace(shift=np.ones((1, N, 1)))
+    sizes: dict[tuple[str, int | None], int] = {}
+    for f in part_dependences._of_time(r, "plane", ports):
+        sizes[f.on, f.element] = max(sizes.get((f.on, f.element), 0), len(f.columns))
+    return sizes
 
 
 def test_what_changes_with_time_has_fifteen_forms_and_three_where_it_warms_up():

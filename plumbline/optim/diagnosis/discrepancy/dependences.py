@@ -46,7 +46,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     waves,
     weights,
 )
-from plumbline.optim.diagnosis.discrepancy.part_dependences import part_functions
+from plumbline.optim.diagnosis.discrepancy.part_dependences import part_dependences
 from plumbline.optim.diagnosis.discrepancy.torque_dependences import torque_functions
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.measurement.observation import scope_of
@@ -68,9 +68,7 @@ def dependences(recording: Recording, ports: Ports, seed: int) -> Iterator[Depen
         return
     rng = np.random.default_rng(seed)
     if recording.element is not None:
-        for o in part_functions(recording, rng):
-            forms = (acting(o.words, o.on, o.stage, o.element, f, ports.shift) for f in o.forms)
-            yield from one_of(forms)
+        yield from part_dependences(recording, ports, rng)
     if recording.stand_in:
         return
     yield from body_dependences(recording, ports, rng)
