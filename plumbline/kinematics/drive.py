@@ -15,7 +15,8 @@ order, of period :math:`2 \pi s`, has :math:`s^2 \ddot y + 2 s\,\dot y = \tilde 
 it does not overshoot; its friction acts against its motion. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
 :math:`\dot y = c`, one on torque by :math:`I \ddot y = c - h`: of these four a lag filters the
-command, :math:`T \dot c_f = c - c_f`. What has inertia may rub,
+command, :math:`T \dot c_f = c - c_f`, against dry friction :math:`- s \operatorname{sign} \dot y`
+of a drive on velocity. What has inertia may rub,
 :math:`- d \dot y - F \operatorname{sign} \dot y`: dry friction F takes no more speed than there is
 (Moreau 1988, a step that is implicit in the speed), and may have a rotor, which adds to I. Soft
 friction is a constraint of MuJoCo's, :math:`s (\ddot y + r \dot y)` up to F (Todorov 2014, ICRA).
@@ -31,12 +32,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import Any
 
 import casadi as cs
 
 from plumbline.kinematics.constants import NULL
+from plumbline.kinematics.law import Law
 
 EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
 
@@ -52,44 +53,6 @@ EQUAL, TERMS = 0.1, 8  # [1]
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
 
 ZERO = cs.SX(0)
-
-
-class Law(StrEnum):
-    """What a command is, and what is known of the servo that obeys it."""
-
-    POSITION = "position"
-    SMOOTH = "smooth_position"  # the same, a log's rows of commands that run smoothly between them
-    SERVO = "servo"  # position, by gains that are known
-    HELD_SERVO = "held_servo"  # the same, its commands held from sample to sample
-    VELOCITY = "velocity"
-    RATE = "rate"  # velocity, which a digital controller holds from sample to sample
-    TORQUE = "torque"  # which a digital controller holds from sample to sample
-    SAMPLED_TORQUE = "sampled_torque"  # of a loop much faster than its log
-
-    @property
-    def holds(self) -> bool:
-        """Whether a command stands until the next one."""
-        return self in (Law.HELD_SERVO, Law.RATE, Law.TORQUE)
-
-    @property
-    def ideal(self) -> bool:
-        """Whether a command is a position, and nothing known of the servo."""
-        return self in (Law.POSITION, Law.SMOOTH)
-
-    @property
-    def follows(self) -> bool:
-        """Whether a command is a position, so that where the joint began is forgotten."""
-        return self.ideal or self.known
-
-    @property
-    def known(self) -> bool:
-        """Whether a servo's gains are."""
-        return self in (Law.SERVO, Law.HELD_SERVO)
-
-    @property
-    def pushes(self) -> bool:
-        """Whether a command is a torque."""
-        return self in (Law.TORQUE, Law.SAMPLED_TORQUE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +86,7 @@ class Drive:
     period: cs.SX | None = None  #: natural one of a servo of second order [s]
     band: cs.SX | None = None  #: error that moves nothing, either way [rad, rad/s or N m]
     stick: cs.SX | None = None  #: error that is always left, either way [rad, rad/s or N m]
+    rubs: bool = False  #: whether that is taken of what moves, not of what is asked for
     damping: cs.SX | None = None  #: viscous friction of what has inertia [N m s/rad]
     rubbing: cs.SX | None = None  #: its dry friction [N m]
     soft: bool = False  #: whether that yields as MuJoCo's does
@@ -151,7 +115,7 @@ class Drive:
         if self.law == Law.RATE:
             return self._held(asked, before)
         held = self.fastest is not None or self.strongest is not None
-        wanted = self._met(asked, own, before)
+        wanted, rubbed = self._rubbed(self._met(asked, own, before), asked, before)
         if own is not None and self.lag is not None and self.band is not None:
             asked, wanted = self.command, self._pulled(before, self.lag, self.band)
         speed = (wanted - before.place) / self.dt if self.law == Law.POSITION else wanted
@@ -160,7 +124,8 @@ class Drive:
         if self.law == Law.VELOCITY:  # which runs straight between samples
             mean = (speed + before.speed) / 2
             if self.lag is not None and not held:
-                mean += self._risen(asked, self.lag / self.dt, before) - (wanted + before.asked) / 2
+                mean += self._risen(asked, self.lag / self.dt, before) - rubbed
+                mean -= (wanted + before.asked) / 2
         # An ideal position is met without rounding.
         place = before.place + self.dt * mean
         if self.law == Law.POSITION and not held:
@@ -202,8 +167,9 @@ class Drive:
 
     def _held(self, asked: cs.SX, before: Memory) -> Memory:
         """One sample on under a rate that stood still over it: the lag's way is exact."""
-        wanted = self._lagged(asked, None, before)
-        mean = self._limited(self._mean(asked, before, 0.0, 1.0), before.speed, self.dt)
+        wanted, rubbed = self._rubbed(self._lagged(asked, None, before), asked, before)
+        mean = self._mean(asked, before, 0.0, 1.0) - rubbed
+        mean = self._limited(mean, before.speed, self.dt)
         place = before.place + self.dt * mean
         return Memory(wanted, place, mean, self._behind_play(place, before))
 
@@ -220,9 +186,33 @@ class Drive:
             error = error - clipped(error, self.band)  # at once, to the band's edge and no farther
         elif self.band is not None:
             error = _beyond(error, self.band)
-        if self.stick is not None:
+        if self.stick is not None and not self.rubs:
             error = error - clipped(error, self.stick)
         return at_rest + error
+
+    def _rubbed(self, free: cs.SX, asked: cs.SX, before: Memory) -> tuple[cs.SX, cs.SX]:
+        """A speed after a sample of friction, and what that took on average, behind the lag.
+
+        Friction holds against the speed until that turns; then no more is taken than there is.
+        """
+        if self.stick is None or not self.rubs:
+            return free, ZERO
+        if self.lag is None:
+            lost = clipped(free, self.stick)
+            return free - lost, lost
+        h, T, speed, side = self.dt, self.lag + self.dt * NULL, before.asked, cs.sign(before.asked)
+        told = asked if self.law.holds else (asked + before.sent) / 2
+        goal = told - self.stick * side
+        turns = goal * side < 0
+        ahead = T * cs.log1p(-speed / cs.if_else(turns, goal, -side - (side == 0)))
+        until = cs.if_else(turns, cs.fmin(ahead, h), h * (side != 0))
+        left = h - until
+        later = 1 - cs.exp(-left / T)
+        sooner = 1 - later - cs.exp(-h / T)
+        first = self.stick * side
+        then = clipped(free - first * sooner, self.stick * later) / (later + NULL)
+        mean = first * (until - T * sooner) + then * (left - T * later)
+        return free - first * sooner - then * later, mean / h
 
     def _lagged(self, asked: cs.SX, place: cs.SX | None, before: Memory) -> cs.SX:
         """Exact for an input that runs straight from one sample to the next, or is held.

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import casadi as cs
 
-from plumbline.kinematics.drive import Drive, Law
+from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.parameters import Parameter
 
 

@@ -21,12 +21,13 @@ from typing import Self
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.drive import Drive, Law
+from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.drive import DriveEffect, largest_speed
 from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, State
 from plumbline.kinematics.effects.hysteresis import STARTS, lag_of_play
 from plumbline.kinematics.effects.motion_effect import INERT, MotionEffect
 from plumbline.kinematics.evaluate import Array
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.parameters import Parameter, between
 
 WAYS = (0.006, 0.02, 0.06)  # rad or m: gears' play and twist together, 5 to 50 times an arc minute

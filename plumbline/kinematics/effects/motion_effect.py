@@ -18,9 +18,10 @@ from typing import ClassVar
 
 import casadi as cs
 
-from plumbline.kinematics.drive import Drive, Law
+from plumbline.kinematics.drive import Drive
 from plumbline.kinematics.effects.effect import Effect, Stage
 from plumbline.kinematics.evaluate import Array
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.parameters import Parameter
 
 TOLD = ("name", "depends_on", "words", "reference", "source")  # of an effect

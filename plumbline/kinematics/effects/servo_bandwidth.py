@@ -7,8 +7,8 @@ is damped so that it does not overshoot, as loops on position are; a lag filters
 import math
 from dataclasses import dataclass
 
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.parameters import Parameter
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity

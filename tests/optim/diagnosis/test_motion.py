@@ -11,11 +11,11 @@ from plumbline import Verdict, diagnose, load
 from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.drives import Wrong, follow
 from plumbline.experiments.report.diagnosis.motion import transfer_of
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS, MotionEffect
 from plumbline.kinematics.effects.acceleration_limit import AccelerationLimit
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
+from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion import signals as signals_module

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from plumbline import build_motion, diagnose
-from plumbline.kinematics.drive import Law
+from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion import diagnose as module
 from plumbline.optim.diagnosis.motion.constants import ROUNDED, SMOOTHER
 from plumbline.optim.diagnosis.motion.signals import signals_of

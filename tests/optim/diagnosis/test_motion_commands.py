@@ -8,7 +8,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from plumbline import build_motion, diagnose
-from plumbline.kinematics.drive import Law
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion.signals import signals_of

@@ -7,8 +7,8 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion import rollout
 from plumbline.optim.diagnosis.motion.filtered import filtered, filters_of
 from plumbline.optim.diagnosis.motion.rollout import roll_out

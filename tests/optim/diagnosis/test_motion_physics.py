@@ -13,8 +13,9 @@ from scipy.signal import lsim, lti
 from plumbline import build_motion, diagnose, load
 from plumbline.errors import PlumblineError
 from plumbline.kinematics import drive
-from plumbline.kinematics.drive import Drive, Law, Memory
+from plumbline.kinematics.drive import Drive, Memory
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion import rollout
 from plumbline.optim.diagnosis.motion.rollout import roll_out

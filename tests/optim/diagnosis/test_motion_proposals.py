@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from plumbline.experiments.commands.app import run
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
+from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.findings import Blame, Cause
 from plumbline.optim.diagnosis.motion.constants import CHIRP, SECONDS
 from plumbline.optim.diagnosis.motion.proposals import (

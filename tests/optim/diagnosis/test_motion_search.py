@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from plumbline import build_motion, diagnose
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion import fit, models, rollout, search
 from plumbline.optim.diagnosis.motion.constants import RACE, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.signals import signals_of

@@ -1,6 +1,7 @@
 """Tips under commanded rates: what carries the rates out is found, and a controller is told."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +11,13 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run as command_line
 from plumbline.experiments.mpc.tracked import followed
 from plumbline.experiments.reality.instruments import Slides, SlidingTips
-from plumbline.kinematics.drive import Law
+from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
+from plumbline.kinematics.law import Law
 from plumbline.optim.capsule_mpc import OneStep, Plant, Statement, TipInstrument
 from plumbline.optim.capsule_mpc.underway import Underway
 from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.motion import rollout
 from plumbline.optim.diagnosis.motion.rollout import roll_out
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import recorded
@@ -56,13 +59,16 @@ def found(tmp_path_factory):
 
 def test_what_is_wrong_with_an_axis_is_named_in_its_units(found):
     causes = {(c.effect, c.element): c for c in found.causes}
-    for axis, sure in ((1, 0.5), (2, 0.95)):  # dry friction is only nearly a band of commands
-        assert causes["actuation_delay", axis].probability > sure
-        assert causes["actuation_lag", axis].probability > sure
+    for axis in (1, 2):
+        assert causes["actuation_delay", axis].probability > 0.95
+        lag = causes["actuation_lag", axis]
+        assert lag.probability > 0.95
+        # As a band of commands dry friction took a quarter of it.
+        assert lag.parameters["lag"].value == pytest.approx(WRONG.lag, rel=0.08)
     (band,) = causes["actuation_deadband", 1].parameters.values()
     assert (band.unit, causes["actuation_deadband", 1].variant) == (
         "m/s",
-        "larger commands lose as much",
+        "larger commands lose as much, against the motion",
     )
     assert band.value == pytest.approx(3e-3, rel=0.1)
     assert {axis for name, axis in causes if name == "actuation_gain"} == {1, 2}
@@ -158,6 +164,43 @@ def test_a_lag_under_held_rates_is_its_closed_form():
     windows = signals.windows(0, signals.starts)
     predicted = roll_out(windows, (ActuationLag(),), np.array([lag]))[0]
     assert np.abs(windows.level(predicted - windows.measured)).max() < 1e-9
+
+
+def rubbed(speed, law, lag, dry, fine=2000):
+    """Places (N,) [rad] of what lags and rubs, told rates (N,) 20 ms apart, by small steps."""
+    h, place, now, out = DT / fine, 0.0, 0.0, [0.0]
+    for k in range(1, len(speed)):
+        held = law == Law.RATE
+        told = np.linspace(speed[k - 1], speed[k - 1] if held else speed[k], fine, endpoint=False)
+        for c in told + (0 if held else (speed[k] - speed[k - 1]) / fine / 2):
+            free = now + h / lag * (c - now)
+            after = free - np.clip(free, -h / lag * dry, h / lag * dry)
+            place, now = place + h * (now + after) / 2, after
+        out.append(place)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("law", [Law.RATE, Law.VELOCITY])
+def test_friction_acts_against_what_lags_and_not_against_its_command(law):
+    t = DT * np.arange(150)
+    u = np.where(t < 0.4, 0.0, np.sin(9.0 * (t - 0.4)))
+    windows = signals_of(recorded([{}, {}])).windows(0, np.array([0]))
+    rest = np.zeros(150)
+    windows = replace(
+        windows, law=law, dt=DT, command=u, first=rest.astype(int), q=rest, posture=rest,
+        speed=rest, load=rest, inertia=rest + 1, start=np.array([5]), length=140, settle=0,
+    )  # fmt: skip
+    at = np.array([0.3, 0.1])
+    for rubs in (True, False):
+        effects = ActuationDeadband(less=True, rubs=rubs), ActuationLag()
+        got = rollout._passed(windows, effects, at, ())[0, :140, 0]
+        wanted = rubbed(u, law, 0.1, 0.3)[6:146]
+        assert (np.abs(got - wanted).max() < 1e-3) == rubs
+    alone = [
+        rollout._passed(windows, (ActuationDeadband(less=True, rubs=r),), at[:1], ())
+        for r in (True, False)
+    ]
+    np.testing.assert_array_equal(*alone)
 
 
 @pytest.mark.parametrize("less", [0.0, 1.0])

@@ -8,7 +8,6 @@ import pytest
 import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_gain import ActuationGain
@@ -19,6 +18,7 @@ from plumbline.kinematics.effects.coulomb_friction import CoulombFrictionOfMotio
 from plumbline.kinematics.effects.servo_bandwidth import ServoBandwidth
 from plumbline.kinematics.effects.servo_stiffness import ServoStiffness
 from plumbline.kinematics.effects.torque_limit import TorqueLimit
+from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
 from plumbline.optim.diagnosis.motion.recording import build_motion
 from plumbline.optim.model import Drives

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import REGISTRY, Effect
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.effects.actuation_offset import ActuationOffset
 from plumbline.kinematics.frames import homogeneous
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.dh_fit import DHOptions, Readings, Squares, fit_dh

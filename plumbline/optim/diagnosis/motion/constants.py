@@ -5,7 +5,7 @@ Parameters' ranges and scales stand with the effects.
 
 from __future__ import annotations
 
-from plumbline.kinematics.drive import Law
+from plumbline.kinematics.law import Law
 
 # Windows: length and the stretch in which what nobody measured settles [s]. A lag of 0.3 s is
 # forgotten to 1 % in the first; what integrates drifts with the square of a window's length.

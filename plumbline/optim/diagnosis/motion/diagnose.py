@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.law import Law
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import (

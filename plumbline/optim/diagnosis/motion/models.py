@@ -15,8 +15,8 @@ from itertools import combinations
 
 import numpy as np
 
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
+from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion.constants import (
     CONTENDS,
     LEAST_GAIN,

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import fault, shown
-from plumbline.kinematics.drive import Law
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.diagnosis.motion.constants import (

@@ -20,8 +20,9 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.drive import Drive, Law, Memory
+from plumbline.kinematics.drive import Drive, Memory
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
+from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion.constants import ABREAST, PIECE, PIECES, TOGETHER, WIDE
 from plumbline.optim.diagnosis.motion.filtered import Filters, filtered, filters_of
 from plumbline.optim.diagnosis.motion.windows import Array, Effects, Integers, Windows

@@ -15,9 +15,9 @@ import numpy as np
 import scipy
 
 from plumbline.errors import fault
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.actuation_deadband import ActuationDeadband
 from plumbline.kinematics.effects.actuation_offset import ActuationOffset
+from plumbline.kinematics.law import Law
 from plumbline.optim.core.problem import Flags
 from plumbline.optim.diagnosis.motion.constants import ALIKE, LATEST, LENGTH, SAME_UNIT, STATED
 from plumbline.optim.recording.constants import (

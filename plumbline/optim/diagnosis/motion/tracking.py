@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
-from plumbline.kinematics.drive import Law
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion.recording import (
     TRACKING,

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.quantities import quantity

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion.between_rows import (
     bend_of,
     between,

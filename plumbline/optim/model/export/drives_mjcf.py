@@ -23,8 +23,8 @@ import numpy as np
 import pinocchio as pin
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.drive import Law
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.link_export import words, xml_text
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
