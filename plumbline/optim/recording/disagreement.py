@@ -40,7 +40,13 @@ def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
 
 
 def unmet(r: Recording, share: float = constants.UNMET) -> str:
-    """What to doubt where tips miss the model by a share of their spread; empty if they do not."""
+    """What to doubt where tips miss the model by a share of their spread; empty if they do not.
+
+    Of several recordings each is asked on its own: its device stands where it likes.
+    """
+    if r.session is not None:
+        each = ((part.name, unmet(part, share)) for part in r.session.parts)
+        return next((f"{name}: {words}" for name, words in each if words), "")
     if not r.kind.device or len(r) < constants.FEWEST:
         return ""
     some = r.select(some_of(len(r)))

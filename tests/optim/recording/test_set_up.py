@@ -17,6 +17,7 @@ from plumbline.optim.recording import set_up
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import MENDED
 from plumbline.optim.recording.disagreement import unmet
+from plumbline.optim.recording.session import build_session, joined
 from plumbline.optim.recording.set_up import missed, plausible, refuse_wrong_set_up, wrong_set_up
 from plumbline.optim.rigid import spread
 from tests.benches import TOOL, measured, readings
@@ -223,6 +224,14 @@ def test_a_verdict_on_rows_of_no_such_robot_is_not_to_be_relied_on(size, doubted
         found = diagnose(told(given))
         assert found.verdict.warnings[0].startswith("not to be relied on: the tips miss the model")
         assert "unmet" in found.to_dict()
+
+
+def test_of_several_recordings_each_is_doubted_by_its_own_rows_wherever_its_device_stands():
+    near, far = room("tip_position", seed=1), room("tip_position", seed=2)
+    far |= {"measured": far["measured"] * [-1.0, -1.0, 1.0] + 3.0, "name": "far"}
+    assert not unmet(joined(build_session([told(near), told(far)])))
+    far["measured"] = np.random.default_rng(0).normal(size=(ROWS, 3))
+    assert unmet(joined(build_session([told(near), told(far)]))).startswith("far: the tips miss")
 
 
 @pytest.mark.parametrize(
