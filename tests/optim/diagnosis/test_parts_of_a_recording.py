@@ -27,6 +27,7 @@ from plumbline.optim.diagnosis.predict.folds import kind_of_folds
 from plumbline.optim.diagnosis.predict.shrink import shrink_interval
 from plumbline.optim.diagnosis.prior import MANY_ROWS
 from plumbline.optim.measurement.observation import build_model, rows_of, scope_of
+from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import faultless, recorded, with_fault
 
 SMALL = (JointOffset, JointScale)
@@ -264,7 +265,7 @@ def from_both_sides(seed, tmp_path, **context):
 
 def test_what_a_side_of_approach_does_is_no_noise(tmp_path):
     case, recording = from_both_sides(4, tmp_path)
-    noise = diagnose(recording).verdict.noise
+    noise = diagnose(recording, FEW_EFFECTS).verdict.noise
     assert noise.source == "repeats"
     assert noise.repeats >= 80
     assert noise.sigma == pytest.approx(case.noise_std, rel=0.15)
@@ -281,4 +282,4 @@ def test_both_sides_of_an_approach_are_no_repeats_even_where_nothing_explains_th
 def test_repeats_never_count_for_more_than_the_fit_leaves(tmp_path):
     _, recording = from_both_sides(4, tmp_path)
     blind = replace(recording, direction=None)
-    assert diagnose(blind).verdict.noise.ratio > 0.8
+    assert diagnose(blind, FEW_EFFECTS).verdict.noise.ratio > 0.8

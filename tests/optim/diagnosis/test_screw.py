@@ -26,8 +26,14 @@ def recorded(error, seed, kind="tip_position", rows=90):
     return replace(plain, q=q, measured=measured, noise_std=NOISE, whole=None, place=None)
 
 
-@pytest.mark.parametrize(("lead", "size"), [(2.54e-3, 1e-3), (4e-3, 3e-4), (6e-2, 3e-4)])
-@pytest.mark.parametrize("kind", ["tip_position", "joint_position"])
+@pytest.mark.parametrize(
+    ("lead", "size", "kind"),
+    [
+        (2.54e-3, 1e-3, "tip_position"),
+        (6e-2, 3e-4, "tip_position"),
+        (4e-3, 3e-4, "joint_position"),
+    ],
+)
 def test_a_screw_is_named_with_its_lead(lead, size, kind):
     found = diagnose(recorded(lambda q: size * np.sin(2 * np.pi * q / lead + 1.0), 1, kind)).verdict
     [cause] = found.causes
@@ -66,7 +72,7 @@ def test_an_arm_without_slides_is_not_told_of_screws(arm, joints):
     assert ("screw_ripple" in unseen) == (arm == "laparoscopic")
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_noise_is_no_screw(seed):
     found = diagnose(recorded(np.zeros_like, seed)).verdict
     assert not found.causes

@@ -7,6 +7,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
+from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import causes
 
 NOISE = 1e-4
@@ -101,7 +102,8 @@ def test_every_bump_keeps_its_estimates_whatever_the_clock_starts_from(start):
             noise_std=NOISE,
             tool_offset=(0.0, 0.02, 0.1),
             time=time + start,
-        )
+        ),
+        FEW_EFFECTS,
     )
     [cause] = found.verdict.causes
     assert cause.effect == "base_bump"

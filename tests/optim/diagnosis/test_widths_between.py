@@ -48,8 +48,9 @@ def test_friction_that_falls_at_any_speed_is_listed(share):
         assert answer.verdict.outside_probability < UNSURE
 
 
-@pytest.mark.parametrize("start", [0.5, 0.0, -0.5])
-@pytest.mark.parametrize("way", [0.0085, 0.013, 0.04])
+@pytest.mark.parametrize(
+    ("way", "start"), [(0.0085, 0.5), (0.013, 0.0), (0.013, -0.5), (0.04, 0.5)]
+)
 def test_friction_that_holds_over_any_way_is_listed(way, start):
     def held(q, _):
         return -2.0 * lag_of_play(q, way, start)  # wound up by nobody knows what

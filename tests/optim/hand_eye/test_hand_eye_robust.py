@@ -41,7 +41,7 @@ def test_gross_rows_do_not_move_the_answer(seed, boards, share):
 def test_few_readings_with_gross_ones_are_no_fit_that_meets_as_many_as_it_has_unknowns():
     """14 unknowns meet 14 of 24 readings, whatever the beam: their median error is nothing."""
     scene, answers = room_of(0, PAPER), 0
-    for seed in range(16):
+    for seed in range(8):
         rng = np.random.default_rng([seed, 24])
         turned = np.stack([facing(scene, rng, lean=0.4) for _ in range(8)], axis=1)
         readings = seen_from(scene, turned, rng)
@@ -54,7 +54,7 @@ def test_few_readings_with_gross_ones_are_no_fit_that_meets_as_many_as_it_has_un
         away = found.beam.r - scene.finder.r
         # Of three numbers told by seven readings beyond the unknowns: F is 14 once in 400.
         assert away @ np.linalg.solve(found.covariance[:3, :3], away) < 3 * 14.0
-    assert answers > 8
+    assert answers > 4
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -18,6 +18,7 @@ from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import smear
 from plumbline.optim.recording.building import build_recording
 from tests.benches import bench, residuals
+from tests.few_effects import FEW_EFFECTS
 from tests.scanned import scanned_as_modelled
 
 SIGMA, TAU = 1e-4, 1e-3
@@ -132,7 +133,7 @@ def test_of_rows_without_a_time_the_same_is_told_in_rows():
     timed = on_its_way(step=0.125)
     bare = replace(timed, time=None)
     np.testing.assert_allclose(rates(bare, 0.3), rates(timed, 0.3) * 0.125)
-    found = diagnose(bare, DiagnosisOptions(force=True))
+    found = diagnose(bare, replace(FEW_EFFECTS, force=True))
     assert found.verdict.verdict == Outcome.NO_GAP
     off = found.recording.jitter * found.verdict.noise.sigma
     assert off == pytest.approx(TAU / 0.125, rel=0.25)

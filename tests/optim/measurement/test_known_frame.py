@@ -9,6 +9,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.building import build_recording
+from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import causes
 
 NOISE = 1e-4
@@ -33,7 +34,7 @@ def read(factor=1.0, offset=0.0, R_device_base=BASE, always=("tool",), **given):
 @pytest.mark.parametrize("always", [("tool",), ()])
 def test_a_known_frame_hides_no_part_of_the_gap(always):
     """A match of the tips would have turned it so that joint 2 is blamed for less."""
-    found = diagnose(read(factor=1.002, always=always))
+    found = diagnose(read(factor=1.002, always=always), FEW_EFFECTS)
     assert causes(found) == [("joint_scale", 2)]
     assert found.verdict.verdict == "explained"
     estimate = found.verdict.causes[0].parameters["gain"]
@@ -52,7 +53,7 @@ def test_a_breath_whose_every_row_falls_into_one_phase_is_not_looked_for():
 
 
 def test_in_a_known_frame_the_first_joint_can_stand_elsewhere():
-    assert causes(diagnose(read(offset=1e-3))) == [("joint_offset", 1)]
+    assert causes(diagnose(read(offset=1e-3), FEW_EFFECTS)) == [("joint_offset", 1)]
 
 
 def test_readings_that_are_not_in_the_base_frame_have_theirs_fitted_and_it_is_said():

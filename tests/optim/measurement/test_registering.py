@@ -35,7 +35,7 @@ def recorded(kind, moved, length, seed, *, straight=False):
 @pytest.mark.parametrize("length", [0.1, 0.5])
 @pytest.mark.parametrize("moved", [(6,), (4, 5), (5, 6), (4, 5, 6), (1, 6), (1, 2, 3, 4, 5, 6)])
 def test_the_nominal_fit_ends_at_nothing_whichever_joints_move(kind, length, moved):
-    for seed in range(6):
+    for seed in range(2):
         recording, _ = recorded(kind, moved, length, seed)
         model = build_model(recording, [])
         found = LevenbergMarquardt().solve(model.problem, model.start)

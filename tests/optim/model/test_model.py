@@ -29,6 +29,7 @@ from plumbline.optim.model import Applied, Model, apply
 from plumbline.optim.model.apply import Change
 from plumbline.optim.model.export.exported import Lack
 from plumbline.optim.recording.loading import load_recording
+from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import faultless, recorded, with_fault
 
 FAULTS = (JointCompliance(0.0, 2), Backlash(0.0, 3), JointOffset(0.0, 4))
@@ -41,7 +42,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def diagnosis(case, tmp_path_factory):
-    return diagnose(recorded(case, tmp_path_factory.mktemp("model"))[0])
+    return diagnose(recorded(case, tmp_path_factory.mktemp("model"))[0], FEW_EFFECTS)
 
 
 @pytest.fixture(scope="module")

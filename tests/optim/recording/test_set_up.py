@@ -12,7 +12,6 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording import set_up
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import MENDED
@@ -21,6 +20,7 @@ from plumbline.optim.recording.session import build_session, joined
 from plumbline.optim.recording.set_up import missed, plausible, refuse_wrong_set_up, wrong_set_up
 from plumbline.optim.rigid import spread
 from tests.benches import TOOL, measured, readings
+from tests.few_effects import FEW_EFFECTS
 from tests.recording_folders import write_folder
 
 ROWS = 40
@@ -221,7 +221,7 @@ def test_a_verdict_on_rows_of_no_such_robot_is_not_to_be_relied_on(size, doubted
             given["q"] = readings(Robot.bundled("ur5").chain(), ROWS, 100 + seed)
         assert bool(unmet(told(given))) == doubted
     if doubted:
-        found = diagnose(told(given))
+        found = diagnose(told(given), FEW_EFFECTS)
         assert found.verdict.warnings[0].startswith("not to be relied on: the tips miss the model")
         assert "unmet" in found.to_dict()
 
@@ -374,7 +374,7 @@ def test_diagnose_refuses_unless_it_is_forced():
     wrong = told(given, q=turned(given["q"], 3))
     with pytest.raises(PlumblineError, match=r"^room: rows miss the model by .* force=True"):
         diagnose(wrong)
-    assert diagnose(wrong, DiagnosisOptions(force=True)).verdict.rows == ROWS
+    assert diagnose(wrong, replace(FEW_EFFECTS, force=True)).verdict.rows == ROWS
 
 
 def test_the_command_refuses_with_one_line_and_diagnoses_if_forced(tmp_path, capsys):

@@ -61,7 +61,7 @@ def alike(points, rng):
 
 
 @pytest.mark.parametrize("read", [alike, rounded], ids=["alike", "slices"])
-@pytest.mark.parametrize("n", [4, 6, 10])
+@pytest.mark.parametrize("n", [4, 10])
 def test_the_region_counts_the_target_s_own_reading(n, read):
     assert SHARE[0] <= held(n, read) <= 1.0
 
@@ -158,11 +158,11 @@ def test_a_stated_noise_is_worth_eight_readings():
     assert unknown.noise_scale**2 == pytest.approx(square / 9.0)
 
 
-@pytest.mark.parametrize(("n", "least"), [(4, 0.77), (6, 0.85), (10, 0.85)])
+@pytest.mark.parametrize(("n", "least"), [(4, 0.77), (10, 0.85)])
 def test_regions_hold_where_the_noise_is_stated_half_too_small(n, least):
     small = MarkerNoise.from_std(4e-4 / 1.5, 1e-4 / 1.5)
     exact = replace(small, freedoms=np.inf)
-    # By the integral over chi-square: 88.5, 90.4, 92.3 %, less three errors of 120 draws.
+    # By the integral over chi-square: 88.5 and 92.3 %, less three errors of 120 draws.
     assert held(n, alike, small) > least
     assert held(n, alike, exact) < held(n, alike, small) - 0.05
 
