@@ -448,7 +448,7 @@ def test_where_one_state_dominates_its_terms_asked_one_by_one_say_the_same(seed)
     assert found.states[0][1] == tuple(state)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", SEEDS[:2])
 @pytest.mark.parametrize(
     ("strength", "resembling", "within"),
     [(3.0, 0.4, 0.05), (3.0, 0.7, 0.04), (6.0, 0.7, 0.15), (6.0, 1.5, 0.06)],

@@ -17,6 +17,7 @@ from plumbline.optim.diagnosis.posterior.shortlists import nearby
 from plumbline.optim.diagnosis.verdict import settled as settling
 from plumbline.optim.recording.loading import load_recording
 from tests.benches import bench
+from tests.few_effects import FEW_EFFECTS
 from tests.made_up_diagnosis import BENCH
 
 ANSWERS = {
@@ -35,7 +36,7 @@ def test_the_terms_are_those_of_the_last_fit_in_its_order(answers, monkeypatch):
     )
     recording = load_recording(BENCH)
     folds = np.arange(len(recording)) % 5
-    task = Task(recording, folds, NoisePrior.of(recording.noise_std))
+    task = Task(recording, folds, NoisePrior.of(recording.noise_std), library=FEW_EFFECTS.library)
     found = search(task, np.zeros(len(recording), dtype=bool))
     assert tuple(term.effect for term in found.model.terms) == found.effects
     assert found.best.problem is found.model.problem

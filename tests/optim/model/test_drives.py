@@ -58,7 +58,7 @@ def made():
 @pytest.fixture(scope="module")
 def real():
     """What a servo that shares no code does with commands."""
-    t, u = multisine(20.0, seed=3)
+    t, u = multisine(12.0, seed=3)
     return t, u, np.column_stack([servo(t, u[:, 0], **LATE), servo(t, u[:, 1], **OFF)])
 
 
