@@ -508,7 +508,7 @@ def test_noise_that_wanders_within_what_is_stated_is_no_mechanism():
     assert any("correlates by 0.9" in note for note in found.verdict.notes)
 
 
-@pytest.mark.parametrize("name", ["stribeck_friction", "rotor_inertia", "payload"])
+@pytest.mark.parametrize("name", ["stribeck_friction", "payload"])
 def test_a_simulated_cause_is_found(tmp_path, name):
     """One easy case a mechanism; shares over many cases are for the sealed sets."""
     facts = cased(tmp_path, Plan(kind="single", gap=(3.0, 4.0), rows=(60, 70), effects=(name,)))
