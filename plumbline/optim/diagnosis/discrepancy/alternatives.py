@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,9 @@ from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
 from plumbline.optim.diagnosis.discrepancy.listed import not_listed, scale_of
+from plumbline.optim.diagnosis.discrepancy.noise_spread import spread_of_noise
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
+from plumbline.optim.diagnosis.discrepancy.spectra import Spectrum, orders_of, spectra
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.linearise.ports import Ports
@@ -38,11 +40,9 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import (
     EXTREME,
     FIRST_SLOT_ODDS,
-    LEAST_SPREAD,
     MOST_COMPARED_ROWS,
     MOST_GROSS_ROWS,
     NEXT_SLOT_ODDS,
-    NOISE_NEGLIGIBLE,
     PART_OF_UNLISTED,
     RESEMBLING,
     SCALES,
@@ -91,7 +91,7 @@ class GrossRow:
         return SCALES
 
 
-AnyTerm = Candidate | Unlisted | GrossRow
+AnyTerm = Candidate | Unlisted | GrossRow | Spectrum
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +113,22 @@ class Alternatives:
     # how far blocks (n,) of these rows agree about some terms; 1 if wholly
     agreement: Callable[[NDArray[np.intp], Sequence[SelectedTerm], float], float]
     spread: Array  # of the noise of each component (m,), in which that is
+    # candidates of the pool that stand for all orders of a gear in a fit
+    orders: Callable[[Effect], Sequence[SelectedTerm]] = lambda _: ()
 
     def term(self, index: int) -> AnyTerm:
         """A term by its number."""
         found = self.problem.candidates[index]
-        assert isinstance(found, Candidate | Unlisted | GrossRow)
+        assert isinstance(found, AnyTerm)
         return found
+
+    def listed(self, state: Sequence[SelectedTerm]) -> tuple[SelectedTerm, ...]:
+        """The pool's candidates in a state, single orders in place of a whole spectrum."""
+        found = {t.index: t for t in state if t.index < self.library}
+        for term in state:
+            if isinstance(own := self.problem.candidates[term.index], Spectrum):
+                found = {t.index: t for t in self.orders(own.effect)} | found
+        return tuple(found.values())
 
     @property
     def kinds(self) -> Array:
@@ -163,14 +173,18 @@ def alternatives(
     gross = ports.own_shifts(parts := 2 if recording.kind.oriented else 1)
     kept = design.worth_trying(found, shares, pool, chosen, gross)
     found, shares = [found[i] for i in kept], shares[kept]
+    gears, blocks = spectra(pool, recording, ports)
+    design, spans = design.with_listed(blocks)
     added = [*(f.columns for f in found), *gross]
     linear, columns = design.with_more(added)
     terms = _terms(pool, found, columns, np.repeat(rows[ports.gross], parts))
+    terms += tuple(map(Spectrum, (pool.candidates[k].effect for k in gears), spans))
     names, numbers = _labels(terms)
-    priors = _log_priors(pool, shares, len(terms), unlisted)
+    priors = _log_priors(pool, shares, gears, len(terms), unlisted)
     problem = _problem(pool, linear, terms, priors, numbers, _parts(design, ports, names))
     asked = (partial(design.left, added, terms), partial(design.agreement, added, terms))
-    return Alternatives(problem, *names, len(pool.candidates), rows, *asked, design.spread)
+    orders = cache(partial(orders_of, pool, chosen))
+    return Alternatives(problem, *names, len(pool.candidates), rows, *asked, design.spread, orders)
 
 
 def _families(pool: Pool, recording: Recording, ports: Ports, seed: int) -> list[Dependence]:
@@ -201,11 +215,18 @@ def _terms(
     return (*listed, *lacked, *alone)
 
 
-def _log_priors(pool: Pool, shares: Array, count: int, unlisted: float) -> Array:
-    """Log priors (C,) of all terms; gross rows have theirs from their number."""
-    library = pool.selection.log_priors + np.log1p(-unlisted)
-    gross = np.full(count - len(library) - len(shares), -np.inf)
-    return np.concatenate([library, np.log(unlisted) + shares, gross])
+def _log_priors(
+    pool: Pool, shares: Array, own: Sequence[int], count: int, unlisted: float
+) -> Array:
+    """Log priors (C,) of all terms; gross rows have theirs from their number.
+
+    A gear's spectrum has half of what its cause has, and its single orders the other half.
+    """
+    halved = np.isin(pool.selection.causes, pool.selection.causes[own])
+    library = pool.selection.log_priors + np.log1p(-unlisted) - np.where(halved, np.log(2.0), 0.0)
+    spectra = [pool.candidates[k].log_cause + np.log1p(-unlisted) - np.log(2.0) for k in own]
+    gross = np.full(count - len(library) - len(shares) - len(own), -np.inf)
+    return np.concatenate([library, np.log(unlisted) + shares, gross, spectra])
 
 
 def _problem(
@@ -224,7 +245,12 @@ def _problem(
     listed = pool.selection.of_effect
     kinds = np.full(len(terms), -1)
     kinds[: len(listed)] = listed
-    mass = np.asarray(np.bincount(listed, np.exp(priors[: len(listed)])), dtype=float)
+    names = [c.effect.name for c in pool.candidates]
+    for k, term in enumerate(terms):
+        if isinstance(term, Spectrum):
+            kinds[k] = listed[names.index(term.effect.name)]
+    own = kinds >= 0
+    mass = np.asarray(np.bincount(kinds[own], np.exp(priors[own])), dtype=float)
     return JointProblem(
         linear, tuple(terms), pool.noise, priors, gross, labels, lacked, parts,
         of_effect=kinds, effect_shares=mass,
@@ -276,7 +302,7 @@ def _design(
 
 
 def _mechanism(term: object) -> Mechanism:
-    if isinstance(term, Candidate):
+    if isinstance(term, Candidate | Spectrum):
         effect: Effect = term.effect
         return str(effect.stage), effect.element, effect.depends_on, effect.name
     if isinstance(term, Unlisted):
@@ -333,42 +359,3 @@ def _shared_shift(R_base_tip: Array, ports: Ports) -> list[Dependence]:
     listed = ", ".join(map(str, row_numbers(ports.gross)))
     words = f"rows {listed}: one shift of the tool explains them"
     return [Dependence(words, "moment", "tool", None, columns, -float(ways))]
-
-
-def spread_of_noise(
-    pool: Pool,
-    chosen: Sequence[SelectedTerm],
-    ports: Ports,
-    unlisted: Callable[[Array], float] | None = None,
-) -> Array:
-    """RMS of every component of what the causes leave (m,), over that of all; ones if alike.
-
-    Components may be noisier than others, and no mechanism is to be paid for explaining the noise
-    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978), each kind of
-    noise together with what the library may lack: a joint's own encoder may err alone.
-
-    Args:
-        pool: The candidates.
-        chosen: The causes.
-        ports: Of these rows.
-        unlisted: Log evidence of what the library may lack, under such a spread.
-    """
-    columns = pool.columns(chosen)
-    A = ports.base[columns][:, ~ports.gross]
-    t = ports.target[~ports.gross]
-    flat = A.reshape(len(columns), t.size)
-    z = np.linalg.lstsq(flat.T, t.ravel(), rcond=1e-10)[0]
-    r = t - np.einsum("pnm,p->nm", A, z)
-    if not ports.live.all():  # a component is not one thing in rows of several kinds
-        return np.ones(r.shape[1])
-    noise = pool.noise
-    each = np.maximum(np.mean(r**2, axis=0), noise.least**2)
-    ratio = each / float(each.mean())
-    gain = -0.5 * len(r) * float(np.log(ratio).sum())
-    price = 0.5 * (len(ratio) - 1) * np.log(max(len(r), 2)) + NOISE_NEGLIGIBLE
-    alike, spread = np.ones(len(ratio)), np.sqrt(np.maximum(ratio, LEAST_SPREAD))
-    if gain < price:
-        return alike
-    if unlisted is not None and unlisted(alike) > gain - price + unlisted(spread):
-        return alike
-    return np.asarray(spread)

@@ -189,6 +189,16 @@ class FamilyDesign:
             whole = whole.without(np.arange(self.always), flat_prior(whole, self.always))
         return _only(whole, kept), columns
 
+    def with_listed(self, more: Sequence[Array]) -> tuple[FamilyDesign, list[Columns]]:
+        """With blocks (k, N, m) of the library's columns behind its own, and which these are."""
+        base = self.columns(more)
+        sizes = np.cumsum([len(self.base), *(len(block) for block in more)])
+        own, shared = len(base) - len(self.base), self.shared
+        G, b = np.pad(shared.G, (0, own)), np.pad(shared.b, (0, own))
+        plain = np.concatenate([self.plain, *(block / self.spread for block in more)])
+        wide = replace(self, base=base, plain=plain, shared=replace(shared, G=G, b=b))
+        return wide, [np.arange(a, z) - self.always for a, z in pairwise(sizes.tolist())]
+
     def worth_trying(
         self,
         found: Sequence[Dependence],

@@ -114,6 +114,17 @@ def nearness(angle: Array, reach: float) -> Array:
     return np.asarray((across @ vectors[:, kept] / np.sqrt(values[kept])).T)
 
 
+def local(angle: Array, reach: float) -> list[Array]:
+    """A step at one angle (1, N), or a bump narrower than a reach with its slope (2, N), each."""
+    centres = np.linspace(angle.min(), angle.max(), CENTRES + 2)[1:-1, None]
+    found = [level(side[None]) for side in (angle > centres).astype(float)]
+    for width in SPOT_WIDTHS:
+        apart = (angle - centres) / (width * reach)
+        bumps = np.stack([np.ones_like(apart), apart]) * np.exp(-0.5 * apart**2)
+        found += [level(bump) for bump in bumps.transpose(1, 0, 2)]
+    return found
+
+
 def jumps(order: Array) -> Array:
     """What comes after one moment (K, N), each where a bump of the base would be tried."""
     at = np.quantile(order, np.linspace(LEAST_SHARE, 1.0 - LEAST_SHARE, MOST))

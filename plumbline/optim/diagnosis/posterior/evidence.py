@@ -94,6 +94,7 @@ class Candidate:
     effect: Effect  # the variant
     columns: Columns  # its columns (k,)
     log_prior: float  # log of its share among all candidates
+    log_cause: float = 0.0  # log of the share of its cause, all forms of that together
 
     @property
     def key(self) -> tuple[str, int | None]:

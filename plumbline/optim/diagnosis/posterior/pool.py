@@ -234,7 +234,8 @@ def _candidates(
     for term in model.terms[fixed:]:
         key = (term.effect.name, term.effect.element)
         plain = term.effect.plain or term.effect
-        share = float(len(kinds) * max(kinds[key[0]], 1) * max(per_element[key], 1))
+        cause = float(len(kinds) * max(kinds[key[0]], 1))
+        share = cause * max(per_element[key], 1)
         if session is not None and (key[0], parts_of(term.effect)) in suspects:
             share *= len(session) / IN_ONE
         if plain not in listed:
@@ -242,5 +243,6 @@ def _candidates(
             share *= 1 + max(len(near), 1)
         share *= 1 + forms[plain]
         columns = np.arange(term.columns.start, term.columns.stop)
-        found.append(Candidate(term.effect, columns, size_odds(term.effect) - float(np.log(share))))
+        log = size_odds(term.effect) - float(np.log(share))
+        found.append(Candidate(term.effect, columns, log, -float(np.log(cause))))
     return tuple(found)

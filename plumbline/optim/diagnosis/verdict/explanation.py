@@ -172,7 +172,7 @@ def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     logs = ((log - best[0], terms) for log, terms in found.states)
     drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
     terms, states = terms_of(selected, alt, found, told.named), tuple(_of_library(alt, found))
-    likeliest = tuple(t for t in best[1] if t.index < alt.library)
+    likeliest = alt.listed(best[1])
     moved = spread(alt.problem, drawn)
     told = replace(told, terms=terms, likeliest=likeliest, states=states, spread=moved)
     return found, best[1], told
@@ -190,7 +190,7 @@ def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     told, swept = _told(alt, found), [terms for _, terms in found.states]
     terms = of_many(selected, alt, state, swept[0], told.named)
     theirs, better = better_by_all_rows(selected, alt, terms, found, told.named)
-    listed = (tuple(t for t in some if t.index < alt.library) for some in swept)
+    listed = (alt.listed(some) for some in swept)
     told = replace(
         told,
         terms=terms,
@@ -208,9 +208,8 @@ def _of_library(
 ) -> Iterator[tuple[float, tuple[SelectedTerm, ...]]]:
     """States without an unlisted mechanism, single gross rows aside."""
     for log, state in found.states:
-        rest = [t.index for t in state if t.index >= alt.library]
-        if alt.problem.gross[rest].all():
-            yield log, tuple(t for t in state if t.index < alt.library)
+        if not _unlisted(alt, state):
+            yield log, alt.listed(state)
 
 
 def _worth(selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm]) -> float:

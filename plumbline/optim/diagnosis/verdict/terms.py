@@ -55,7 +55,7 @@ def of_many(
     terms = selected.chosen if long else _fitted(selected, alt, state)
     untold = named - selected.selection.keys(terms)
     keys = [c.key for c in selected.selection.candidates]
-    more = [t for t in agreed if t.index < alt.library and keys[t.index] in untold]
+    more = [t for t in alt.listed(agreed) if keys[t.index] in untold]
     return _joined(alt, terms, more, long=long)
 
 
@@ -90,7 +90,7 @@ def _fitted(
     Where something that the library lacks is more probable at a place, the effect that the search
     took for it still foretells better than nothing does.
     """
-    mine = tuple(t for t in state if t.index < alt.library)
+    mine = alt.listed(state)
     key = [c.key for c in selected.selection.candidates]
     held = {key[t.index] for t in mine}
     lacked = {place_of(alt, t.index) for t in state if isinstance(alt.term(t.index), Unlisted)}
@@ -124,7 +124,7 @@ def terms_of(
     """Terms of the best state that holds all that is named."""
     candidates = selected.selection.candidates
     for _, state in (*found.states, (0.0, selected.chosen)):
-        if named <= {candidates[t.index].key for t in state if t.index < alt.library}:
+        if named <= {candidates[t.index].key for t in alt.listed(state)}:
             return _fitted(selected, alt, state)
     mine = [t for t in selected.chosen if candidates[t.index].key in named]
     missing = named - {candidates[t.index].key for t in mine}
