@@ -1,0 +1,79 @@
+"""Laws of a gear's spectrum: many small orders are one cause, other functions of an angle none."""
+
+import numpy as np
+import pytest
+
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.discrepancy.spectra import _process
+from tests.benches import bench, measured, readings
+
+NOISE = 5e-5  # [m]
+WAY = 2.0  # of the joint that errs [rad]
+
+
+def twelve_orders(x):
+    """Some orders between 3 and 40, alike in size and each with a phase of its own."""
+    rng = np.random.default_rng(11)
+    orders, phases = rng.choice(np.arange(3, 41), 12, replace=False), rng.uniform(0, 6.28, 12)
+    return np.sin(orders[:, None] * x + phases[:, None]).sum(axis=0)
+
+
+def recording(error, size, rows=240, every=1):
+    """Of a UR5 whose joint 2 errs by a function of its angle, so many noises at the tip."""
+    chain = Robot.bundled("ur5").chain()
+    q = readings(chain, rows, seed=5)
+    q[:, 1] = np.random.default_rng(6).uniform(-WAY / 2, WAY / 2, rows)
+    true, own = q.copy(), error(q[:, 1])
+    right = measured(chain, q, "tip_position")
+    true[:, 1] += 1e-6 * (own - own.mean())
+    moved = measured(chain, true, "tip_position") - right
+    y = right + moved * size * NOISE / np.sqrt(np.mean(moved**2))
+    y += np.random.default_rng(7).normal(0.0, NOISE, y.shape)
+    found = bench("ur5", "tip_position", q=q, columns=(), measured=y, noise_std=NOISE)
+    return found.select(np.arange(rows)[::every])
+
+
+def gear(verdict):
+    """The probability of the joint's gear."""
+    [place] = [p for p in verdict.tree if (p["stage"], p["element"]) == ("joint", 2)]
+    every = [m for d in place["dependences"] for m in d["mechanisms"]]
+    return sum(m["inclusion"] for m in every if m["effect"] == "gear_ripple")
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_many_small_orders_are_one_cause_however_many_rows_find_them(every):
+    verdict = diagnose(recording(twelve_orders, 1.0, every=every)).verdict
+    print(gear(verdict), verdict.outside_probability, verdict.causes)
+    assert gear(verdict) > 0.95
+    assert verdict.causes[0].label == "gear_ripple of joint 2"
+
+
+OTHERWISE = {
+    "a bend": lambda x: x**2,
+    "a dead zone": lambda x: np.where(np.abs(x) < 0.5, 0.0, x - 0.5 * np.sign(x)),
+    "a kink": lambda x: np.abs(x - 0.4),
+    "a step": lambda x: np.sign(x - 0.2),
+    "a bump": lambda x: np.exp(-0.5 * ((x - 0.1) / 0.06) ** 2),
+}
+
+
+@pytest.mark.parametrize("error", OTHERWISE.values(), ids=OTHERWISE)
+def test_what_errs_otherwise_over_a_short_way_is_no_gear(error):
+    verdict = diagnose(recording(error, 3.0, rows=120)).verdict
+    print(gear(verdict), verdict.outside_probability, verdict.causes)
+    assert gear(verdict) < 0.05
+    assert verdict.outside_probability > 0.9
+
+
+def test_a_spectrum_is_weaker_in_its_higher_orders_and_loses_nothing_that_shows():
+    angle, orders = np.linspace(-3.0, 3.0, 90), np.array([3.0, 12.0, 40.0])
+    functions = _process(angle, orders)
+    apart = angle[:, None] - angle
+    covariance = sum(np.cos(order * apart) / order for order in orders)
+    assert functions.T @ functions == pytest.approx(covariance, abs=1e-9)
+
+
+def test_over_a_short_way_neighbouring_orders_are_few_functions():
+    orders = np.arange(3.0, 41.0)
+    assert len(_process(np.linspace(-0.2, 0.2, 200), orders)) < 12
