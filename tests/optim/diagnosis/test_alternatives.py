@@ -334,6 +334,7 @@ def test_the_linear_problem_is_what_least_squares_leaves_of_nuisances(place, ask
         ("own angle", "two angles", 0, 2),
         ("own angle", "own angle and direction", 0, 2),
         ("own angle", "own angle, across the axis", 0, 2),
+        ("own angle", "own angle, locally", 0, 2),
         ("moment", "time", 0, 1),
         ("load", "load, mounted otherwise", 0, 1),
         ("another joint's angle", "own angle", 1, 2),

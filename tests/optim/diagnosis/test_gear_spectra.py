@@ -44,7 +44,6 @@ def gear(verdict):
 @pytest.mark.parametrize("every", [1, 2])
 def test_many_small_orders_are_one_cause_however_many_rows_find_them(every):
     verdict = diagnose(recording(twelve_orders, 1.0, every=every)).verdict
-    print(gear(verdict), verdict.outside_probability, verdict.causes)
     assert gear(verdict) > 0.95
     assert verdict.causes[0].label == "gear_ripple of joint 2"
 
@@ -61,7 +60,6 @@ OTHERWISE = {
 @pytest.mark.parametrize("error", OTHERWISE.values(), ids=OTHERWISE)
 def test_what_errs_otherwise_over_a_short_way_is_no_gear(error):
     verdict = diagnose(recording(error, 3.0, rows=120)).verdict
-    print(gear(verdict), verdict.outside_probability, verdict.causes)
     assert gear(verdict) < 0.05
     assert verdict.outside_probability > 0.9
 

@@ -95,8 +95,11 @@ def _of_angles(recording: Recording, ports: Ports) -> Iterator[Dependence]:
         forms = [turns(q[:, j], prior.TURNS, constant=False)]
         forms += [level(nearness(q[:, j], reach)) for reach in prior.REACHES]
         plain = [np.ones((1, len(q))), q[:, [j]].T / np.pi, turns(q[:, j], 1, constant=True)[1:]]
-        kinds = forms, plain, local(q[:, j], prior.REACHES[0])
-        yield from one_of(*(of_joint(words, "own angle", j, k, port[None]) for k in kinds))
+        yield from one_of(*(of_joint(words, "own angle", j, k, port[None]) for k in (forms, plain)))
+        at_one = local(q[:, j], prior.REACHES[0])
+        yield from one_of(
+            of_joint(f"{words}, locally", "own angle, locally", j, at_one, port[None])
+        )
         words, on = f"joint {j + 1}'s axis runs out as it turns", "own angle, across the axis"
         for link in ports.link[j : j + 1]:
             ways = _across(recording.chain.joints[j].axis, link)

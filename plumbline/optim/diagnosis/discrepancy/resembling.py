@@ -50,7 +50,7 @@ from plumbline.optim.diagnosis.prior import (
 from plumbline.optim.recording.recording import Recording
 
 # Families of many forms, which stand on their own, and shifts of single rows.
-APART = ("another joint's angle", "two angles", "moment")
+APART = ("another joint's angle", "two angles", "own angle, locally", "moment")
 
 
 def resembling(

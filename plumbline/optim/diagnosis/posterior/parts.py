@@ -31,6 +31,7 @@ SAME_DRIVER = {"velocity": "direction", "history": "direction", "temperature": "
 SAME_DRIVER |= {"two angles": "own angle", "place, locally": "place"}
 SAME_DRIVER |= {
     "own angle, across the axis": "own angle",
+    "own angle, locally": "own angle",
     "moment": "time",
     "load, mounted otherwise": "load",
 }
