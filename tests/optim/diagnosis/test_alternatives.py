@@ -29,6 +29,7 @@ from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.functions import nearness
 from plumbline.optim.diagnosis.discrepancy.listed import scale_of
+from plumbline.optim.diagnosis.discrepancy.spectra import Spectrum
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
@@ -226,8 +227,8 @@ def test_labels_say_stage_element_dependence_and_effect(asked):
         mechanism = asked.mechanisms[label]
         assert asked.places[at] == mechanism[:2]
         assert asked.term(i) is term
-        if isinstance(term, Candidate):
-            assert key_of(mechanism) == term.key
+        if isinstance(term, Candidate | Spectrum):
+            assert key_of(mechanism) == (term.effect.name, term.effect.element)
             assert mechanism[2] == term.effect.depends_on
         else:
             assert key_of(mechanism) is None

@@ -86,6 +86,7 @@ def test_of_many_causes_a_long_recording_keeps_what_all_its_rows_have_told():
         places=("joint 1", "joint 2", "joint 3", "joint 4"),
         problem=SimpleNamespace(labels=np.array([range(6), [0, 1, 2, 3, 2, 3]])),
         term=lambda index: lacked if index == 4 else None,
+        listed=lambda state: tuple(t for t in state if t.index < 4),
     )
     found = {
         rows: of_many(

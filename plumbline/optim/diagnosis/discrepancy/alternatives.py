@@ -220,11 +220,10 @@ def _log_priors(
 ) -> Array:
     """Log priors (C,) of all terms; gross rows have theirs from their number.
 
-    A gear's spectrum has half of what its cause has, and its single orders the other half.
+    A gear's spectrum is one more form of its cause, as probable as a single order.
     """
-    halved = np.isin(pool.selection.causes, pool.selection.causes[own])
-    library = pool.selection.log_priors + np.log1p(-unlisted) - np.where(halved, np.log(2.0), 0.0)
-    spectra = [pool.candidates[k].log_cause + np.log1p(-unlisted) - np.log(2.0) for k in own]
+    library = pool.selection.log_priors + np.log1p(-unlisted)
+    spectra = np.array([pool.candidates[k].log_prior for k in own]) + np.log1p(-unlisted)
     gross = np.full(count - len(library) - len(shares) - len(own), -np.inf)
     return np.concatenate([library, np.log(unlisted) + shares, gross, spectra])
 

@@ -7,7 +7,8 @@ That a gear errs is one hypothesis, however many of its orders show. Were each a
 which of them fewer rows find would be chance, and a smooth function of the angle, one term, would
 do what is left. The process is that in which a spectrum is carried (posterior/spectrum). It is as
 fine as its highest order and has no more in its lowest: what bends once over the way, or at one
-place, is not like it. Its prior is half of its cause's; single orders share the other.
+place, is not like it. It is one form more
+of its cause, as probable as a single order.
 """
 
 from collections.abc import Sequence
@@ -55,12 +56,12 @@ def spectra(pool: Pool, recording: Recording, ports: Ports) -> tuple[list[int], 
         recording: The rows (N).
         ports: Ports of these rows.
     """
+    forms = GearRipple.forms(scope_of(recording))
     first: dict[int, int] = {}
     for k, candidate in enumerate(pool.candidates):
         effect = candidate.effect
-        if isinstance(effect, GearRipple) and parts_of(effect) is None:
+        if effect in forms and isinstance(effect, GearRipple) and parts_of(effect) is None:
             first.setdefault(effect.joint, k)
-    forms = GearRipple.forms(scope_of(recording)) if first else ()
     found = []
     for joint, k in first.items():
         own = (e for e in forms if isinstance(e, GearRipple) and e.joint == joint)
