@@ -85,7 +85,7 @@ SAME_CORRELATION = 0.15
 
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
 SPECTRUM_FROM = 3  # orders of one joint that make a spectrum: a transmission alone has two
-HIGHEST_ORDER = 40  # orders above it are kept as the search found them
+HIGHEST_ORDER = 40  # of a spectrum; orders above it stay single (test_gear_spectra.py)
 
 # Unknown dependences (discrepancy).
 USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn

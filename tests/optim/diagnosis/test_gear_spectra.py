@@ -1,11 +1,15 @@
 """Laws of a gear's spectrum: many small orders are one cause, other functions of an angle none."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.discrepancy.spectra import _process
+from plumbline.optim.diagnosis.discrepancy.spectra import _process, spectra
+from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from tests.benches import bench, measured, readings
 
 NOISE = 5e-5  # [m]
@@ -70,6 +74,20 @@ def test_a_spectrum_is_weaker_in_its_higher_orders_and_loses_nothing_that_shows(
     apart = angle[:, None] - angle
     covariance = sum(np.cos(order * apart) / order for order in orders)
     assert functions.T @ functions == pytest.approx(covariance, abs=1e-9)
+
+
+@pytest.mark.parametrize(("order", "there"), [(2, False), (4, True), (39, True), (42, False)])
+def test_a_spectrum_has_the_orders_from_three_to_forty(order, there):
+    q = np.tile(np.linspace(-3.1, 3.1, 400)[:, None], (1, 6))
+    own = bench("ur5", "tip_position", q=q, columns=())
+    listed = [Candidate(GearRipple(2, 3.0), np.arange(2), 0.0)]
+    ports = SimpleNamespace(joint=np.ones((6, 400, 1)))
+    [number], [columns] = spectra(SimpleNamespace(candidates=listed), own, ports)
+    wave = np.sin(order * q[:, 1])
+    A = columns[:, :, 0].T
+    left = wave - A @ np.linalg.lstsq(A, wave, rcond=1e-9)[0]
+    assert number == 0
+    assert (np.linalg.norm(left) < 0.1 * np.linalg.norm(wave)) == there
 
 
 def test_over_a_short_way_neighbouring_orders_are_few_functions():
