@@ -21,6 +21,7 @@ from plumbline.kinematics.effects.effect import Effect
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import NYSTROM
+from plumbline.optim.diagnosis.discrepancy.dependence import ANY
 from plumbline.optim.diagnosis.linearise.linear import Columns
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.pool import Pool
@@ -38,9 +39,9 @@ class Spectrum:
     columns: Columns  # its columns (k,)
 
     @property
-    def sides(self) -> list[float]:
-        """Either side is as likely (k,)."""
-        return [0.0] * len(self.columns)
+    def limits(self) -> Array:
+        """Any size is possible (k, 2)."""
+        return np.array([ANY] * len(self.columns))
 
     @property
     def widths(self) -> Array:
