@@ -150,7 +150,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     return replace(
         told,
         prior=unlisted,
-        correlation=_correlation(selected, alt, state, _unlisted(alt, found.states[0][1])),
+        correlation=_correlation(selected, alt, state),
         worth=told.worth * rows / len(recording),
         one_by_one=many,
         compared=rows if len(recording) > MOST_COMPARED_ROWS else 0,
@@ -226,11 +226,10 @@ def _correlation(
     selected: SelectedModel,
     alt: Alternatives,
     state: Sequence[SelectedTerm],
-    lacked: Sequence[SelectedTerm],
 ) -> Correlation:
-    """How far rows know of each other, by what is left with what the library lacks or without.
+    """How far rows know of each other, by what a state leaves, or leaves without its unlisted.
 
-    Of many causes the library lacks what blocks of rows agree on: what they do not may be noise.
+    Its own: beside the causes of one state the unlisted of another does what none of both does.
     """
     pool, problem = selected.pool, alt.problem
     recording = pool.model.recording
@@ -244,7 +243,8 @@ def _correlation(
         return 0.0, recording.alike, 0.0
     trusted = pool.model.problem.weights[alt.rows] > 0.0
     recording = recording.select(alt.rows[trusted])
-    listed = [t for t in state if not isinstance(alt.term(t.index), Unlisted)]
+    lacked = _unlisted(alt, state)
+    listed = [t for t in state if t not in lacked]
     tried, v = [], rates(recording, rotation_lever(recording)) if late else None
     for terms, worth in (([*listed, *lacked], lacked), (listed, [])):
         variance = problem.variance(terms)
