@@ -130,6 +130,14 @@ class Alternatives:
                 found = {t.index: t for t in self.orders(own.effect)} | found
         return tuple(found.values())
 
+    def with_spectra(self, state: Sequence[SelectedTerm]) -> list[SelectedTerm]:
+        """A state with a gear's whole spectrum in place of all orders that it has of it."""
+        causes, terms = self.problem.labels[0], self.problem.candidates
+        whole = {causes[k]: k for k, term in enumerate(terms) if isinstance(term, Spectrum)}
+        mine = dict.fromkeys(whole[causes[t.index]] for t in state if causes[t.index] in whole)
+        rest = (t for t in state if causes[t.index] not in whole)
+        return [*rest, *(SelectedTerm(k, 1.0) for k in mine)]
+
     @property
     def kinds(self) -> Array:
         """Of every mechanism (L,) the number of its kind: what depends on the same at one place."""

@@ -163,7 +163,7 @@ Ended = tuple[Sampled, Sequence[SelectedTerm], Explanation]  # chains, the state
 def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     """Chains over all states, from the search's, from none and from a whole calibration."""
     gross = frozenset(chain.from_iterable(alt.gross_rows.values()))
-    wide = (best_near(alt.problem, begin) for begin in begins_of(selected)[1:])
+    wide = (best_near(alt.problem, begin) for begin in begins_of(selected, alt)[1:])
     starts = [frozenset(c.index for c in selected.chosen) | gross, gross]
     starts += [frozenset[int]()] if gross else []
     starts += [frozenset(t.index for t in end) for end in wide]
@@ -183,7 +183,7 @@ def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     # At their widest: what they are off by is nobody's, and must not be taken for noise.
     gross = chain.from_iterable(alt.gross_rows.values())
     rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(gross)]
-    ends = [best_near(alt.problem, [*begin, *rows]) for begin in begins_of(selected)]
+    ends = [best_near(alt.problem, [*begin, *rows]) for begin in begins_of(selected, alt)]
     state = max(ends, key=lambda end: stated(alt.problem, end))
     worth = _worth(selected, alt, state)
     found = coarsened(alt.problem, state, worth, seed)

@@ -22,21 +22,26 @@ from plumbline.optim.diagnosis.verdict.tree import Place
 from plumbline.optim.measurement.correlated import trust
 
 
-def begins_of(selected: SelectedModel) -> list[list[SelectedTerm]]:
-    """Where a posterior is looked for: the search's terms, and with these a whole calibration.
+def begins_of(selected: SelectedModel, alt: Alternatives) -> list[list[SelectedTerm]]:
+    """Where a posterior is looked for: the search's terms, whole spectra, and a whole calibration.
 
-    That is every effect that the search has found somewhere, at all places. What one error of many
-    does another place or a function may do as well, so that a search that adds one after the other
-    does not come by. All rows of a long recording have told the search's terms.
+    Whole spectra stand in place of the orders of gears, which a climb that exchanges one term at a
+    time keeps. A whole calibration is every effect that the search has found somewhere, at all
+    places. What one error of many does another place or a function may do as well, so that a search
+    that adds one after the other does not come by. All rows of a long recording have told the
+    search's terms.
     """
+    begins = [[*selected.chosen]]
+    if (spectra := alt.with_spectra(selected.chosen)) != begins[0]:
+        begins.append(spectra)
     if len(selected.pool.model.recording) > MOST_COMPARED_ROWS:
-        return [[*selected.chosen]]
+        return begins
     every = selected.selection.candidates
     mine = {every[t.index].key for t in selected.chosen}
     names = {e.name for e in selected.effects if not e.scanned}
     first = {c.key: k for k, c in reversed(list(enumerate(every))) if c.effect.name in names}
     more = sorted(k for key, k in first.items() if key not in mine)
-    return [[*selected.chosen], [*selected.chosen, *(SelectedTerm(k, 1.0) for k in more)]]
+    return [*begins, [*selected.chosen, *(SelectedTerm(k, 1.0) for k in more)]]
 
 
 def of_many(
