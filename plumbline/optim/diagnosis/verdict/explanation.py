@@ -145,7 +145,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     """
     alt = alternatives(selected.pool, selected.chosen, unlisted, seed)
     many = len(selected.selection.keys(selected.chosen)) > MANY_CAUSES
-    found, state, told = (_one_by_one if many else _by_chains)(selected, alt, seed)
+    state, told = (_one_by_one if many else _by_chains)(selected, alt, seed)
     rows, recording = len(alt.rows), selected.pool.model.recording
     return replace(
         told,
@@ -157,7 +157,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     )
 
 
-Ended = tuple[Sampled, Sequence[SelectedTerm], Explanation]  # chains, the state that counts, words
+Ended = tuple[Sequence[SelectedTerm], Explanation]  # the state that counts, words
 
 
 def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
@@ -175,7 +175,7 @@ def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     likeliest = alt.listed(best[1])
     moved = spread(alt.problem, drawn)
     told = replace(told, terms=terms, likeliest=likeliest, states=states, spread=moved)
-    return found, best[1], told
+    return best[1], told
 
 
 def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
@@ -200,7 +200,7 @@ def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
         spread=spread(alt.problem, [(1.0, some) for some in swept]),
         worth=worth,
     )
-    return found, state, told
+    return state, told
 
 
 def _of_library(

@@ -10,6 +10,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Flags
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, Unlisted
+from plumbline.optim.diagnosis.discrepancy.spectra import Spectrum
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.joint import Sampled
 from plumbline.optim.diagnosis.posterior.joint_problem import stated
@@ -93,14 +94,19 @@ def _fitted(
     """Listed terms of a state, and confounded ones, which are fitted, not named.
 
     Where something that the library lacks is more probable at a place, the effect that the search
-    took for it still foretells better than nothing does.
+    took for it still foretells better than nothing does. So does that beside whose orders a gear's
+    spectrum does without it: these are fewer.
     """
     mine = alt.listed(state)
     key = [c.key for c in selected.selection.candidates]
     held = {key[t.index] for t in mine}
     lacked = {place_of(alt, t.index) for t in state if isinstance(alt.term(t.index), Unlisted)}
-    confounded = (t for t in selected.chosen if place_of(alt, t.index) in lacked)
-    return (*mine, *(t for t in confounded if key[t.index] not in held))
+    whole = {_dependence(alt, t.index) for t in state if isinstance(alt.term(t.index), Spectrum)}
+
+    def confounded(term: SelectedTerm) -> bool:
+        return place_of(alt, term.index) in lacked or _dependence(alt, term.index) in whole
+
+    return (*mine, *(t for t in selected.chosen if confounded(t) and key[t.index] not in held))
 
 
 def _joined(
