@@ -1,5 +1,6 @@
 """Laws of a gear's spectrum: many small orders are one cause, other functions of an angle none."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +9,16 @@ import pytest
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.discrepancy.spectra import _process, spectra
+from plumbline.optim.diagnosis.discrepancy.alternatives import alternatives
+from plumbline.optim.diagnosis.discrepancy.spectra import Spectrum, _process, spectra
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
+from plumbline.optim.diagnosis.posterior.joint_problem import stated
+from plumbline.optim.diagnosis.posterior.one_by_one import best_near
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.prior import UNLISTED
+from plumbline.optim.diagnosis.verdict.terms import _fitted, begins_of
 from tests.benches import bench, measured, readings
+from tests.explained import searched
 
 NOISE = 5e-5  # [m]
 WAY = 2.0  # of the joint that errs [rad]
@@ -93,3 +101,41 @@ def test_a_spectrum_has_the_orders_from_three_to_forty(order, there):
 def test_over_a_short_way_neighbouring_orders_are_few_functions():
     orders = np.arange(3.0, 41.0)
     assert len(_process(np.linspace(-0.2, 0.2, 200), orders)) < 12
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Where a search ended on twelve orders of joint 2, and the alternatives there."""
+    selected, _ = searched(recording(twelve_orders, 3.0))
+    return selected, alternatives(selected.pool, selected.chosen, UNLISTED, 0)
+
+
+def of_gear(alt, state):
+    """Numbers of single orders of joint 2's gear in a state, and of its spectra."""
+    terms = [alt.term(t.index) for t in state]
+    single = [t for t in terms if isinstance(t, Candidate) and t.key == ("gear_ripple", 2)]
+    return len(single), sum(isinstance(t, Spectrum) for t in terms)
+
+
+def test_a_posterior_is_looked_for_from_whole_spectra_too(found):
+    """One term exchanged at a time, single orders would stay."""
+    selected, alt = found
+    single, whole, *_ = begins_of(selected, alt)
+    assert of_gear(alt, single)[0] > 2
+    assert of_gear(alt, whole) == (0, 1)
+    ends = [stated(alt.problem, best_near(alt.problem, begin)) for begin in (single, whole)]
+    assert ends[1] > ends[0]
+    other = [t for t in single if alt.term(t.index).effect.name != "gear_ripple"]
+    assert set(other) <= set(whole)
+
+
+def test_a_spectrum_is_fitted_with_what_its_search_had_beside_the_orders(found):
+    selected, alt = found
+    names = [c.key for c in selected.selection.candidates]
+    beside = SelectedTerm(names.index(("transmission_ripple", 2)), 1.0)
+    ours = replace(selected, chosen=(*selected.chosen, beside))
+    [whole] = [
+        t for t in alt.with_spectra(selected.chosen) if isinstance(alt.term(t.index), Spectrum)
+    ]
+    assert beside in _fitted(ours, alt, [whole])
+    assert beside not in _fitted(ours, alt, [])
