@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from plumbline import build_motion, diagnose
+from plumbline.experiments.reality import drives
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion import fit, models, rollout, search
-from plumbline.optim.diagnosis.motion.constants import RACE, SEARCH_ITERATIONS
+from plumbline.optim.diagnosis.motion.constants import ENOUGH, RACE, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import arm, multisine, recorded
 
@@ -196,3 +197,30 @@ def test_what_stands_in_a_cause_s_place_is_told_in_one_order():
     others = frozenset(effect.name for effect in MOTION_EFFECTS)
     told = search._instead("a cause", {"a cause": None}, [(others, 0.5)])
     assert list(told) == sorted(others)
+
+
+def test_what_contends_with_a_planned_way_is_fitted_to_the_end():
+    """A search's fits of it end early: a servo of second order went before the lag that it was."""
+    rng = np.random.default_rng(0)
+    t, u = multisine(40.0, fastest=2.0)
+    wrong = drives.Wrong(steepest=2.0, lag=0.025)
+    q = drives.follow(t, u[:, 0], np.zeros(len(t)), wrong, rng) + rng.normal(0.0, 3e-3, len(t))
+    made = build_motion(
+        robot=arm(), time=t, command=u, q=np.column_stack([q, u[:, 1]]), noise_std=3e-3
+    )
+    signals = signals_of(made)
+    swings = next(e for e in MOTION_EFFECTS if e.name == "servo_bandwidth")()
+    found = models.Models(
+        signals.windows(0, signals.starts), (DELAY, PLANS, LAG, swings), signals.seen(0)
+    )
+    listed, other = frozenset((PLANS, LAG)), frozenset((PLANS, swings))
+    for key, values in ((listed, (2.0, 0.027)), (other, (2.0, 0.08))):
+        effects = tuple(e for e in found.library if e in key)
+        found.keep(fit.evaluated(found.windows, effects, np.array(values)))
+    before = found.score(listed, found.time)
+    found.finished(other)
+    assert found.score(listed, found.time) > before + 2.0  # nats
+    for key in (listed, other):
+        done = found.found[key]
+        again = fit.fitted(found.windows, done.effects, done.theta)
+        assert again.square > (1 - ENOUGH) * done.square

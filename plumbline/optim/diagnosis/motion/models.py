@@ -19,6 +19,7 @@ from plumbline.kinematics.effects.motion_effect import MotionEffect, Seen
 from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion.constants import (
     CONTENDS,
+    ENOUGH,
     LEAST_GAIN,
     LEAST_SHARE,
     MOVES,
@@ -267,6 +268,21 @@ class Models:
             for k in (*few.around(key), *few.with_one_more(key)):
                 few.fit(k, few.found[key])
         return key
+
+    def finished(self, key: Key) -> Key:
+        """The likeliest once what contends is fitted to the end.
+
+        Steps by a way's rough slopes end a search's fits nats short of their best, and one begun
+        anew goes on.
+        """
+        for k in self.contenders(key):
+            more = any(e.plans for e in k)
+            for _ in range(MOVES * more):
+                fit = self.found[k]
+                self.keep(fitted(self.windows, fit.effects, fit.theta))
+                if self.found[k].square > (1 - ENOUGH) * fit.square:
+                    break
+        return self.likeliest(key)
 
     def completed(self, key: Key, sigma: float | None) -> Key:
         """With effects that a coarser clock did not show, where more than noise is left."""

@@ -89,6 +89,7 @@ def search(begun: Begun, prior: float, sigma: float | None = None) -> JointFindi
     if (spared := models.spared(key)) != key:  # of which others contend than of more
         quick.fit(spared, models.found[spared])
         key = models.spared(models.likeliest(models.again(quick, spared)))
+    key = models.finished(key)
     rough = models.found[key]
     fit = fitted(windows, rough.effects, rough.theta)
     time = correlation_time(fit.residual)
