@@ -23,7 +23,7 @@ from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 READERS: Mapping[str, str] = {
     "plane_range": "hand_eye.recording:load_ranges",
     "surface_scan": "hand_eye.scan_recording:load_scan",
-    "fiducials": "registration.fiducials:load_fiducials",
+    "fiducials": "registration.to_diagnose:load_markers",
     "motion": "diagnosis.motion.recording:load_motion",
     "tracking": "diagnosis.motion.tracking:load_tracking",
 }
@@ -41,7 +41,8 @@ def load(path: str | Path, *, known_effects: Iterable[str] | None = None) -> Any
             joints as a :class:`~.recording.recording.Recording`, ``plane_range`` as a
             :class:`~.hand_eye.recording.RangeRecording`, ``surface_scan`` as a
             :class:`~.hand_eye.scan_recording.ScanRecording`, ``fiducials`` as
-            :class:`~.registration.fiducials.Fiducials`, ``motion`` and ``tracking`` as
+            :class:`~.registration.fiducials.Fiducials`, or, where a marker was touched again, as
+            the Recording that ``diagnose`` takes, ``motion`` and ``tracking`` as
             :class:`~.diagnosis.motion.recording.MotionRecording`; a folder of such folders with
             ``session.toml`` as a :class:`~.recording.recording.Session`, or as a list where no
             one fit can hold them. Or the file that an answer's ``save`` wrote: that answer; or the

@@ -31,7 +31,14 @@ from plumbline.optim.recording.stand_in import numbered, points_robot
 from plumbline.optim.recording.table import Array, Integers, Origin, Table, as_integers
 from plumbline.optim.registration import constants
 from plumbline.optim.registration.checks import check
-from plumbline.optim.registration.fiducials import KIND, Fiducials, Stated, stated_of, touches_of
+from plumbline.optim.registration.fiducials import (
+    KIND,
+    Fiducials,
+    Stated,
+    load_fiducials,
+    stated_of,
+    touches_of,
+)
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.rigid import rigid_match
 
@@ -45,6 +52,20 @@ class _Touches:
     robot: Array
     origin: Origin = field(default_factory=Origin)
     context: dict[str, Any] = field(default_factory=dict)
+
+
+def load_markers(folder: str | Path) -> Fiducials | Recording:
+    """Markers as both registration and diagnosis take them; touched again, as diagnosis alone does.
+
+    Raises:
+        PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
+    """
+    opened = open_folder(folder)
+    opened.must_be(KIND, "markers")
+    touches, _, _ = touches_of(opened.table)
+    labels = [cell.strip() for cell in touches.columns["label"]]
+    again = len(set(labels)) < len(labels)
+    return fiducials_to_diagnose(folder) if again else load_fiducials(folder)
 
 
 def fiducials_to_diagnose(source: Fiducials | str | Path) -> Recording:

@@ -21,6 +21,7 @@ from plumbline.optim.measurement.constants import LEAST_HALF
 from plumbline.optim.measurement.nuisance import half_widths
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.stand_in import points_robot, pose_readings, poses_robot
+from plumbline.optim.registration.fiducials import Fiducials
 from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 from tests.answer_contract import contradicts_nothing
 from tests.benches import bench
@@ -235,6 +236,17 @@ def test_objects_that_other_methods_read_are_diagnosed_too():
     assert first(diagnose(plumbline.load(folder)).verdict) == ("marker_shift", truth.element)
     folder, _ = ranges("range_scale")
     assert first(diagnose(plumbline.load(folder)).verdict) == ("range_scale", None)
+
+
+def test_markers_that_are_loaded_are_diagnosed_as_their_folder_is():
+    """Touches of each again and again were refused by ``load``, and read by ``diagnose``."""
+    again, once = (fiducials("ct_scale", touches=k)[0] for k in (4, 1))
+    loaded = plumbline.load(again)
+    assert loaded.sha256 == load_to_diagnose(again).sha256
+    assert plumbline.diagnose(loaded).verdict.to_dict() == diagnosed(again).verdict.to_dict()
+    assert isinstance(plumbline.load(once), Fiducials)
+    with pytest.raises(PlumblineError, match=r"found '.*' again.*plumbline diagnose reads"):
+        plumbline.register(again)
 
 
 def test_an_answer_is_stored_and_restored(tmp_path):
