@@ -22,7 +22,7 @@ from scipy.special import gammaln
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence
+from plumbline.optim.diagnosis.discrepancy.dependence import Dependence, OfAnySize
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
 from plumbline.optim.diagnosis.discrepancy.listed import not_listed, scale_of
@@ -45,7 +45,6 @@ from plumbline.optim.diagnosis.prior import (
     NEXT_SLOT_ODDS,
     PART_OF_UNLISTED,
     RESEMBLING,
-    SCALES,
     USUAL,
 )
 from plumbline.optim.recording.recording import Recording
@@ -56,7 +55,7 @@ GROSS: Mechanism = ("", None, "", None)  # a row on its own, which has no place
 
 
 @dataclass(frozen=True, eq=False)
-class Unlisted:
+class Unlisted(OfAnySize):
     """A mechanism that the library lacks, as columns of the linear problem."""
 
     family: Dependence  # what it depends on, and where
@@ -65,30 +64,15 @@ class Unlisted:
     @property
     def limits(self) -> Array:
         """Any size is possible (k, 2), but of what resembles an effect only its sizes."""
-        return np.array(self.family.limits or [ANY] * len(self.columns))
-
-    @property
-    def widths(self) -> Array:
-        """A size is meant to within a decade (S,)."""
-        return SCALES
+        return np.array(self.family.limits) if self.family.limits else super().limits
 
 
 @dataclass(frozen=True, eq=False)
-class GrossRow:
+class GrossRow(OfAnySize):
     """A row that may be displaced on its own."""
 
     row: int  # its number, from 0
     columns: Columns  # its columns (m,)
-
-    @property
-    def limits(self) -> Array:
-        """Any size is possible (m, 2)."""
-        return np.array([ANY] * len(self.columns))
-
-    @property
-    def widths(self) -> Array:
-        """A size is meant to within a decade (S,)."""
-        return SCALES
 
 
 AnyTerm = Candidate | Unlisted | GrossRow | Spectrum

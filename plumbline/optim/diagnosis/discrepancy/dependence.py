@@ -9,8 +9,25 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis import prior
+from plumbline.optim.diagnosis.linearise.linear import Columns
 
 ANY = (-np.inf, np.inf)  # bounds of what has none
+
+
+class OfAnySize:
+    """A term of the linear problem whose numbers may have any size."""
+
+    columns: Columns  # its columns (k,)
+
+    @property
+    def limits(self) -> Array:
+        """Any size is possible (k, 2)."""
+        return np.array([ANY] * len(self.columns))
+
+    @property
+    def widths(self) -> Array:
+        """A size is meant to within a decade (S,)."""
+        return prior.SCALES
 
 
 @dataclass(frozen=True, eq=False)

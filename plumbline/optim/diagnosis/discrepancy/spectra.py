@@ -21,32 +21,22 @@ from plumbline.kinematics.effects.effect import Effect
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import NYSTROM
-from plumbline.optim.diagnosis.discrepancy.dependence import ANY
+from plumbline.optim.diagnosis.discrepancy.dependence import OfAnySize
 from plumbline.optim.diagnosis.linearise.linear import Columns
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.prior import HIGHEST_ORDER, SCALES, USUAL
+from plumbline.optim.diagnosis.prior import HIGHEST_ORDER, USUAL
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class Spectrum(OfAnySize):
     """All orders of one joint's gear, as columns of the linear problem."""
 
     effect: Effect  # one of them
     columns: Columns  # its columns (k,)
-
-    @property
-    def limits(self) -> Array:
-        """Any size is possible (k, 2)."""
-        return np.array([ANY] * len(self.columns))
-
-    @property
-    def widths(self) -> Array:
-        """A size is meant to within a decade (S,)."""
-        return SCALES
 
 
 def spectra(pool: Pool, recording: Recording, ports: Ports) -> tuple[list[int], list[Array]]:

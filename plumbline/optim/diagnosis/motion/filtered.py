@@ -111,8 +111,3 @@ def _lines(filters: Filters, fixed: Array) -> Array:
     buffer.set_res(0, found.data)
     run()
     return found
-
-
-def _solved(band: Array, b: Array) -> Array:
-    """Of ones and a band below them (2, n)."""
-    return np.asarray(scipy.linalg.blas.dtbsv(1, band, b, lower=1, diag=1))
