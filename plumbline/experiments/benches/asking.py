@@ -89,11 +89,16 @@ def thinned(recording: Recording, rows: int) -> Recording:
 
 
 def counted(things: Sequence[T], words: str) -> Iterator[T]:
-    """The things one by one; says on standard error which one is at hand."""
-    shows = sys.stderr is not None and sys.stderr.isatty()
+    """The things one by one; says on standard error which one is at hand.
+
+    On a terminal in one line that changes, in a file in a line each.
+    """
+    shows = sys.stderr is not None
+    before, after = ("\r", " ") if shows and sys.stderr.isatty() else ("", "\n")
     for number, thing in enumerate(things, start=1):
         if shows:
-            print(f"\r{words} {number} of {len(things)} ", end="", file=sys.stderr, flush=True)
+            said = f"{before}{words} {number} of {len(things)}"
+            print(said, end=after, file=sys.stderr, flush=True)
         yield thing
-    if shows:
+    if shows and before:
         print(file=sys.stderr)

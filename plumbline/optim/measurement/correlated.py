@@ -14,7 +14,7 @@ import numpy as np
 
 from plumbline.optim.core.mapped import less_foretold
 from plumbline.optim.core.problem import Array, Flags, Indices
-from plumbline.optim.recording.constants import SAME_POSTURE
+from plumbline.optim.recording.constants import LEAST_NOISE, SAME_POSTURE
 from plumbline.optim.recording.recording import Recording
 
 
@@ -90,8 +90,11 @@ def postures(recording: Recording) -> Indices:
 
 
 def copied(recording: Recording) -> bool:
-    """Whether postures were read again, and each to the last digit as before: no device does so."""
+    """Whether postures were read again and told the same each time, as no device does.
+
+    What they differ by [m or rad] is less than any device reads: written anew in other digits.
+    """
     posture = postures(recording)
     first = np.unique(posture, return_index=True)[1]
-    measured = recording.measured
-    return len(first) < len(posture) and np.array_equal(measured, measured[first][posture])
+    apart = np.abs(recording.measured - recording.measured[first][posture])
+    return len(first) < len(posture) and bool(apart.max(initial=0.0) <= LEAST_NOISE)

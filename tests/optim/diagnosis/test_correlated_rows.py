@@ -135,13 +135,16 @@ def test_copies_count_as_one_reading(rows):
     assert a.square == pytest.approx(b.square)
 
 
-def test_copies_are_known_by_their_last_digit_before_anything_is_searched(rows):
+@pytest.mark.parametrize(("apart", "are_copies"), [(0.0, True), (9e-9, True), (2e-8, False)])
+def test_copies_are_known_before_anything_is_searched(rows, apart, are_copies):
+    """No device reads as little as 10 nm: what is as near was written anew in other digits."""
     copies = five_each(rows)
-    other = copies.measured.copy()
-    other[7] += 1e-12
-    again = replace(copies, measured=other)
-    assert [copied(r) for r in (copies, rows, again)] == [True, False, False]
-    assert [usable(r, force=True).alike for r in (copies, rows, again)] == [1.0, 0.0, 0.0]
+    measured = copies.measured + apart * (np.arange(copies.measured.size) == 21).reshape(-1, 3)
+    again = replace(copies, measured=measured)
+    assert copied(again) == are_copies
+    assert usable(again, force=True).alike == float(are_copies)
+    assert not copied(rows)
+    assert usable(rows, force=True).alike == 0.0
 
 
 def test_copies_are_that_however_little_so_few_of_them_tell():
