@@ -138,6 +138,22 @@ def test_what_the_library_lists_it_does_not_lack(place, offered):
         assert np.exp(shares).sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("on", "name"), [("load", "joint_compliance"), ("direction", "backlash")])
+def test_what_each_joint_does_as_listed_all_together_do_not_lack(on, name, place, offered):
+    """Nor if alike, but the other way; of one joint that is not listed nobody knows."""
+    ports, found = offered
+    short = [c for c in place.pool.candidates if (c.effect.name, c.effect.element) != (name, 3)]
+    without = replace(place.pool, candidates=tuple(short))
+
+    def of_all(pool):
+        kept = not_listed(pool, ports, found) if pool else found
+        return [f.limits for f in kept if (f.stage, f.on, f.element) == ("joint", on, None)]
+
+    assert of_all(None) == of_all(without) == [(), ()]
+    (limits,) = of_all(place.pool)
+    assert limits in [((0.0, np.inf),), ((-np.inf, 0.0),)]
+
+
 def test_the_other_side_of_an_effect_of_one_side_is_listed_nowhere(place, offered):
     """A drive yields to its load: one that rises against it, as under a balancer, is lacked."""
     ports, found = offered

@@ -353,6 +353,17 @@ def test_an_effect_left_out_is_told_by_its_joint_as_simply_as_if_it_was_listed(
     assert found.lacked_at == {("joint", 3): 1.0}
 
 
+@pytest.mark.parametrize("soft", [2e-5, 4e-5])
+def test_drives_that_are_equally_soft_are_soft_drives(soft, tmp_path):
+    """It had been one unlisted function of all loads, which pays for one number, at 0.98."""
+    alike = tuple(JointCompliance(soft, joint, stiffening=0.0) for joint in range(1, 7))
+    case = replace(faultless(rows=60, seed=8), effects=alike, gap_to_noise=(1.0,) * 6)
+    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
+    assert verdict.verdict == Outcome.EXPLAINED
+    assert {c.effect for c in verdict.causes} == {"joint_compliance"}
+    assert {2, 3} <= {c.element for c in verdict.causes if c.probability > 0.95}
+
+
 def test_a_cause_beside_an_unknown_is_named_and_explains_a_part(tmp_path):
     case = faultless(rows=90, seed=5)
     recording, _ = recorded(with_fault(case, JointScale(0.0, 3), spot(case)), tmp_path)

@@ -9,6 +9,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis import prior
+from plumbline.optim.diagnosis.constants import UNMOVED
 from plumbline.optim.diagnosis.linearise.linear import Columns
 
 ANY = (-np.inf, np.inf)  # bounds of what has none
@@ -80,8 +81,9 @@ def acting(
 
 
 def each_joint(words: str, on: str, values: Array, ports: Array) -> list[Dependence]:
-    """Every joint's value (N, n) at its port (n, N, m): each as it likes, or all alike."""
-    own = prior.USUAL * values.T[:, :, None] * ports
+    """All joints that have values (N, n), at their ports (n, N, m): as each likes, or all alike."""
+    acts = np.abs(values).max(axis=0) > UNMOVED
+    own = prior.USUAL * values.T[acts, :, None] * ports[acts]
     forms = [own] if len(own) < 2 else [own, own.sum(axis=0, keepdims=True)]
     return [Dependence(words, on, "joint", None, form) for form in forms]
 

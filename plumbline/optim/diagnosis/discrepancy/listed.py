@@ -21,6 +21,8 @@ def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[De
     """Without what a listed effect is, or it and the device's scale; other forms have its share.
 
     Of an effect that is physical on one side alone the other side is listed nowhere, and stays.
+    What all joints do is no further mechanism either where each joint's share in it is listed: two
+    drives that are equally soft are two soft drives.
     """
     flat = ports.base.reshape(len(ports.base), ports.target.size)
     nuisances = orthonormal(flat[: pool.always].T)
@@ -30,19 +32,26 @@ def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[De
 
     scale = left(scale_of(pool, ports).reshape(1, -1))
     listed: dict[tuple[str, int | None, str], list[tuple[int, Array, Array]]] = {}
+    alike: dict[tuple[str, str, str], list[tuple[Array, Array]]] = {}
     for c in pool.candidates:
-        key, columns = (str(c.effect.stage), c.effect.element, c.effect.depends_on), c.columns
-        own, (lower, upper) = left(flat[columns]), c.limits.T
-        way = ((lower == 0.0).astype(float) - (upper == 0.0)) @ own
+        stage, element, on = str(c.effect.stage), c.effect.element, c.effect.depends_on
+        own, (lower, upper) = left(flat[c.columns]), c.limits.T
+        way = ((lower == 0.0).astype(float) - (upper == 0.0)) @ own * (len(own) == 1)
         span = orthonormal(np.concatenate([own, scale]).T)
-        listed.setdefault(key, []).append((len(own), span, way))
+        listed.setdefault((stage, element, on), []).append((len(own), span, way))
+        if element is not None and len(own) == 1:
+            alike.setdefault((stage, on, c.effect.name), []).append((own[0], way))
+    for (stage, on, _), each in alike.items():
+        columns, ways = (np.stack(some) for some in zip(*each, strict=True))
+        one = len(columns), orthonormal(columns.T), ways.sum(axis=0)
+        listed.setdefault((stage, None, on), []).append(one)
     kept, gone = [], Counter[tuple[str, int | None, str]]()
     for f in found:
         key, k = (f.stage, f.element, f.on), len(f.columns)
         near = [one for one in listed.get(key, []) if k <= one[1].shape[1]]
         own = left(f.columns.reshape(k, -1)) if near else np.empty(0)
         same = [
-            (n, way)
+            way
             for n, span, way in near
             # Of more numbers an effect may come near to much that it is not.
             if np.linalg.norm(own - (own @ span) @ span.T)
@@ -56,11 +65,11 @@ def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[De
     return [replace(f, log_prior=f.log_prior - log) for f, log in zip(kept, of, strict=True)]
 
 
-def _other_side(f: Dependence, own: Array, same: list[tuple[int, Array]]) -> list[Dependence]:
-    """What is left of a form that effects of n numbers are, given the ways (t,) they may go."""
+def _other_side(f: Dependence, own: Array, same: list[Array]) -> list[Dependence]:
+    """What is left of a form that effects are, given the ways (t,) they may go; 0 if any."""
     if not same:
         return [f]
-    sides = {float(np.sign(own[0] @ way)) if n == 1 else 0.0 for n, way in same}
+    sides = {float(np.sign(own[0] @ way)) for way in same}
     if len(own) > 1 or len(sides) > 1 or 0.0 in sides:
         return []
     other = (-np.inf, 0.0) if sides.pop() > 0.0 else (0.0, np.inf)
