@@ -43,9 +43,9 @@ def fit_dh(
             (a wrong set-up), a chain that is no rows of links, or points that fix no frame.
     """
     options = options or DHOptions()
-    if recording.observation != "tip_position":
+    if (read := getattr(recording, "observation", type(recording).__name__)) != "tip_position":
         raise PlumblineError(
-            f"{recording.name}: observation {recording.observation!r}, expected 'tip_position'; "
+            f"{recording.name}: observation {read!r}, expected 'tip_position'; "
             "run: plumbline diagnose FOLDER"
         )
     readings = readings_of(recording)

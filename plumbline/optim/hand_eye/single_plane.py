@@ -116,6 +116,11 @@ def slope(group: Readings) -> Slope:
             f"beside {spread[0] * 1e3:.3g} mm), three directions expected; change the stand-off too"
         )
     g = np.asarray(-np.linalg.solve(gram, A.T @ b), dtype=float)
+    if not g.any():
+        raise PlumblineError(
+            f"motion {group.motion[0]}: the range stays at {group.distance[0]:.4g} m while the "
+            "flange moves, a change expected; look whether the finder or its log is held"
+        )
     n = -g / np.linalg.norm(g)
     n = n if n[2] > 0.0 else -n
     return Slope(R0, g, n, float(-(n @ g) / (g @ g)))

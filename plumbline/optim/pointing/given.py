@@ -27,7 +27,10 @@ def rigid(matrix: ArrayLike, name: str) -> Array:
     T = array(matrix, name, (4, 4), "give a homogeneous matrix, translation in m")
     R = T[:3, :3]
     off = float(np.abs(R.T @ R - np.eye(3)).max())
-    if off > ORTHONORMAL or np.linalg.det(R) < 0.0 or np.abs(T[3] - [0, 0, 0, 1]).max() > ROUNDING:
+    if off > ORTHONORMAL or np.linalg.det(R) < 0.0:
         what = "a mirror" if np.linalg.det(R) < 0.0 else f"off a rotation by {off:.1e}"
         raise PlumblineError(f"{name}: {what}, {ORTHONORMAL:.0e} allowed; give a rigid transform")
+    if np.abs(T[3] - [0, 0, 0, 1]).max() > ROUNDING:
+        last = f"last row {T[3].round(6).tolist()}, [0, 0, 0, 1] expected"
+        raise PlumblineError(f"{name}: {last}; transpose it, or give a rigid transform")
     return T

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from plumbline.errors import fault
 from plumbline.optim.core.answer import Answer, plain
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
@@ -105,8 +106,12 @@ class Registration(Answer):
         return np.linalg.inv(self.T_RC).astype(np.float64)
 
     def map(self, points: ArrayLike) -> Array:
-        """Coordinates in frame R of points (..., 3) of CT [m]."""
-        return np.asarray(points, dtype=float) @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
+        """Coordinates in frame R of points (..., 3) of CT [m]; refused if they are none."""
+        places = np.asarray(points, dtype=float)
+        if places.shape[-1:] != (3,) or not np.isfinite(places).all():
+            found = f"shape {places.shape}, {np.sum(~np.isfinite(places))} numbers not finite"
+            raise fault("points", found, "finite ones (..., 3) in CT, m", "give x, y and z")
+        return places @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
 
     def tre(
         self, target: ArrayLike, target_std: ArrayLike | None = 0.0, *, curved: bool = True

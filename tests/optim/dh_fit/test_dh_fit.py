@@ -24,6 +24,7 @@ from plumbline.optim.dh_fit.export import as_toml, as_urdf
 from plumbline.optim.dh_fit.local import Space, local_and_global
 from plumbline.optim.dh_fit.registration import Registered, spread_rows, steps_needed
 from plumbline.optim.dh_fit.statement import Pass
+from plumbline.optim.registration.fiducials import build_fiducials
 from tests.dh_sessions import BH7, four, recording, session, simulated_recording, stated
 
 PUBLISHED = DHOptions(frame="registration", parameters="all", hayati=False)
@@ -310,6 +311,8 @@ def test_faults_are_one_line_with_a_way_out():
     encoders = replace(recording(simulated), observation="pose")
     with pytest.raises(PlumblineError, match="expected 'tip_position'"):
         fit_dh(encoders)
+    with pytest.raises(PlumblineError, match="observation 'Fiducials', expected 'tip_position'"):
+        fit_dh(build_fiducials(np.eye(3), np.eye(3)))
 
 
 def test_the_bundled_arm_is_the_drawing_of_the_simulator():

@@ -1,5 +1,7 @@
 """Motions that leave the beam open: an open direction has infinite variance, and is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -12,7 +14,8 @@ from plumbline.optim.hand_eye.constants import ONE_AXIS, ONE_TURN
 from plumbline.optim.hand_eye.observability import turn_words
 from plumbline.optim.hand_eye.readings import Readings
 from plumbline.optim.hand_eye.reweighting import marginal_covariance
-from tests.ranging_scenes import PAPER, facing, planned, seen_from, turned
+from plumbline.optim.hand_eye.single_plane import slope
+from tests.ranging_scenes import PAPER, facing, planned, seen_from, surveyed, turned
 
 COUNT = 40
 
@@ -35,6 +38,16 @@ def test_one_commanded_orientation_a_board_is_refused(seed):
         calibrate(readings)
     assert "turn it by 10 deg or more about two axes on every plane" in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_finder_that_repeats_itself_is_refused_and_not_computed_with():
+    """Ranges that are all one number have no slope, and what has none has no direction."""
+    readings = surveyed(0)[2]
+    stuck = replace(readings, distance=np.full(len(readings), 0.3))
+    with pytest.raises(PlumblineError, match=r"the range stays at 0\.3 m while the flange moves"):
+        slope(next(g for g in stuck.on_plane(1).motions() if g.is_translation))
+    with pytest.raises(PlumblineError):
+        calibrate(stuck)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5], ids=["none", "one axis"])

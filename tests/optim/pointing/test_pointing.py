@@ -364,6 +364,7 @@ def test_a_cone_is_safe_all_around():
         (lambda: Aim(UR3, placed(), 1e3 * np.array(LESION), NEEDLE), "metres, not mm"),
         (lambda: Aim(UR3, np.eye(4) + np.eye(4, k=3) * 350, LESION, NEEDLE), "lesion 350 m from"),
         (lambda: Aim(UR3, np.diag([1.0, 1, -1, 1]), LESION, NEEDLE), "a mirror"),
+        (lambda: Aim(UR3, placed().T, LESION, NEEDLE), r"last row \[.*; transpose it"),
         (lambda: Aim(UR3, 1.1 * placed(), LESION, NEEDLE), "off a rotation by 2.1e-01"),
         (
             lambda: Aim(Robot.from_dh([{"a": 0.3}] * 3).chain(), placed(), LESION, NEEDLE),

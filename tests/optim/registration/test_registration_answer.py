@@ -90,6 +90,8 @@ REFUSALS = {
     "target": (lambda: recording(targets={"M": [1.0, 2.0]}), "target M: found \\[1.0, 2.0\\]"),
     "name": (lambda: recording(targets={"A": LESION}), "every label once"),
     "shapes": (lambda: plumbline.build_fiducials(CT, CT[:3]), "one row a marker"),
+    "place": (lambda: plumbline.register(recording()).map([0.1, 0.2]), r"found shape \(2,\)"),
+    "no place": (lambda: plumbline.register(recording()).map([0.1, np.nan, 0.2]), "1 numbers not"),
     "two": (lambda: plumbline.build_fiducials(CT[:2], CT[:2]), "at least 3"),
 }
 
