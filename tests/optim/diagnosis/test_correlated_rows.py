@@ -16,12 +16,16 @@ from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
+from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows
-from plumbline.optim.diagnosis.prior import CORRELATIONS
+from plumbline.optim.diagnosis.prior import CORRELATIONS, SCALES
 from plumbline.optim.diagnosis.verdict.judge import _correlated
 from plumbline.optim.measurement.correlated import Whitening, copied, follows_of, postures, trust
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
+from tests.designs import statistics
 
 RHO = 0.7
 OFFSET = REGISTRY["joint_offset"](joint=2)
@@ -219,6 +223,75 @@ def test_less_than_the_stated_noise_is_no_sign_that_rows_know_of_each_other(rows
         left = size * np.random.default_rng(seed).normal(size=(len(repeated), 3))
         for noise in (NoisePrior.of(1.0), NoisePrior.of(0.3 * size)):
             assert correlation_of(left, repeated, noise)[0] == (0.0, 0.0, 0.0)
+
+
+# Terms that suit what readings share
+
+
+def of_postures(rows, own, shared, seed=0):
+    """Functions of the posture, of 12 columns each, and rows that hold the first of them, or none.
+
+    Args:
+        rows: Each posture's readings (N).
+        own: How far the first function moves them [noise].
+        shared: Share of the noise's variance that readings of a posture have in common.
+    """
+    rng = np.random.default_rng(seed)
+    posture = postures(rows)
+    X = rng.normal(size=(posture.max() + 1, 3, 36))[posture].reshape(-1, 36)
+    common = rng.normal(size=(posture.max() + 1, 3))[posture]
+    noise = np.sqrt(shared) * common + np.sqrt(1.0 - shared) * rng.normal(size=common.shape)
+    t = own * X[:, :12] @ rng.normal(size=12) + noise.ravel()
+    free = np.tile([-np.inf, np.inf], (12, 1))
+    terms = tuple(
+        SimpleNamespace(columns=np.arange(12 * k, 12 * k + 12), limits=free, widths=SCALES)
+        for k in range(3)
+    )
+    labels = np.tile(np.arange(3), (2, 1))
+    asked = JointProblem(
+        statistics(X, t), terms, NoisePrior(),
+        np.full(3, -np.log(3.0)), np.zeros(3, dtype=bool), labels,
+    )  # fmt: skip
+
+    def left(state):
+        columns, precision = stack(terms, state, asked.variance(state))
+        own = X[:, columns]
+        z = np.linalg.solve(own.T @ own + np.diag(precision), own.T @ t)
+        return correlation_of((t - own @ z).reshape(-1, 3), rows, NoisePrior())
+
+    return asked, left
+
+
+@pytest.mark.parametrize(
+    ("own", "shared", "alike"), [(0.0, 0.9, 0.9), (1.0, 0.9, 0.9), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
+)
+def test_what_readings_share_is_no_model_s_though_it_has_terms_enough(rows, own, shared, alike):
+    """Three functions hold all that twelve postures share; with fewer terms it is theirs."""
+    asked, left = of_postures(five_each(rows.select(np.arange(60))), own, shared)
+    every = [SelectedTerm(k, 1.0) for k in range(3)]
+    assert left(every)[0][1] <= 0.3
+    for state in (every, every[1:], every[:1], []):
+        back = list(taken_back(asked, state))
+        assert most_probable(asked, back, left)[1] == pytest.approx(alike, abs=0.06)
+
+
+def test_of_a_long_state_the_terms_that_are_no_model_s_go_one_by_one(rows):
+    asked, left = of_postures(five_each(rows.select(np.arange(60))), 1.0, 0.9)
+    every = [SelectedTerm(k, 1.0) for k in range(3)]
+    back = list(taken_back(asked, every))
+    assert most_probable(asked, back, left, 0)[1] == pytest.approx(0.9, abs=0.06)
+    assert most_probable(asked, [every], left, 0)[1] <= 0.3
+
+
+def test_of_fewer_terms_the_least_probable_goes_first_and_gross_rows_stay(rows):
+    asked, _ = of_postures(five_each(rows.select(np.arange(60))), 1.0, 0.0)
+    asked = replace(asked, log_priors=np.array([*asked.log_priors[:2], -np.inf]))  # a gross row
+    every = [SelectedTerm(k, 1.0) for k in range(3)]
+    assert [[t.index for t in some] for some in taken_back(asked, every)] == [
+        [0, 1, 2],
+        [0, 2],
+        [2],
+    ]
 
 
 # Whole verdicts

@@ -18,6 +18,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 )
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import Correlation, correlation_of
+from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, sample
 from plumbline.optim.diagnosis.posterior.joint_problem import moved_by, stated
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
@@ -47,6 +48,7 @@ from plumbline.optim.diagnosis.verdict.terms import (
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
 from plumbline.optim.measurement.clock import may_jitter, rates
+from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.refit import as_measured
 from plumbline.optim.measurement.torque import stated_noise
@@ -230,6 +232,7 @@ def _correlation(
     """How far rows know of each other, by what a state leaves, or leaves without its unlisted.
 
     Its own: beside the causes of one state the unlisted of another does what none of both does.
+    Where postures were read again, by what one of fewer terms leaves too.
     """
     pool, problem = selected.pool, alt.problem
     recording = pool.model.recording
@@ -243,19 +246,25 @@ def _correlation(
         return 0.0, recording.alike, 0.0
     trusted = pool.model.problem.weights[alt.rows] > 0.0
     recording = recording.select(alt.rows[trusted])
-    lacked = _unlisted(alt, state)
-    listed = [t for t in state if t not in lacked]
-    tried, v = [], rates(recording, rotation_lever(recording)) if late else None
-    for terms, worth in (([*listed, *lacked], lacked), (listed, [])):
-        variance = problem.variance(terms)
-        left = alt.left(terms, variance)[trusted]
+    v = rates(recording, rotation_lever(recording)) if late else None
+
+    def asked(terms: Sequence[SelectedTerm]) -> tuple[Correlation, float] | None:
+        left = alt.left(terms, problem.variance(terms))[trusted]
         if late:
             left = as_measured(recording, left * alt.spread)
         elif moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
-            continue  # what is missing adds to a stated noise, where noise that wanders is in it
-        correlation, odds = correlation_of(left, recording, pool.noise, v, in_order=in_order)
-        tried.append((odds + added_evidence(problem, listed, worth), correlation))
-    return max(tried, default=(0.0, (0.0, 0.0, 0.0)))[1]
+            return None  # what is missing adds to a stated noise, where noise that wanders is in it
+        return correlation_of(left, recording, pool.noise, v, in_order=in_order)
+
+    if len(np.unique(postures(recording))) < len(recording):
+        return most_probable(problem, list(taken_back(problem, state)), asked)
+    lacked = _unlisted(alt, state)
+    listed = [t for t in state if t not in lacked]
+    tried = (
+        (asked([*listed, *some]), added_evidence(problem, listed, some)) for some in (lacked, [])
+    )
+    known = [(told[1] + log_odds, told[0]) for told, log_odds in tried if told]
+    return max(known, default=(0.0, (0.0, 0.0, 0.0)))[1]
 
 
 def _told(alt: Alternatives, found: Sampled) -> Explanation:
