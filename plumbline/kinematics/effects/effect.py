@@ -109,7 +109,7 @@ class State:
         """A copy in which joint ``joint`` (from 1) moved by ``by`` [rad or m], and what follows."""
         q = self.q[:]
         for k, share in ((joint - 1, 1.0), *self.chain.joints[joint - 1].drags):
-            q[k] += share * by
+            q[k] += by if share == 1.0 else share * by
         return replace(self, q=q)
 
     def place_link(self, link: int, T_parent_next: Transform) -> State:

@@ -52,7 +52,7 @@ class TransmissionRipple(JointEffect):
     def apply(self, state: State, *values: cs.SX) -> State:
         phase = self.order * state.reading_of_joint(self.joint)
         for k in range(len(values) // 2):
-            turn = (k + 1) * phase
+            turn = (k + 1) * phase if k else phase
             ripple = values[2 * k] * cs.sin(turn) + values[2 * k + 1] * cs.cos(turn)
             state = state.move_joint(self.joint, ripple)
         return state

@@ -47,11 +47,11 @@ def spectra(pool: Pool, recording: Recording, ports: Ports) -> tuple[list[int], 
         recording: The rows (N).
         ports: Ports of these rows.
     """
-    forms = GearRipple.forms(scope_of(recording))
+    forms = dict.fromkeys(GearRipple.forms(scope_of(recording)))
     first: dict[int, int] = {}
     for k, candidate in enumerate(pool.candidates):
         effect = candidate.effect
-        if effect in forms and isinstance(effect, GearRipple) and parts_of(effect) is None:
+        if isinstance(effect, GearRipple) and effect in forms and parts_of(effect) is None:
             first.setdefault(effect.joint, k)
     found = []
     for joint, k in first.items():

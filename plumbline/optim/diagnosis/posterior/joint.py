@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -28,8 +28,10 @@ from scipy.special import expit
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis import prior
+from plumbline.optim.diagnosis.posterior.evidence import Scores
 from plumbline.optim.diagnosis.posterior.joint_problem import LOG_GROSS_ODDS, JointProblem, weighed
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.slots import shares_of
 
 State = frozenset[int]
 LEAST_HEARD = float(np.log(prior.LEAST_TOLD))  # of a chain's weight, log of that of the best
@@ -247,9 +249,14 @@ class _Look:
     log_posterior: float  # against the empty state
 
     @cached_property
+    def asked(self) -> tuple[Array, Scores]:
+        """Log odds (C,) of every term more to none, and its scores."""
+        return self.problem.odds(self.problem.reduce(self.terms))
+
+    @cached_property
     def odds(self) -> tuple[Array, Array]:
         """Log odds of every term more, and of every row more that may be gross (C,), to none."""
-        log_odds, scores = self.problem.odds(self.problem.reduce(self.terms))
+        log_odds, scores = self.asked
         rows = np.where(self.problem.gross, scores.log_bayes + LOG_GROSS_ODDS, -np.inf)
         rows[[term.index for term in self.terms]] = -np.inf
         return log_odds, rows
@@ -270,11 +277,9 @@ class _Look:
 
         One of a pair is among the first to fill one place.
         """
-        none = self.problem.gross if self.problem.unlisted is None else self.problem.unlisted
-        listed = replace(self.problem, asked=np.flatnonzero(~(none | self.problem.gross)))
-        log_odds, scores = listed.odds(listed.reduce(self.terms))
+        (listed, own), (log_odds, scores) = self.problem.of_library, self.asked
         found = defaultdict[State, float](lambda: -np.inf)
-        for i in np.argsort(-log_odds, kind="stable")[: prior.PAIRED].tolist():
+        for i in own[np.argsort(-log_odds[own], kind="stable")[: prior.PAIRED]].tolist():
             both = listed.reduce([*self.terms, SelectedTerm(i, float(scores.scale[i]))])
             logs = log_odds[i] + listed.odds(both)[0]
             least = logs.max(initial=-np.inf) - prior.NEARLY_NOTHING
@@ -290,13 +295,6 @@ def look_at(problem: JointProblem, state: State) -> _Look:
     total, scales, _ = weighed(problem.only(indices))
     terms = tuple(SelectedTerm(i, s) for i, s in zip(indices, scales, strict=True))
     return _Look(problem, terms, total)
-
-
-def shares_of(log_odds: Array) -> Array:
-    """Probability of every term in one place (C,); what is missing to 1 is emptiness."""
-    top = max(float(log_odds.max(initial=0.0)), 0.0)
-    weights = np.exp(log_odds - top)
-    return np.asarray(weights / (weights.sum() + np.exp(-top)))
 
 
 def sample(

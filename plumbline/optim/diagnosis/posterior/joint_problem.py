@@ -114,6 +114,13 @@ class JointProblem(TermProblem):
             found[self.labels[0][~self.unlisted & ~self.gross]] = True
         return found
 
+    @cached_property
+    def of_library(self) -> tuple[JointProblem, NDArray[np.intp]]:
+        """The same problem, of which terms of the library alone are asked, and which these are."""
+        other = self.gross if self.unlisted is None else self.unlisted | self.gross
+        own = np.flatnonzero(~other)
+        return replace(self, asked=own), own
+
     def parts(self, indices: Iterable[int]) -> Mapping[int, float]:
         """Labels of these terms that may be parts of what is unlisted, with the probability."""
         return self.shared.of(self, indices) if self.shared else {}

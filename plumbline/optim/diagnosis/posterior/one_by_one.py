@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis import prior
-from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, MarkovChain, Sampled, shares_of
+from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, MarkovChain, Sampled
 from plumbline.optim.diagnosis.posterior.joint_problem import (
     JointProblem,
     Parts,
@@ -31,7 +31,7 @@ from plumbline.optim.diagnosis.posterior.joint_problem import (
     stated,
 )
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm
-from plumbline.optim.diagnosis.posterior.slots import climbed, extended
+from plumbline.optim.diagnosis.posterior.slots import climbed, extended, shares_of
 
 # What has been asked conditional on sets of terms: log odds and scales (C,) of one more.
 Asked = dict[frozenset[SelectedTerm], tuple[Array, Array]]

@@ -133,6 +133,13 @@ class TermProblem(ABC):
         return float(np.logaddexp.reduce(by_scale[0] + LOG_SCALE_WEIGHTS))
 
 
+def shares_of(log_odds: Array) -> Array:
+    """Probability of every term in one place (C,); what is missing to 1 is emptiness."""
+    top = max(float(log_odds.max(initial=0.0)), 0.0)
+    weights = np.exp(log_odds - top)
+    return np.asarray(weights / (weights.sum() + np.exp(-top)))
+
+
 def numbers_of(names: Sequence[object]) -> NDArray[np.intp]:
     """Numbers (C,) in place of names, in the order in which they come."""
     numbers: dict[object, int] = {}
