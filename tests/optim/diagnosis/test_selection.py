@@ -156,6 +156,18 @@ def test_what_a_path_gains_does_not_depend_on_its_order_much():
     assert back == pytest.approx(ahead, rel=0.2)
 
 
+def test_a_term_that_is_asked_alone_has_the_odds_that_it_has_among_all():
+    rng = np.random.default_rng(16)
+    X = rng.normal(size=(N, 6))
+    asked = selection(X, 0.3 * X[:, 0] + noise(rng), SIGMA, allowed=[True] * 5 + [False])
+    given = [SelectedTerm(0, 0.3)]
+    every = asked.odds(asked.reduce(given))[0]
+    for k in range(6):
+        alone = asked.odds(asked.reduce(given, [k]))[0]
+        assert alone[k] == pytest.approx(every[k], rel=1e-12)
+        assert np.isneginf(np.delete(alone, k)).all()
+
+
 def test_the_order_of_candidates_does_not_matter():
     rng = np.random.default_rng(15)
     X = rng.normal(size=(N, 15))

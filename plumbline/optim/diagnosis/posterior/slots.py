@@ -76,10 +76,19 @@ class TermProblem(ABC):
             )
         )
 
-    def reduce(self, chosen: Sequence[SelectedTerm]) -> Reduced:
-        """The problem that is left given these terms, at the noise that they leave."""
+    def reduce(self, chosen: Sequence[SelectedTerm], asked: Sequence[int] | None = None) -> Reduced:
+        """The problem that is left given these terms, at the noise that they leave.
+
+        Args:
+            chosen: The terms.
+            asked: Numbers of those that are asked next; all that may be if not given.
+        """
+        gathered = self.gathered
+        if asked is not None:
+            own = np.array(asked) if self.asked is None else np.intersect1d(asked, self.asked)
+            gathered = batches(self.linear, self.candidates, own)
         variance = self.variance(chosen)
-        return Reduced.given(self.linear, self.gathered, self.candidates, chosen, variance)
+        return Reduced.given(self.linear, gathered, self.candidates, chosen, variance)
 
     def slots(self, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
         """Those of some terms that fill a slot."""
@@ -87,7 +96,7 @@ class TermProblem(ABC):
 
     def odds(self, reduced: Reduced) -> tuple[Array, Scores]:
         """Log odds (C,) of each term for one more slot, against none, and its scores."""
-        scores = scan(reduced, self.gathered, self.noise, len(self.candidates))
+        scores = scan(reduced, reduced.gathered, self.noise, len(self.candidates))
         slot = self.log_slot(len(self.slots(reduced.chosen)))
         log_odds = scores.log_bayes + self.log_priors + slot + self.alike(reduced.chosen)
         log_odds[[term.index for term in reduced.chosen]] = -np.inf
@@ -195,8 +204,9 @@ def added_evidence(
     problem: TermProblem, chosen: Sequence[SelectedTerm], more: Sequence[SelectedTerm]
 ) -> float:
     """Log odds of a model with some terms more against the one without, term by term."""
-    total, reduced = 0.0, problem.reduce(chosen)
+    total, given = 0.0, list(chosen)
     for term in more:
-        total += float(problem.odds(reduced)[0][term.index])
-        reduced = problem.reduce([*reduced.chosen, term])
+        log_odds, _ = problem.odds(problem.reduce(given, [term.index]))
+        total += float(log_odds[term.index])
+        given.append(term)
     return total
