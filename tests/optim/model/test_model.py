@@ -270,6 +270,8 @@ def test_what_happened_at_one_moment_is_no_geometry(model):
     assert made.error < 1e-9
     assert made.text == model.as_mjcf().text.replace("3 effects", "4 effects")
     assert arm.lasting().labels == model.labels
+    # Of a bump alone a file holds nothing that was found, and does not say so.
+    assert arm.of([len(arm.effects) - 1]).as_urdf().words == "holds all that lasts of this model"
 
 
 def test_friction_and_rotors_of_drives_go_into_mujoco_s_joints(model):

@@ -62,7 +62,7 @@ class Exported:
     def words(self) -> str:
         """What it lacks, in a sentence, the most of it by name."""
         if not self.lacks:
-            return "holds all that was found"
+            return "holds all that lasts of this model"
         named = listed(self.lacks, NAMED)
         if not self.whole > 0.0:
             return f"cannot hold {named}"
