@@ -10,6 +10,7 @@ import numpy as np
 from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.evaluate import Flags
+from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis import prior
@@ -36,6 +37,7 @@ from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.diagnosis.verdict.settled import settled
 from plumbline.optim.diagnosis.verdict.terms import with_terms
 from plumbline.optim.loading import load_to_diagnose
+from plumbline.optim.measurement.clock import swings
 from plumbline.optim.measurement.correlated import copied
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
@@ -133,18 +135,29 @@ def _told_apart(found: Explained) -> Explained:
     options = found.options
     for _ in range(prior.ROUNDS):
         rows = found.task.recording
-        wander, alike, jitter = found.explanation.correlation
+        wander, alike, jitter, k = found.explanation.correlation
         alike = max(alike, float(rows.alike == 1.0))  # copies are known, however few
         low, high = sorted((jitter, rows.jitter))
         settled = low**2 >= prior.SETTLED_VARIANCE * high**2
+        scatter = np.array(k) if k else None
+        settled = settled and _as_loose(rows, scatter)
         settled = settled and abs(alike - rows.alike) <= prior.SAME_CORRELATION
         if settled and _worth_the_same(wander, rows.wander):
             break
-        rows = replace(rows, wander=wander, alike=alike, jitter=jitter)
+        rows = replace(rows, wander=wander, alike=alike, jitter=jitter, scatter=scatter)
         folds = fold_of_rows(rows, options.held_out, options.seed)
         task = replace(found.task, recording=rows, folds=folds)
         found = _explained(options, task, *find_causes(task, silent, found.bad))
     return found
+
+
+def _as_loose(rows: Recording, scatter: Array | None) -> bool:
+    """Whether joints scatter by nearly as much as these would (n,), as it shows in the rows."""
+    if rows.scatter is None or scatter is None:
+        return rows.scatter is scatter
+    seen = np.mean(swings(rows, rotation_lever(rows)) ** 2, axis=(1, 2))
+    off, before = np.abs(scatter**2 - rows.scatter**2) @ seen, rows.scatter**2 @ seen
+    return bool(off <= (1.0 - prior.SETTLED_VARIANCE) * (1.0 + before))
 
 
 def _worth_the_same(rho: float, before: float) -> bool:
@@ -156,7 +169,7 @@ def _worth_the_same(rho: float, before: float) -> bool:
 def _with_noise_of(rows: Recording, recording: Recording) -> Recording:
     """The whole recording with what its rows to fit have told of their noise."""
     known = replace(recording, lever=rows.lever, pose_spread=rows.pose_spread, jitter=rows.jitter)
-    return replace(known, wander=rows.wander, alike=rows.alike)
+    return replace(known, wander=rows.wander, alike=rows.alike, scatter=rows.scatter)
 
 
 def _in_between(found: Explained) -> Explained:

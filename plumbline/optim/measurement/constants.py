@@ -4,6 +4,8 @@
 # Share of the way from the row before to the row behind by which a row is off their middle, up to
 # which these tell its speed: of a sine of 0.93 radian a row to 14 %. Stops anywhere are off by 0.9.
 SMOOTH = 0.25
+# [rad or m] by which a joint is turned to see what it moves: to 1e-10 of that, as rounding leaves
+TURNED = 1e-5
 
 # Nuisance
 FRAME_SCALE = (0.1, 0.1)  # [m], [rad] that a frame is off which was placed by hand

@@ -21,7 +21,7 @@ from plumbline.kinematics.effects import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.measurement.clock import along, rates
+from plumbline.optim.measurement.clock import powers, wider
 from plumbline.optim.measurement.constants import MASS_PER_METRE, ONE_MOTION
 from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import (
@@ -264,8 +264,9 @@ def _columns(recording: Recording) -> dict[str, Array]:
         values = getattr(recording, name)
         if values is not None:
             columns[name] = values.reshape(len(recording), -1)
-    if recording.jitter:
-        columns["smear"] = along(rates(recording, rotation_lever(recording)), recording.jitter)
+    if recording.uneven:
+        white = powers(wider(recording, rotation_lever(recording)), -0.5)
+        columns["white"] = white.reshape(len(recording), -1)
     return columns
 
 
@@ -308,9 +309,8 @@ def _residual(
         plain = plain / (shape[list(recording.measured_joints)] if own else shape)
     if recording.pose_spread is not None:
         plain = residual_in_one_noise(recording.pose_spread, row.symbols["measured"], plain)
-    if recording.jitter:
-        e = row.symbols["smear"]
-        plain = plain - cs.dot(e, plain) * e
+    if recording.uneven:
+        plain = cs.reshape(row.symbols["white"], plain.numel(), plain.numel()) @ plain
     return plain
 
 

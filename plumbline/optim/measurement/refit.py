@@ -15,9 +15,9 @@ from plumbline.kinematics.effects.confined import confined, parts_of
 from plumbline.optim.core.judged import Judged, Solution, judged
 from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.core.solvers import LevenbergMarquardt
-from plumbline.optim.measurement.clock import along, less_smeared, rates, smeared
+from plumbline.optim.measurement.clock import in_shape, rates, swings, whitened, widened, wider
 from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
-from plumbline.optim.measurement.pose_noise import as_read, in_one_noise
+from plumbline.optim.measurement.pose_noise import as_read
 from plumbline.optim.measurement.session import merged_scope
 from plumbline.optim.recording.recording import Recording, Session
 from plumbline.optim.recording.session import apart
@@ -160,26 +160,24 @@ def scope_for(effect: Effect, recording: Recording) -> Scope:
     return merged_scope([scope_of(apart(recording)[0].parts[k]) for k in parts])
 
 
-def _smear(recording: Recording) -> Array:
-    """Along what its clock smears each row (N, m), see :func:`.clock.along`."""
-    return along(rates(recording, rotation_lever(recording)), recording.jitter)
-
-
 def in_noise(recording: Recording, values: Array) -> Array:
     """What moves the readings (..., N, m), in units of one noise."""
-    shape = recording.noise_shape
-    if shape is not None:
-        whole = values.shape[-1] == shape.shape[1]
-        values = values / (shape if whole else shape[:, list(recording.measured_joints)])
-    if recording.pose_spread is not None:
-        values = in_one_noise(recording, values)
-    return less_smeared(values, _smear(recording)) if recording.jitter else values
+    values = in_shape(recording, values)
+    return whitened(values, _wider(recording)) if recording.uneven else values
+
+
+def in_shape_of_noise(recording: Recording, residuals: Array) -> Array:
+    """Residuals (N, m) in units of a noise that is no wider along any way, but as it is shaped."""
+    return widened(residuals, _wider(recording)) if recording.uneven else residuals
+
+
+def _wider(recording: Recording) -> Array:
+    return wider(recording, rotation_lever(recording))
 
 
 def as_measured(recording: Recording, residuals: Array) -> Array:
     """Residuals (N, m) as they were measured, not in units of one noise."""
-    if recording.jitter:
-        residuals = smeared(residuals, _smear(recording))
+    residuals = in_shape_of_noise(recording, residuals)
     if recording.pose_spread is not None:
         residuals = as_read(recording, residuals)
     shape = recording.noise_shape if recording.several else None
@@ -187,8 +185,19 @@ def as_measured(recording: Recording, residuals: Array) -> Array:
 
 
 def smear(recording: Recording, components: int) -> float:
-    """RMS of the noise of some first components of a row as measured, over that of one."""
+    """RMS of the noise of some first components of a row as measured, over that of one.
+
+    What joints scatter by is no noise of the device.
+    """
     if not recording.jitter:
         return 1.0
     moved = recording.jitter * rates(recording, rotation_lever(recording))[:, :components]
     return float(np.sqrt(1.0 + np.mean(moved**2)))
+
+
+def scattered(recording: Recording) -> float:
+    """RMS of noise and what joints scatter by, over that of the noise."""
+    if recording.scatter is None:
+        return 1.0
+    moved = swings(recording, rotation_lever(recording))
+    return float(np.sqrt(1.0 + recording.scatter**2 @ np.mean(moved**2, axis=(1, 2))))

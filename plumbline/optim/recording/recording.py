@@ -79,6 +79,9 @@ class Recording:
     #: 1 sigma of the rows' times over that of the noise [s, or rows without a clock, a m or rad],
     #: where a fit has told it
     jitter: float = 0.0
+    #: 1 sigma (n,) of where each joint stands about what it reads, over that of the noise [rad/m],
+    #: where a fit has told it
+    scatter: Array | None = None
     #: correlation of the noises of readings of one posture, where a fit or a statement has told it
     alike: float = 0.0
     always: tuple[str, ...] = ("frame", "tool")  #: what every model fits
@@ -120,6 +123,11 @@ class Recording:
     def several(self) -> bool:
         """Whether its rows are of several recordings, which :func:`.session.apart` tells apart."""
         return self.session is not None
+
+    @property
+    def uneven(self) -> bool:
+        """Whether a row's noise is wider along some ways than along others."""
+        return bool(self.jitter) or self.scatter is not None
 
     def __len__(self) -> int:
         return len(self.q)

@@ -14,7 +14,7 @@ from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
 from plumbline.optim.diagnosis.diagnose import _told_apart, _worth_the_same, diagnose, usable
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.correlation import correlation_of
+from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
@@ -152,11 +152,11 @@ def test_copies_are_known_before_anything_is_searched(rows, apart, are_copies):
 
 
 def test_copies_are_that_however_little_so_few_of_them_tell():
-    known = SimpleNamespace(wander=0.0, alike=1.0, jitter=0.0)
+    known = SimpleNamespace(wander=0.0, alike=1.0, jitter=0.0, scatter=None)
     found = SimpleNamespace(
         options=None,
         task=SimpleNamespace(recording=known),
-        explanation=SimpleNamespace(correlation=(0.0, 0.0, 0.0)),
+        explanation=SimpleNamespace(correlation=RowNoise()),
     )
     assert _told_apart(found) is found  # what is no copy would be searched again, by its options
 
@@ -190,14 +190,14 @@ def test_the_correlation_that_was_drawn_is_found(rows, seed):
     rng = np.random.default_rng(seed)
     prior = NoisePrior.of(1.0)
     left = wandering((len(rows), 3), 0.8, rng)
-    (wander, alike, _), odds = correlation_of(left, rows, prior)
+    (wander, alike, *_), odds = correlation_of(left, rows, prior)
     assert wander == pytest.approx(0.8, abs=0.11)
     assert alike == 0.0
     assert odds > 5.0
     repeated = five_each(rows)
     common = np.repeat(rng.normal(size=(len(repeated) // 5, 3)), 5, axis=0)
     left = np.sqrt(0.8) * common + np.sqrt(0.2) * rng.normal(size=common.shape)
-    (wander, alike, _), odds = correlation_of(left, repeated, prior)
+    (wander, alike, *_), odds = correlation_of(left, repeated, prior)
     assert alike == pytest.approx(0.8, abs=0.16)
     assert wander == 0.0
     assert odds > 5.0
@@ -211,7 +211,7 @@ def test_a_correlation_has_settled_where_rows_count_for_as_much():
 
 def test_white_noise_is_asked_for_nothing(rows):
     drawn = [np.random.default_rng(seed).normal(size=(len(rows), 3)) for seed in range(40)]
-    asked = [correlation_of(left, rows, NoisePrior())[0] != (0.0, 0.0, 0.0) for left in drawn]
+    asked = [correlation_of(left, rows, NoisePrior())[0] != RowNoise() for left in drawn]
     assert sum(asked) <= 1
     assert np.diff(CORRELATIONS).max() < 0.11
 
@@ -222,7 +222,7 @@ def test_less_than_the_stated_noise_is_no_sign_that_rows_know_of_each_other(rows
     for seed in range(5):
         left = size * np.random.default_rng(seed).normal(size=(len(repeated), 3))
         for noise in (NoisePrior.of(1.0), NoisePrior.of(0.3 * size)):
-            assert correlation_of(left, repeated, noise)[0] == (0.0, 0.0, 0.0)
+            assert correlation_of(left, repeated, noise)[0] == RowNoise()
 
 
 # Terms that suit what readings share

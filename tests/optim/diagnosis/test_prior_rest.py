@@ -100,7 +100,7 @@ def test_a_correlation_of_rows_must_win_by_five_in_log_odds(gain, asked, monkeyp
     monkeypatch.setattr(correlation, "postures", lambda _: np.arange(N))
     monkeypatch.setattr(correlation, "_wandering", lambda *given: likely.get(given[-1], 0.0))
     (wander, *_), _ = correlation.correlation_of(
-        left, SimpleNamespace(wander=0.0, alike=0.0, jitter=0.0), NoisePrior()
+        left, SimpleNamespace(wander=0.0, alike=0.0, jitter=0.0, scatter=None), NoisePrior()
     )
     assert wander == asked
 

@@ -10,10 +10,10 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.correlation import correlation_of
+from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.prior import JITTERS
-from plumbline.optim.measurement.clock import along, less_smeared, may_jitter, rates, smeared
+from plumbline.optim.measurement.clock import along, may_jitter, rates, whitened, widened
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import smear
 from plumbline.optim.recording.building import build_recording
@@ -46,15 +46,15 @@ def on_its_way(seed=0, rows=160, jitter=TAU, observation="tip_position", step=0.
     return build_recording(q=q, measured=noisy, tool_offset=tool, **given)
 
 
-def test_what_is_smeared_is_white_again():
-    v = np.random.default_rng(0).normal(size=(5, 3))
-    e = along(v, 2.0)
-    for row, spread in zip(v, e, strict=True):
-        root = less_smeared(np.eye(3), np.tile(spread, (3, 1)))
-        covariance = np.eye(3) + 4.0 * np.outer(row, row)
-        np.testing.assert_allclose(root @ covariance @ root, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(smeared(less_smeared(v, e), e), v)
-    np.testing.assert_array_equal(along(np.zeros((2, 3)), 2.0), 0.0)
+def test_what_is_wider_along_some_ways_is_white_again():
+    moved = np.random.default_rng(0).normal(size=(2, 5, 3))
+    S = along(moved)
+    for row, a, b in zip(S, *moved, strict=True):
+        np.testing.assert_allclose(row, np.eye(3) + np.outer(a, a) + np.outer(b, b))
+        root = whitened(np.eye(3)[:, None], row[None])[:, 0]
+        np.testing.assert_allclose(root @ row @ root, np.eye(3), atol=1e-12)
+    values = np.random.default_rng(1).normal(size=(4, 5, 3))
+    np.testing.assert_allclose(widened(whitened(values, S), S), values)
 
 
 @pytest.mark.parametrize("observation", KINDS)
@@ -76,9 +76,10 @@ def test_rates_are_those_of_the_residuals_along_the_way(observation):
     np.testing.assert_allclose(rates(part, 0.3), v[::7])
 
 
+@pytest.mark.parametrize("wide", [{"jitter": 3.0}, {"scatter": np.linspace(0.0, 5.0, 6)}])
 @pytest.mark.parametrize("name", ["respiration", "base_bump", "gear_ripple"])
-def test_what_is_scanned_is_whitened_as_the_model_is(name):
-    recording = replace(bench("sweeping", "tip_position", columns=("time",)), jitter=3.0)
+def test_what_is_scanned_is_whitened_as_the_model_is(name, wide):
+    recording = replace(bench("sweeping", "tip_position", columns=("time",)), **wide)
     scanned_as_modelled(name, recording)
 
 
@@ -88,14 +89,12 @@ def test_the_uncertainty_that_was_drawn_is_found_and_white_noise_is_asked_for_no
     for ratio in (1.0, 8.0):
         size = ratio / np.sqrt(np.mean(v**2))
         left = rng.normal(size=v.shape) + size * v * rng.normal(size=(len(v), 1))
-        (*others, found), odds = correlation_of(left, recording, NoisePrior.of(1.0), v)
-        assert others == [0.0, 0.0]
-        assert found == pytest.approx(size, rel=0.25)
+        found, odds = correlation_of(left, recording, NoisePrior.of(1.0), v)
+        assert found == RowNoise(jitter=found.jitter)
+        assert found.jitter == pytest.approx(size, rel=0.25)
         assert odds > 5.0
     drawn = [rng.normal(size=v.shape) for _ in range(40)]
-    none = [
-        correlation_of(left, recording, NoisePrior(), v)[0] == (0.0, 0.0, 0.0) for left in drawn
-    ]
+    none = [correlation_of(left, recording, NoisePrior(), v)[0] == RowNoise() for left in drawn]
     assert sum(none) >= 39
 
 

@@ -154,7 +154,7 @@ def _as_recording(
     shape = recording.noise_shape
     own = None if shape is None else np.sqrt(np.mean(shape**2, axis=0))
     given["noise_shape"] = None if own is None else np.tile(own, (len(rows), 1))
-    given["jitter"] = 0.0
+    given["jitter"], given["scatter"] = 0.0, None
     given["group"] = None if group is None else np.full(len(rows), group[-1])
     return replace(recording, **given)
 

@@ -2,7 +2,8 @@ r"""Whether rows know of each other, or err with their speed: by evidence, of wh
 
 What is left of m components a row is Gaussian with correlation :math:`\rho^d` between rows d apart,
 or c between readings of one posture, or wider along a row's motion by what its clock is uncertain
-of (:mod:`plumbline.optim.measurement.clock`). With R its correlation matrix and the noise's size
+of, or along what its joints move by what these scatter, see
+:mod:`plumbline.optim.measurement.clock`. With R its correlation matrix and the noise's size
 integrated out, of which a statement says nothing here: where it is too large, rows would seem
 alike,
 
@@ -15,19 +16,29 @@ explain may be theirs.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from plumbline.optim.core.mapped import less_foretold
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.prior import CORRELATIONS, JITTERS, NOISE_NEGLIGIBLE
-from plumbline.optim.measurement.clock import along, less_smeared
+from plumbline.optim.diagnosis.prior import CORRELATIONS, JITTERS, LEAST_SWING, NOISE_NEGLIGIBLE
+from plumbline.optim.measurement.clock import along, powers
 from plumbline.optim.measurement.correlated import follows_of, postures
 from plumbline.optim.recording.recording import Recording
 
-Correlation = tuple[float, float, float]  # wander, alike and jitter of a recording
-Tried = dict[Correlation, float]
+
+class RowNoise(NamedTuple):
+    """How the noise of a recording's rows is not one and the same, see there."""
+
+    wander: float = 0.0
+    alike: float = 0.0
+    jitter: float = 0.0
+    scatter: tuple[float, ...] = ()  # of each joint; empty if none does
 
 
 def correlation_of(
@@ -35,9 +46,11 @@ def correlation_of(
     recording: Recording,
     noise: NoisePrior,
     v: Array | None = None,
+    moved: Array | None = None,
     *,
     in_order: bool = True,
-) -> tuple[Correlation, float]:
+    spread: Array | float = 1.0,
+) -> tuple[RowNoise, float]:
     """What is asked for, and its log odds against the recording's own.
 
     Args:
@@ -45,23 +58,89 @@ def correlation_of(
         recording: These rows.
         noise: The prior of the noise.
         v: How fast the rows move (N, m), where it may be their clock that errs.
+        moved: What a unit of each joint moves of them (n, N, m), where these may scatter.
         in_order: Whether rows may wander, or be alike, with what comes before them.
+        spread: In units of which noise of each component (m,) what is left is. Joints that scatter
+            are instead of that.
     """
     posture = postures(recording)
-    tried: Tried = {(0.0, 0.0, 0.0): _wandering(left, recording, noise, 0.0)}
+    now = RowNoise(recording.wander, recording.alike, recording.jitter)
+    tried = {RowNoise(): _wandering(left, recording, noise, 0.0)}
     price = NOISE_NEGLIGIBLE + 0.5 * np.log(max(left.size, 2))
     for r in CORRELATIONS if in_order else ():
-        tried[r, 0.0, 0.0] = _wandering(left, recording, noise, r) - price
+        tried[RowNoise(wander=r)] = _wandering(left, recording, noise, r) - price
         if not np.array_equal(posture, np.arange(len(left))):
-            tried[0.0, r, 0.0] = _alike(left, posture, noise, r) - price
+            tried[RowNoise(alike=r)] = _alike(left, posture, noise, r) - price
     v = np.zeros_like(left) if v is None else v
     for ratio in JITTERS if v.any() else ():
         size = ratio / float(np.sqrt(np.mean(v**2)))
-        tried[0.0, 0.0, size] = _late(left, v, noise, size) - price
+        tried[RowNoise(jitter=size)] = _wide(left, size * v[None], noise) - price
+    near = min(tried, key=lambda found: float(np.abs(np.subtract(found[:3], now[:3])).sum()))
+    if moved is not None:
+        own, handicap = left * spread, _log_odds_of(spread, len(left))
+        found = list(_scatters(own, moved))
+        if recording.scatter is not None:
+            near = RowNoise(scatter=tuple(recording.scatter.tolist()))
+            found.append(recording.scatter)
+        for k in found:
+            likely = _priced(own, moved, noise, k) - handicap
+            tried[RowNoise(scatter=tuple(k.tolist()))] = likely
     best = max(tried, key=lambda found: tried[found])
-    now = (recording.wander, recording.alike, recording.jitter)
-    near = min(tried, key=lambda found: float(np.abs(np.subtract(found, now)).sum()))
     return best, tried[best] - tried[near]
+
+
+def _log_odds_of(spread: Array | float, rows: int) -> float:
+    """Log odds of noise that differs from component to component so, by what N rows leave."""
+    if np.all(spread == 1.0):
+        return 0.0
+    price = 0.5 * (np.size(spread) - 1) * np.log(max(rows, 2)) + NOISE_NEGLIGIBLE
+    return float(-rows * np.log(spread).sum() - price)
+
+
+def _scatters(left: Array, moved: Array) -> Iterator[Array]:
+    """What joints scatter by (n,), over the noise: all alike, each as it likes, fewer and fewer.
+
+    The size of the noise is worked out, as above.
+    """
+    usual = np.sqrt(np.mean(np.sum(moved**2, axis=2), axis=1))
+    seen = usual > LEAST_SWING * usual.max(initial=0.0)
+    unit = np.divide(1.0, usual, out=np.zeros(len(moved)), where=seen)
+
+    def best(ways: Array) -> Array:
+        """Of joints that scatter together (K, n) in one measure, relative to each other."""
+
+        def cost(shares: Array) -> tuple[float, Array]:
+            k = np.sqrt(shares @ ways**2)
+            inverse = powers(along(k[:, None, None] * moved), -1.0)
+            gone = np.einsum("na,nab->nb", left, inverse)
+            square = float(np.sum(gone * left))
+            own = np.einsum("kna,nab,knb->k", moved, inverse, moved)
+            told = np.sum(np.einsum("kna,na->kn", moved, gone) ** 2, axis=1)
+            slope = 0.5 * (ways**2 @ (own - left.size * told / square))
+            log_det = -float(np.linalg.slogdet(inverse)[1].sum())
+            return 0.5 * (log_det + left.size * float(np.log(square))), slope
+
+        start, bounds = np.full(len(ways), 1.0 / len(ways)), [(0.0, None)] * len(ways)
+        done = scipy.optimize.minimize(cost, start, jac=True, bounds=bounds, method="L-BFGS-B")
+        return np.asarray(np.sqrt(done.x @ ways**2))
+
+    some = np.flatnonzero(unit)
+    yield best(np.full((1, len(moved)), unit.max(initial=0.0)))
+    while len(some):
+        k = best(np.diag(unit)[some])
+        yield k
+        some = some[np.argsort(k[some] / unit[some])[1:]]
+
+
+def _priced(left: Array, moved: Array, noise: NoisePrior, k: Array) -> float:
+    """Log likelihood of what joints scatter by (n,), less the price of as many numbers.
+
+    Which joints was chosen, of one number that all have nothing.
+    """
+    numbers = len(np.unique(k[k > 0.0]))
+    ways = 0.0 if k.all() and numbers == 1 else numbers * float(np.log(len(k)))
+    price = NOISE_NEGLIGIBLE + 0.5 * numbers * float(np.log(max(left.size, 2))) + ways
+    return _wide(left, k[:, None, None] * moved, noise) - price
 
 
 def _log_likelihood(
@@ -75,11 +154,13 @@ def _log_likelihood(
     return -0.5 * (log_det + left.size * float(np.log(known)))
 
 
-def _late(left: Array, v: Array, noise: NoisePrior, jitter: float) -> float:
-    s = jitter**2 * np.sum(v**2, axis=1)
-    square = float(np.sum(less_smeared(left, along(v, jitter)) ** 2))
-    trace = left.size - float(np.sum(s / (1.0 + s)))
-    return _log_likelihood(square, float(np.log1p(s).sum()), trace, left, noise.least)
+def _wide(left: Array, moved: Array, noise: NoisePrior) -> float:
+    """Of noise that is wider along some ways (K, N, m)."""
+    inverse = powers(along(moved), -1.0)
+    square = float(np.einsum("na,nab,nb->", left, inverse, left))
+    log_det = -float(np.linalg.slogdet(inverse)[1].sum())
+    trace = float(np.einsum("naa->", inverse))
+    return _log_likelihood(square, log_det, trace, left, noise.least)
 
 
 def _wandering(left: Array, recording: Recording, noise: NoisePrior, rho: float) -> float:

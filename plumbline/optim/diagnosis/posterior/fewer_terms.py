@@ -16,23 +16,23 @@ from operator import itemgetter
 
 import numpy as np
 
-from plumbline.optim.diagnosis.posterior.correlation import Correlation
+from plumbline.optim.diagnosis.posterior.correlation import RowNoise
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, stated
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import MANY_CAUSES, PAIRED
 
 Terms = Sequence[SelectedTerm]
-Told = tuple[Correlation, float]  # what some terms leave asks for, and its log odds
+Told = tuple[RowNoise, float]  # what some terms leave asks for, and its log odds
 Asked = Callable[[Terms], Told | None]  # none where that cannot be told
 
 
 def most_probable(
     problem: JointProblem, states: Sequence[Terms], asked: Asked, more: int = MANY_CAUSES
-) -> Correlation:
+) -> RowNoise:
     """The correlation of the most probable of some states, and of up to so many terms more."""
 
-    def weighed(terms: Terms) -> tuple[float, Correlation, Terms]:
-        correlation, odds = asked(terms) or ((0.0, 0.0, 0.0), -np.inf)
+    def weighed(terms: Terms) -> tuple[float, RowNoise, Terms]:
+        correlation, odds = asked(terms) or (RowNoise(), -np.inf)
         return odds + stated(problem, terms), correlation, terms
 
     back = [weighed(terms) for terms in states]

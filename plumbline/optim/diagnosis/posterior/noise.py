@@ -17,6 +17,7 @@ from plumbline.optim.core.mapped import Gram
 from plumbline.optim.diagnosis.findings import NoiseLevel
 from plumbline.optim.diagnosis.prior import ALARM, FEWEST_REPEATS, FINEST, ROUNDING
 from plumbline.optim.measurement.correlated import postures
+from plumbline.optim.measurement.refit import scattered
 from plumbline.optim.measurement.torque import stated_noise
 from plumbline.optim.recording.recording import Recording
 
@@ -24,7 +25,8 @@ from plumbline.optim.recording.recording import Recording
 def noise_of(recording: Recording, best: Solution) -> NoiseLevel:
     """One standard deviation of one measured axis, and the residual's ratio to it."""
     rows = best.gram - best.mapped.shared_gram(best.x)
-    residual = scatter_of(best, rows)
+    # What joints scatter by is no noise of the device, as it was stated.
+    residual = scatter_of(best, rows) * scattered(recording)
     known = stated_noise(recording)
     if known:
         stated = max(known, ROUNDING)

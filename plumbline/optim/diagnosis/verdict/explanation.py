@@ -17,7 +17,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     key_of,
 )
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.posterior.correlation import Correlation, correlation_of
+from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
 from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, sample
 from plumbline.optim.diagnosis.posterior.joint_problem import moved_by, stated
@@ -47,10 +47,10 @@ from plumbline.optim.diagnosis.verdict.terms import (
     terms_of,
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
-from plumbline.optim.measurement.clock import may_jitter, rates
+from plumbline.optim.measurement.clock import may_jitter, may_scatter, rates, swings
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
-from plumbline.optim.measurement.refit import as_measured
+from plumbline.optim.measurement.refit import in_shape_of_noise
 from plumbline.optim.measurement.torque import stated_noise
 
 
@@ -87,8 +87,8 @@ class Explanation:
     conditional: float = 0.0  # the same, conditional on all that is named being at work
     # probability of rows, by their number from 0, to be gross
     gross: Mapping[int, float] = field(default_factory=dict)
-    # of the noise of successive rows, of the readings of one posture, and what a clock errs by
-    correlation: Correlation = (0.0, 0.0, 0.0)
+    # how the noise of successive rows, or of readings of one posture, goes along, or is wider
+    correlation: RowNoise = field(default_factory=RowNoise)
     # of terms by their numbers, how far their values move from state to state [scale]
     spread: Mapping[int, Array] = field(default_factory=dict)
     worth: float = 1.0  # share of their number that all rows are worth in this
@@ -152,7 +152,7 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
     return replace(
         told,
         prior=unlisted,
-        correlation=_correlation(selected, alt, state),
+        correlation=_correlation(selected, alt, state, many=many),
         worth=told.worth * rows / len(recording),
         one_by_one=many,
         compared=rows if len(recording) > MOST_COMPARED_ROWS else 0,
@@ -228,11 +228,14 @@ def _correlation(
     selected: SelectedModel,
     alt: Alternatives,
     state: Sequence[SelectedTerm],
-) -> Correlation:
+    *,
+    many: bool,
+) -> RowNoise:
     """How far rows know of each other, by what a state leaves, or leaves without its unlisted.
 
     Its own: beside the causes of one state the unlisted of another does what none of both does.
     Where postures were read again, by what one of fewer terms leaves too.
+    What many causes leave is of more still, and looks like noise of whatever moves.
     """
     pool, problem = selected.pool, alt.problem
     recording = pool.model.recording
@@ -241,22 +244,27 @@ def _correlation(
     # Along one motion all that is missing wanders; several recordings are not in one order;
     # what touches of one marker share is as stated of its CT, or its place, a cause.
     in_order = not (recording.session or (moving and not told) or recording.kind.fiducials)
-    late = may_jitter(recording)
-    if not (in_order or late):
-        return 0.0, recording.alike, 0.0
+    late, loose = may_jitter(recording), not many and may_scatter(recording)
+    if not (in_order or late or loose):
+        return RowNoise(alike=recording.alike)
     trusted = pool.model.problem.weights[alt.rows] > 0.0
     recording = recording.select(alt.rows[trusted])
-    v = rates(recording, rotation_lever(recording)) if late else None
+    again = len(np.unique(postures(recording))) < len(recording)
+    lever, ones = rotation_lever(recording), np.ones_like(alt.spread)
+    v = rates(recording, lever) if late else None
+    moved = swings(recording, lever) if loose and not again else None
 
-    def asked(terms: Sequence[SelectedTerm]) -> tuple[Correlation, float] | None:
-        left = alt.left(terms, problem.variance(terms))[trusted]
-        if late:
-            left = as_measured(recording, left * alt.spread)
-        elif moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
+    def asked(terms: Sequence[SelectedTerm]) -> tuple[RowNoise, float] | None:
+        left, spread = alt.left(terms, problem.variance(terms))[trusted], alt.spread
+        if late or recording.uneven:
+            left, spread = in_shape_of_noise(recording, left * spread), ones
+        if not late and moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
             return None  # what is missing adds to a stated noise, where noise that wanders is in it
-        return correlation_of(left, recording, pool.noise, v, in_order=in_order)
+        return correlation_of(
+            left, recording, pool.noise, v, moved, in_order=in_order, spread=spread
+        )
 
-    if len(np.unique(postures(recording))) < len(recording):
+    if again:
         return most_probable(problem, list(taken_back(problem, state)), asked)
     lacked = _unlisted(alt, state)
     listed = [t for t in state if t not in lacked]
@@ -264,7 +272,7 @@ def _correlation(
         (asked([*listed, *some]), added_evidence(problem, listed, some)) for some in (lacked, [])
     )
     known = [(told[1] + log_odds, told[0]) for told, log_odds in tried if told]
-    return max(known, default=(0.0, (0.0, 0.0, 0.0)))[1]
+    return max(known, default=(0.0, RowNoise()))[1]
 
 
 def _told(alt: Alternatives, found: Sampled) -> Explanation:

@@ -54,7 +54,7 @@ from plumbline.optim.diagnosis.verdict.where import expected_shares, shares
 from plumbline.optim.diagnosis.verdict.words import blame_of, merged
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.pose_noise import correlation_of_ways
-from plumbline.optim.measurement.refit import figure
+from plumbline.optim.measurement.refit import figure, scattered
 from plumbline.optim.measurement.torque import newton_metres, own_units
 from plumbline.optim.recording.constants import ASKED
 from plumbline.optim.recording.recording import Recording
@@ -230,7 +230,7 @@ def _notes(
     ):
         taken = f"{quantity(noise.sigma, gap.unit)} an axis is taken for noise"
         notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")
-    notes += _correlated(recording, noise.sigma)
+    notes += _correlated(recording, noise)
     if told.compared:
         rows = f"{told.compared} of {len(selected.model.recording)} rows, evenly spread"
         notes.append(f"probabilities and the tree are from {rows}; fits and figures are of all")
@@ -303,15 +303,33 @@ def _missed(gap: Gap, noise: NoiseLevel, *, formless: bool, noisier: bool) -> It
         )
 
 
-def _correlated(recording: Recording, sigma: float) -> Iterator[str]:
+def loose_joints(recording: Recording, noise: NoiseLevel) -> str:
+    """What is said of joints that scatter."""
+    assert recording.scatter is not None
+    sigma = noise.ratio * noise.sigma / scattered(recording)
+    kinds = zip(recording.scatter.tolist(), recording.chain.kinds, strict=True)
+    sizes = [quantity(k * sigma, "rad" if kind == "revolute" else "m") for k, kind in kinds]
+    which = [f"joint {j + 1} by {sizes[j]}" for j in np.flatnonzero(recording.scatter)]
+    if len(set(sizes)) == 1:
+        which = [f"each joint by {sizes[0]}"]
+    return (
+        f"from row to row {', '.join(which)} (1 sigma) is elsewhere than it reads, as where "
+        f"encoders or drives do not repeat, beside {quantity(sigma, recording.kind.unit)} of each "
+        "reading: no model foretells that"
+    )
+
+
+def _correlated(recording: Recording, noise: NoiseLevel) -> Iterator[str]:
     """What is said of rows that know of each other, or err with their speed."""
     if recording.jitter:
-        off = recording.jitter * sigma
+        off = recording.jitter * noise.sigma
         by = f"{off:.2g} of a row" if recording.time is None else quantity(off, "s")
         yield (
             f"noise along the way grows with the speed, as where a clock is uncertain by {by} "
             "(1 sigma): fast rows count for less"
         )
+    if recording.scatter is not None:
+        yield loose_joints(recording, noise)
     if recording.pose_spread is not None:
         yield (
             "errors of a pose's place and turn go along (by up to "
