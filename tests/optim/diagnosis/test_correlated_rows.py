@@ -15,12 +15,13 @@ from plumbline.optim.diagnosis.diagnose import _told_apart, _worth_the_same, dia
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
-from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 from plumbline.optim.diagnosis.prior import CORRELATIONS, SCALES
+from plumbline.optim.diagnosis.verdict.explanation import _correlation
 from plumbline.optim.diagnosis.verdict.judge import _correlated
 from plumbline.optim.measurement.correlated import Whitening, copied, follows_of, postures, trust
 from plumbline.optim.measurement.observation import build_model, scope_of
@@ -281,6 +282,35 @@ def test_of_a_long_state_the_terms_that_are_no_model_s_go_one_by_one(rows):
     back = list(taken_back(asked, every))
     assert most_probable(asked, back, left, 0)[1] == pytest.approx(0.9, abs=0.06)
     assert most_probable(asked, [every], left, 0)[1] <= 0.3
+
+
+@pytest.mark.parametrize(("moved", "wander"), [(0.0, 0.9), (9.0, 0.0)])
+def test_a_drift_stands_against_noise_that_wanders(rows, moved, wander):
+    """What a drift leaves is white, and without it wanders: the more probable of the two counts."""
+    rng, n = np.random.default_rng(0), len(rows)
+    X = rng.normal(size=(3 * n, 6))
+    t = moved * X @ np.ones(6) + rng.normal(size=3 * n)
+    drift = Candidate(REGISTRY["base_drift"](), np.arange(6), 0.0)
+    asked = JointProblem(
+        statistics(X, t), (drift,), NoisePrior(),
+        np.zeros(1), np.zeros(1, dtype=bool), np.zeros((2, 1), dtype=int),
+    )  # fmt: skip
+    white, alone = rng.normal(size=(n, 3)), wandering((n, 3), 0.9, rng)
+    model = SimpleNamespace(recording=rows, problem=SimpleNamespace(weights=np.ones(n)))
+    selected = SimpleNamespace(pool=SimpleNamespace(model=model, noise=NoisePrior()))
+
+    def left(terms, variance):
+        return white if terms else alone
+
+    alt = SimpleNamespace(
+        problem=asked,
+        rows=np.arange(n),
+        term=[drift].__getitem__,
+        left=left,
+        spread=np.ones((n, 3)),
+    )
+    found = _correlation(selected, alt, [SelectedTerm(0, 1.0)], many=True)
+    assert found.wander == pytest.approx(wander, abs=0.11)
 
 
 def test_of_fewer_terms_the_least_probable_goes_first_and_gross_rows_stay(rows):

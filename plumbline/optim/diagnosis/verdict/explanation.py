@@ -18,6 +18,7 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
 )
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
+from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, sample
 from plumbline.optim.diagnosis.posterior.joint_problem import moved_by, stated
@@ -224,6 +225,12 @@ def _unlisted(alt: Alternatives, state: Sequence[SelectedTerm]) -> list[Selected
     return [t for t in state if isinstance(alt.term(t.index), Unlisted)]
 
 
+def _timed(alt: Alternatives, state: Sequence[SelectedTerm]) -> list[SelectedTerm]:
+    """Listed causes that follow the clock, as noise that wanders may."""
+    terms = {t: alt.term(t.index) for t in state}
+    return [t for t, c in terms.items() if isinstance(c, Candidate) and c.effect.runs_with_time()]
+
+
 def _correlation(
     selected: SelectedModel,
     alt: Alternatives,
@@ -231,7 +238,9 @@ def _correlation(
     *,
     many: bool,
 ) -> RowNoise:
-    """How far rows know of each other, by what a state leaves, or leaves without its unlisted.
+    """How far rows know of each other, by what a state leaves, or leaves without what may be noise.
+
+    That is its unlisted, and what is listed and follows the clock.
 
     Its own: beside the causes of one state the unlisted of another does what none of both does.
     Where postures were read again, by what one of fewer terms leaves too.
@@ -266,10 +275,11 @@ def _correlation(
 
     if again:
         return most_probable(problem, list(taken_back(problem, state)), asked)
-    lacked = _unlisted(alt, state)
-    listed = [t for t in state if t not in lacked]
+    lacked, timed = _unlisted(alt, state), _timed(alt, state)
+    rest = [t for t in state if t not in (*lacked, *timed)]
     tried = (
-        (asked([*listed, *some]), added_evidence(problem, listed, some)) for some in (lacked, [])
+        (asked([*rest, *some]), added_evidence(problem, rest, some))
+        for some in ([*timed, *lacked], timed, [])
     )
     known = [(told[1] + log_odds, told[0]) for told, log_odds in tried if told]
     return max(known, default=(0.0, RowNoise()))[1]
