@@ -202,6 +202,29 @@ def test_what_resembles_an_effect_has_its_bounds(beside):
         assert all(tuple(limits) == ANY for limits in rest)
 
 
+@pytest.mark.parametrize(
+    ("on", "may"),
+    [
+        ("load", True),
+        ("another joint's angle", False),
+        ("two angles", False),
+        ("own angle, locally", False),
+        ("moment", False),
+    ],
+)
+def test_what_has_many_forms_of_its_own_is_no_deviation_of_a_listed_effect(on, may, beside):
+    """Nearly an effect, but for what may be anything, would be no effect at all."""
+    recording, ports, *_ = beside
+    listed = Candidate(JointCompliance(joint=1), np.array([0]), 0.0)
+    size = (1, *ports.target.shape)
+    family = Dependence(on, on, "joint", 1, np.random.default_rng(0).normal(size=size))
+    found, none = (
+        len(list(resembling([listed], given, recording, ports, lambda c: np.linalg.norm(c))))
+        for given in ([family], [])
+    )
+    assert (found > none) is may
+
+
 def test_what_resembles_a_ripple_may_have_any_form_of_its_period():
     """Harmonics of its order are among its deviations, whatever the order."""
     recording, _ = place()
