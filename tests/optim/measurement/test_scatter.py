@@ -13,6 +13,7 @@ from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
+from plumbline.optim.diagnosis.prior import LEAST_SPREAD
 from plumbline.optim.measurement.clock import may_scatter, swings, wider
 from plumbline.optim.measurement.observation import build_model, rotation_lever
 from plumbline.optim.measurement.refit import in_noise, in_shape_of_noise, scattered
@@ -115,6 +116,17 @@ def test_joints_scatter_instead_of_an_axis_that_is_noisier(axis, taken):
         left / spread, recording, NoisePrior.of(SIGMA), moved=moved, spread=spread
     )
     assert bool(found.scatter) is taken
+
+
+@pytest.mark.parametrize("stated", [None, 1.0])
+def test_a_device_has_noise_of_its_own_however_much_joints_scatter(stated):
+    """At the least what is stated, or a twentieth: rows in a plane are no joints that scatter."""
+    recording, rng = loose((0.0,) * 6, rows=60), np.random.default_rng(5)
+    moved = swings(recording, 1.0) * np.array([1.0, 1.0, 0.0])
+    left = rng.normal(size=(60, 3)) * np.array([1.0, 1.0, 0.0])
+    spread = np.sqrt(np.maximum(np.mean(left**2, axis=0) / np.mean(left**2), LEAST_SPREAD))
+    given = {"moved": moved, "spread": spread}
+    assert correlation_of(left / spread, recording, NoisePrior.of(stated), **given)[0] == RowNoise()
 
 
 def test_of_joints_that_stand_where_they_read_nothing_is_asked():

@@ -26,7 +26,13 @@ from numpy.typing import NDArray
 from plumbline.optim.core.mapped import less_foretold
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
-from plumbline.optim.diagnosis.prior import CORRELATIONS, JITTERS, LEAST_SWING, NOISE_NEGLIGIBLE
+from plumbline.optim.diagnosis.prior import (
+    CORRELATIONS,
+    JITTERS,
+    LEAST_SPREAD,
+    LEAST_SWING,
+    NOISE_NEGLIGIBLE,
+)
 from plumbline.optim.measurement.clock import along, powers
 from plumbline.optim.measurement.correlated import follows_of, postures
 from plumbline.optim.recording.recording import Recording
@@ -74,16 +80,22 @@ def correlation_of(
     v = np.zeros_like(left) if v is None else v
     for ratio in JITTERS if v.any() else ():
         size = ratio / float(np.sqrt(np.mean(v**2)))
-        tried[RowNoise(jitter=size)] = _wide(left, size * v[None], noise) - price
+        tried[RowNoise(jitter=size)] = _wide(left, size * v[None], noise.least) - price
     near = min(tried, key=lambda found: float(np.abs(np.subtract(found[:3], now[:3])).sum()))
-    if moved is not None:
-        own, handicap = left * spread, _log_odds_of(spread, len(left))
-        found = list(_scatters(own, moved))
+    own = left * spread
+    square = np.mean(own**2, axis=0)
+    # Where an axis has no noise, as in a plane, joints would seem to scatter.
+    if moved is not None and square.min() > LEAST_SPREAD * square.mean():
+        handicap = _log_odds_of(spread, len(left))
+        # A device's noise is no less than it is stated, nor all but nought.
+        least = noise.sigma or float(np.sqrt(LEAST_SPREAD * square.mean()))
+        least = max(least, noise.least)
+        found = list(_scatters(own, moved, least))
         if recording.scatter is not None:
             near = RowNoise(scatter=tuple(recording.scatter.tolist()))
             found.append(recording.scatter)
         for k in found:
-            likely = _priced(own, moved, noise, k) - handicap
+            likely = _priced(own, moved, least, k) - handicap
             tried[RowNoise(scatter=tuple(k.tolist()))] = likely
     best = max(tried, key=lambda found: tried[found])
     return best, tried[best] - tried[near]
@@ -97,10 +109,10 @@ def _log_odds_of(spread: Array | float, rows: int) -> float:
     return float(-rows * np.log(spread).sum() - price)
 
 
-def _scatters(left: Array, moved: Array) -> Iterator[Array]:
+def _scatters(left: Array, moved: Array, least: float) -> Iterator[Array]:
     """What joints scatter by (n,), over the noise: all alike, each as it likes, fewer and fewer.
 
-    The size of the noise is worked out, as above.
+    The size of the noise is worked out, as above, and has a least one.
     """
     usual = np.sqrt(np.mean(np.sum(moved**2, axis=2), axis=1))
     seen = usual > LEAST_SWING * usual.max(initial=0.0)
@@ -113,9 +125,15 @@ def _scatters(left: Array, moved: Array) -> Iterator[Array]:
             k = np.sqrt(shares @ ways**2)
             inverse = powers(along(k[:, None, None] * moved), -1.0)
             gone = np.einsum("na,nab->nb", left, inverse)
-            square = float(np.sum(gone * left))
-            own = np.einsum("kna,nab,knb->k", moved, inverse, moved)
+            square, floor = (
+                float(np.sum(gone * left)),
+                least**2 * float(np.einsum("naa->", inverse)),
+            )
+            seen = np.einsum("kna,nab->knb", moved, inverse)
+            own = np.sum(seen * moved, axis=(1, 2))
             told = np.sum(np.einsum("kna,na->kn", moved, gone) ** 2, axis=1)
+            if floor > square:
+                square, told = floor, least**2 * np.sum(seen**2, axis=(1, 2))
             slope = 0.5 * (ways**2 @ (own - left.size * told / square))
             log_det = -float(np.linalg.slogdet(inverse)[1].sum())
             return 0.5 * (log_det + left.size * float(np.log(square))), slope
@@ -132,7 +150,7 @@ def _scatters(left: Array, moved: Array) -> Iterator[Array]:
         some = some[np.argsort(k[some] / unit[some])[1:]]
 
 
-def _priced(left: Array, moved: Array, noise: NoisePrior, k: Array) -> float:
+def _priced(left: Array, moved: Array, least: float, k: Array) -> float:
     """Log likelihood of what joints scatter by (n,), less the price of as many numbers.
 
     Which joints was chosen, of one number that all have nothing.
@@ -140,7 +158,7 @@ def _priced(left: Array, moved: Array, noise: NoisePrior, k: Array) -> float:
     numbers = len(np.unique(k[k > 0.0]))
     ways = 0.0 if k.all() and numbers == 1 else numbers * float(np.log(len(k)))
     price = NOISE_NEGLIGIBLE + 0.5 * numbers * float(np.log(max(left.size, 2))) + ways
-    return _wide(left, k[:, None, None] * moved, noise) - price
+    return _wide(left, k[:, None, None] * moved, least) - price
 
 
 def _log_likelihood(
@@ -154,13 +172,13 @@ def _log_likelihood(
     return -0.5 * (log_det + left.size * float(np.log(known)))
 
 
-def _wide(left: Array, moved: Array, noise: NoisePrior) -> float:
+def _wide(left: Array, moved: Array, least: float) -> float:
     """Of noise that is wider along some ways (K, N, m)."""
     inverse = powers(along(moved), -1.0)
     square = float(np.einsum("na,nab,nb->", left, inverse, left))
     log_det = -float(np.linalg.slogdet(inverse)[1].sum())
     trace = float(np.einsum("naa->", inverse))
-    return _log_likelihood(square, log_det, trace, left, noise.least)
+    return _log_likelihood(square, log_det, trace, left, least)
 
 
 def _wandering(left: Array, recording: Recording, noise: NoisePrior, rho: float) -> float:
