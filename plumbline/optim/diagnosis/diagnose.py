@@ -37,13 +37,13 @@ from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.diagnosis.verdict.settled import settled
 from plumbline.optim.diagnosis.verdict.terms import with_terms
 from plumbline.optim.loading import load_to_diagnose
-from plumbline.optim.measurement.clock import swings
 from plumbline.optim.measurement.correlated import copied
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
 from plumbline.optim.measurement.pose_noise import told_by
 from plumbline.optim.measurement.refit import always_fitted
 from plumbline.optim.measurement.torque import own_units, stated_noise
+from plumbline.optim.measurement.uneven import swings
 from plumbline.optim.recording.disagreement import unmet, zeros_by_mounting
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible, refuse_wrong_set_up

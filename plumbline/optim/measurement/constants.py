@@ -1,10 +1,12 @@
 """What rows measured: numbers, each with its unit and where it comes from."""
 
-# Clock
+# Uneven noise
 # Share of the way from the row before to the row behind by which a row is off their middle, up to
 # which these tell its speed: of a sine of 0.93 radian a row to 14 %. Stops anywhere are off by 0.9.
 SMOOTH = 0.25
-# [rad or m] by which a joint is turned to see what it moves: to 1e-10 of that, as rounding leaves
+# [rad or m] by which a joint is turned to see what it moves: of central differences the square of
+# the step, 1e-10, is as much as rounding leaves (Nocedal and Wright 2006, Numerical Optimization,
+# sec. 8.1; test_scatter.py fails at 1e-3)
 TURNED = 1e-5
 
 # Nuisance

@@ -21,7 +21,6 @@ from plumbline.kinematics.effects import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.measurement.clock import powers, wider
 from plumbline.optim.measurement.constants import MASS_PER_METRE, ONE_MOTION
 from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import (
@@ -38,6 +37,7 @@ from plumbline.optim.measurement.session import (
     session_residual,
 )
 from plumbline.optim.measurement.torque import torque_residual
+from plumbline.optim.measurement.uneven import powers, wider
 from plumbline.optim.recording.constants import LEVER, SAME_POSTURE
 from plumbline.optim.recording.recording import Recording, one_hot_sockets
 from plumbline.optim.recording.session import apart

@@ -15,10 +15,10 @@ from plumbline.kinematics.effects.confined import confined, parts_of
 from plumbline.optim.core.judged import Judged, Solution, judged
 from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.core.solvers import LevenbergMarquardt
-from plumbline.optim.measurement.clock import in_shape, rates, swings, whitened, widened, wider
 from plumbline.optim.measurement.observation import build_model, rotation_lever, scope_of
 from plumbline.optim.measurement.pose_noise import as_read
 from plumbline.optim.measurement.session import merged_scope
+from plumbline.optim.measurement.uneven import in_shape, rates, swings, whitened, widened, wider
 from plumbline.optim.recording.recording import Recording, Session
 from plumbline.optim.recording.session import apart
 
@@ -166,7 +166,7 @@ def in_noise(recording: Recording, values: Array) -> Array:
     return whitened(values, _wider(recording)) if recording.uneven else values
 
 
-def in_shape_of_noise(recording: Recording, residuals: Array) -> Array:
+def before_whitening(recording: Recording, residuals: Array) -> Array:
     """Residuals (N, m) in units of a noise that is no wider along any way, but as it is shaped."""
     return widened(residuals, _wider(recording)) if recording.uneven else residuals
 
@@ -177,7 +177,7 @@ def _wider(recording: Recording) -> Array:
 
 def as_measured(recording: Recording, residuals: Array) -> Array:
     """Residuals (N, m) as they were measured, not in units of one noise."""
-    residuals = in_shape_of_noise(recording, residuals)
+    residuals = before_whitening(recording, residuals)
     if recording.pose_spread is not None:
         residuals = as_read(recording, residuals)
     shape = recording.noise_shape if recording.several else None

@@ -13,9 +13,9 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.prior import JITTERS
-from plumbline.optim.measurement.clock import along, may_jitter, rates, whitened, widened
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.refit import smear
+from plumbline.optim.measurement.uneven import along, may_jitter, rates, whitened, widened
 from plumbline.optim.recording.building import build_recording
 from tests.benches import bench, residuals
 from tests.few_effects import FEW_EFFECTS

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.measurement.clock import rates
 from plumbline.optim.measurement.observation import build_model
 from plumbline.optim.measurement.pose_noise import correlation_of_ways, in_one_noise, told_by
 from plumbline.optim.measurement.refit import as_measured, in_noise
+from plumbline.optim.measurement.uneven import rates
 from tests.benches import bench
 
 MARKERS = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.05, 0.18, 0.02]])

@@ -1,6 +1,7 @@
 """Laws of joints that do not stand where they read: noise along what each joint moves."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as cs
 import numpy as np
@@ -14,9 +15,10 @@ from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.prior import LEAST_SPREAD
-from plumbline.optim.measurement.clock import may_scatter, swings, wider
+from plumbline.optim.diagnosis.verdict.explanation import _correlation
 from plumbline.optim.measurement.observation import build_model, rotation_lever
-from plumbline.optim.measurement.refit import in_noise, in_shape_of_noise, scattered
+from plumbline.optim.measurement.refit import before_whitening, in_noise, scattered
+from plumbline.optim.measurement.uneven import may_scatter, swings, wider
 from plumbline.optim.recording.building import build_recording
 from tests.benches import bench
 from tests.few_effects import FEW_EFFECTS
@@ -64,7 +66,7 @@ def test_of_joints_that_scatter_all_is_whitened_alike(observation):
     start = build_model(recording).start
     left, seen = r.residuals(start), white.residuals(start)
     np.testing.assert_allclose(in_noise(uneven, left), seen, atol=1e-12)
-    np.testing.assert_allclose(in_shape_of_noise(uneven, seen), left, atol=1e-12)
+    np.testing.assert_allclose(before_whitening(uneven, seen), left, atol=1e-12)
     S = wider(uneven, rotation_lever(uneven))
     drawn = np.mean(np.trace(S, axis1=1, axis2=2)) / S.shape[1]
     assert scattered(uneven) == pytest.approx(np.sqrt(drawn))
@@ -149,6 +151,23 @@ def test_joints_that_scatter_are_no_mechanism_and_their_size_is_told(off, seed):
     np.testing.assert_allclose(sigma * found.recording.scatter, off, atol=4e-5)
     (said,) = [note for note in found.verdict.notes if "elsewhere than it reads" in note]
     assert ("each joint" in said) == all(off)
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_where_many_causes_are_at_work_no_joint_is_asked(many):
+    """What many causes leave is of more still: the UR5's grid and panda-3 had lost some to it."""
+    recording = loose((0, 2e-4, 0, 0, 0, 0))
+    model = build_model(recording)
+    pool = SimpleNamespace(model=model, noise=NoisePrior.of(SIGMA))
+    left = Mapped(model.problem).residuals(model.start)
+    alt = SimpleNamespace(
+        problem=SimpleNamespace(variance=lambda terms: SIGMA**2),
+        rows=np.arange(len(recording)),
+        left=lambda terms, variance: left,
+        spread=np.ones(3),
+    )
+    found = _correlation(SimpleNamespace(pool=pool), alt, [], many=many)
+    assert bool(found.scatter) is not many
 
 
 def test_what_joints_scatter_by_is_no_noise_that_is_stated():

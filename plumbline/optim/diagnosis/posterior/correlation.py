@@ -3,7 +3,7 @@ r"""Whether rows know of each other, or err with their speed: by evidence, of wh
 What is left of m components a row is Gaussian with correlation :math:`\rho^d` between rows d apart,
 or c between readings of one posture, or wider along a row's motion by what its clock is uncertain
 of, or along what its joints move by what these scatter, see
-:mod:`plumbline.optim.measurement.clock`. With R its correlation matrix and the noise's size
+:mod:`plumbline.optim.measurement.uneven`. With R its correlation matrix and the noise's size
 integrated out, of which a statement says nothing here: where it is too large, rows would seem
 alike,
 
@@ -33,8 +33,8 @@ from plumbline.optim.diagnosis.prior import (
     LEAST_SWING,
     NOISE_NEGLIGIBLE,
 )
-from plumbline.optim.measurement.clock import along, powers
 from plumbline.optim.measurement.correlated import follows_of, postures
+from plumbline.optim.measurement.uneven import along, powers
 from plumbline.optim.recording.recording import Recording
 
 

@@ -48,11 +48,11 @@ from plumbline.optim.diagnosis.verdict.terms import (
     terms_of,
 )
 from plumbline.optim.diagnosis.verdict.tree import Place, tree_of
-from plumbline.optim.measurement.clock import may_jitter, may_scatter, rates, swings
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import rotation_lever, scope_of
-from plumbline.optim.measurement.refit import in_shape_of_noise
+from plumbline.optim.measurement.refit import before_whitening
 from plumbline.optim.measurement.torque import stated_noise
+from plumbline.optim.measurement.uneven import may_jitter, may_scatter, rates, swings
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,7 @@ def _correlation(
     def asked(terms: Sequence[SelectedTerm]) -> tuple[RowNoise, float] | None:
         left, spread = alt.left(terms, problem.variance(terms))[trusted], alt.spread
         if late or recording.uneven:
-            left, spread = in_shape_of_noise(recording, left * spread), ones
+            left, spread = before_whitening(recording, left * spread), ones
         if not late and moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
             return None  # what is missing adds to a stated noise, where noise that wanders is in it
         return correlation_of(
