@@ -153,6 +153,11 @@ FEWEST_POSTURES = 10  # postures: the best of two hundred set-ups may fit fewer 
 MOST_SIGNS = 7  # joints of which all patterns of signs are tried: 127 of them
 # Of the misfit: two set-ups that leave less are one, such as a half turn of a shoulder.
 ONE_SET_UP = 1e-3
+WINDOWS = 40  # of successive rows, one of which meets the model as it is (cost only)
+# Rows next to a part that is right, of a frame that is known: by chance one in 1e3 is mended.
+FEWEST_MENDED = 4
+WHOLE = 0.8  # of such rows, where they are in a frame of their own: the others may be gross
+ROWS_OFF = 3  # rows by which measurements of a part may be late or early: readings lost in a row
 IN_A_SOCKET = 4  # rows, at least: k-means then left a fifth of 300 drawn scatters at the least
 SOCKET_STARTS = 20  # of k-means
 LISTED_SET_UPS = 3  # set-ups that a line names

@@ -22,7 +22,8 @@ import numpy as np
 from plumbline.errors import fault
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.set_up import missed as misfit_of
-from plumbline.optim.recording.set_up import whole_turns, wrong_set_up
+from plumbline.optim.recording.set_up import wrong_set_up
+from plumbline.optim.recording.slips import whole_turns
 from plumbline.optim.recording.table import Array, Origin
 from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of, spread
 

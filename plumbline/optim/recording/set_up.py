@@ -6,20 +6,16 @@ The misfit of a set-up is what it leaves after the best frame F, tool d and sock
           \operatorname{median}_i |p_i + R_i d - s_{k(i)}|
 
 (the minimum by squares). Signs of joints, zeros off by quarters of a turn, swapped columns, joints
-that count from others, mirrored axes, inverted poses, measurements a row late, rows in other
-sockets, DH rows of the other convention and the other robots of the package are tried in turn. A
-gap of the robot itself, however large, is mended by none of them.
-
-What is left once a slip of columns is undone are the gaps after the best frame F, shift t and,
-where it is free, tool d, all by squares,
-
-.. math:: \min_{F, t, d} \sum_i |F\,(p_i + R_i d) + t - y_i|^2
+that count from others, mirrored axes, inverted poses, measurements or a joint a row late, rows in
+other sockets, DH rows of the other convention and the other robots of the package are tried in
+turn, and what mends a part of the rows (:mod:`plumbline.optim.recording.from_a_row_on`). A gap of
+the robot itself, however large, is mended by none of them.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import TYPE_CHECKING, NamedTuple
@@ -31,23 +27,26 @@ from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.recording import constants
-from plumbline.optim.recording.constants import FRAME_STEPS, HARDLY_TOLD
-from plumbline.optim.recording.table import Array, Flags, Integers
-from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of
+from plumbline.optim.recording.best_frame import least, matched
+from plumbline.optim.recording.from_a_row_on import mended_from_a_row_on
+from plumbline.optim.recording.slips import (
+    TURNED,
+    counted_from_others,
+    moved_zero,
+    named,
+    signs,
+    swapped,
+    swaps,
+    turned_round,
+    turned_signs,
+    whole_turns,
+    zeros,
+)
+from plumbline.optim.recording.table import Array, Integers
+from plumbline.optim.rigid import nearest_rotation, rotations, some_of
 
 if TYPE_CHECKING:
     from plumbline.optim.recording.recording import Recording
-
-
-TURNED = ("", "90 degrees", "180 degrees", "-90 degrees")
-UNIT_CROSSES = np.cross(np.eye(3)[None], np.eye(3)[:, None]).reshape(3, 9)
-
-
-class Slip(NamedTuple):
-    """One slip undone."""
-
-    change: str  # what is other, in words
-    q: Array  # joint readings (N, n) without it
 
 
 class Other(NamedTuple):
@@ -56,105 +55,6 @@ class Other(NamedTuple):
     change: str  # what is other in it, in words
     recording: Recording
     q: Array  # its joint readings (N, n)
-
-
-def signs(q: Array) -> Iterator[Slip]:
-    """One sign turned."""
-    for j in range(q.shape[1]):
-        yield Slip(f"the sign of {named([j])} turned", turned_signs(q, [j]))
-
-
-def zeros(q: Array, turns: Flags) -> Iterator[Slip]:
-    """One zero moved by quarters of a turn, of joints that turn."""
-    for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
-        change = f"{TURNED[quarter]} added to q{j + 1}"
-        yield Slip(change, moved_zero(q, j, quarter))
-
-
-def swaps(q: Array) -> Iterator[Slip]:
-    """Two columns swapped."""
-    for i, j in combinations(range(q.shape[1]), 2):
-        yield Slip(f"q{i + 1} and q{j + 1} swapped", swapped(q, i, j))
-
-
-def turned_round(q: Array) -> Iterator[Slip]:
-    """All columns in reverse order."""
-    yield Slip("the joints in reverse order", q[:, ::-1])
-
-
-def counted_from_others(q: Array, turns: Flags) -> Iterator[Slip]:
-    """Joints in a row, each of which counts from where the one before it points, or against it.
-
-    So the drives of parallelograms count, whose links keep their direction.
-    """
-    for first, last in combinations(range(q.shape[1]), 2):
-        rest = range(first + 1, last + 1)
-        for by in (-1.0, 1.0) if all(turns[first : last + 1]) else ():
-            pairs = ", ".join(f"[{j + 1}, {j}, {by}]" for j in rest)
-            other = q.copy()
-            other[:, first + 1 : last + 1] += by * q[:, first:last]
-            yield Slip(f"couplings = [{pairs}] in [robot]", other)
-
-
-def turned_signs(q: Array, joints: Sequence[int]) -> Array:
-    """Readings (N, n) with the signs of some joints (from 0) turned."""
-    return q * np.where(np.isin(np.arange(q.shape[1]), joints), -1.0, 1.0)
-
-
-def moved_zero(q: Array, joint: int, quarters: int) -> Array:
-    """Readings (N, n) with quarters of a turn added to one joint (from 0)."""
-    return q + quarters * np.pi / 2 * (np.arange(q.shape[1]) == joint)
-
-
-def swapped(values: Array, i: int, j: int) -> Array:
-    """Values (N, n) with two columns (from 0) swapped."""
-    order = np.arange(values.shape[1])
-    order[[i, j]] = j, i
-    return values[:, order]
-
-
-def whole_turns(apart: Array) -> Array:
-    """How many turns angles (N,) [rad], which are known to a turn alone, are off their middle."""
-    middle = np.angle(np.exp(1j * apart).mean())
-    return np.asarray(np.round((apart - middle) / (2 * np.pi)))
-
-
-def named(joints: Sequence[int]) -> str:
-    """Joints (from 0) by the names of their columns."""
-    return ", ".join(f"q{j + 1}" for j in joints)
-
-
-def matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array, Array]:
-    """The best frame's rotation (..., 3, 3), and measured minus predicted (..., N, 3) in it [m].
-
-    R (..., N, 3, 3) and p (..., N, 3) [m] are the tips' as predicted, by as many set-ups as may be;
-    ``fit_tool`` frees the tool.
-    """
-    a, y = p - p.mean(axis=-2, keepdims=True), measured - measured.mean(axis=0)
-    inner, tool = R - R.mean(axis=-3, keepdims=True), np.zeros((*p.shape[:-2], 1, 3, 1))
-    F, v = best_rotation(a, y), a
-    for _ in range(FRAME_STEPS if fit_tool else 0):
-        J = np.concatenate([-_cross(v), inner], axis=-1)
-        tool = tool + _least(J, y @ F - v)[..., None, 3:, None]
-        v = a + (inner @ tool)[..., 0]
-        F = best_rotation(v, y)
-    return F, y - v @ np.swapaxes(F, -1, -2)
-
-
-def _least(J: Array, gaps: Array) -> Array:
-    """Unknowns (..., k) that make gaps (..., N, 3) least by their columns (..., N, 3, k)."""
-    J = J.reshape(*J.shape[:-3], -1, J.shape[-1])
-    J_T = np.swapaxes(J, -1, -2)
-    values, vectors = np.linalg.eigh(J_T @ J)
-    told = values > HARDLY_TOLD**2 * values[..., -1:]
-    inverse = np.divide(1.0, values, out=np.zeros_like(values), where=told)
-    turned = np.swapaxes(vectors, -1, -2) @ (J_T @ gaps.reshape(*J.shape[:-1], 1))
-    return np.asarray((vectors @ (inverse[..., None] * turned))[..., 0])
-
-
-def _cross(v: Array) -> Array:
-    """Matrices (..., 3, 3) that take the cross products of vectors (..., 3) with another."""
-    return np.asarray(v @ UNIT_CROSSES).reshape(*v.shape, 3)
 
 
 # x, y, z, and qw, qx, qy, qz of the rotations seen in a mirror
@@ -228,6 +128,9 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
         changes, of, q = zip(*each, strict=True)
         tried += zip(changes, _missed(of[0], np.stack(q)).tolist(), strict=True)
     left = min(left for _, left in tried)
+    part = mended_from_a_row_on(recording)
+    if part and part.left < constants.MENDED * min(own, left):
+        return WrongSetUp(*part)
     if not left < constants.MENDED * own:
         return None
     alike = [
@@ -262,7 +165,7 @@ def _apart_in_sockets(R: Array, p: Array, socket: Integers, fit_tool: bool) -> A
     a = _about_middle(p, hot)
     if fit_tool:
         inner = _about_middle(R.reshape(*p.shape[:2], 9), hot).reshape(R.shape)
-        a = a + (inner @ _least(inner, -a)[:, None, :, None])[..., 0]
+        a = a + (inner @ least(inner, -a)[:, None, :, None])[..., 0]
     return np.asarray(np.median(np.linalg.norm(a, axis=2), axis=1))
 
 
@@ -281,13 +184,17 @@ def _turned(R: Array, quaternions: Array, fit_tool: bool) -> Array:
 
 
 def _a_row_off(recording: Recording, some: Integers) -> Iterator[Other]:
-    """Measurements that stand a row too late or too early, of postures that are no path in time."""
+    """What was measured, or a joint, a row too late or early, of postures that are no path."""
     if recording.kind.sockets or recording.time is not None or recording.velocity is not None:
         return
     for by, side in ((1, "late"), (-1, "early")):
         met = some[(some + by >= 0) & (some + by < len(recording))]
         moved = replace(recording.select(met), measured=recording.measured[met + by])
         yield Other(f"what was measured a row too {side}", moved, moved.q)
+        kept = recording.select(met)
+        for j, own in enumerate(np.eye(recording.q.shape[1], dtype=bool)):
+            q = np.where(own, recording.q[met + by], kept.q)
+            yield Other(f"q{j + 1} a row too {side}", kept, q)
 
 
 def _others(r: Recording) -> Iterator[Other]:

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.recording.set_up import (
-    matched,
+from plumbline.optim.recording.best_frame import matched
+from plumbline.optim.recording.slips import (
     moved_zero,
     signs,
     swapped,

@@ -1,0 +1,167 @@
+r"""A set-up that is right in one part of the rows and wrong in the rest.
+
+A reading that was lost, a second file in other units, a device that was put elsewhere: up to some
+row, or from one on, all is well. The frame F, shift t and tool d of the rows that meet the model
+together are those of the window of successive rows that leaves most rows a tenth of the misfit,
+
+.. math:: |F\,(p_i + R_i d) + t - y_i| < 0.1\, \operatorname{median}_k |\ldots|_k,
+
+found again from these (Fischler and Bolles 1981, Commun. ACM 24(6)). The part is the stretch with
+most such rows over others; what mends the rows next to it, with F, t and d as they are, is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from plumbline.kinematics.effects.base_bump import BaseBump
+from plumbline.kinematics.effects.tool_slip import ToolSlip
+from plumbline.optim.recording import constants
+from plumbline.optim.recording.best_frame import least, matched
+from plumbline.optim.recording.slips import signs, swaps, zeros
+from plumbline.optim.recording.table import Array, Flags, Integers
+from plumbline.optim.rigid import some_of
+
+if TYPE_CHECKING:
+    from plumbline.optim.recording.recording import Recording
+
+
+class Mended(NamedTuple):
+    """What mends the rest of the rows."""
+
+    change: str  # what is other in them, in words
+    missed: float  # by how much they miss the model as they are, in the median [m]
+    left: float  # what is left of that
+
+
+class Tips(NamedTuple):
+    """Tips as predicted, and as measured."""
+
+    R: Array  # rotations (N, 3, 3)
+    p: Array  # places (N, 3) [m]
+    y: Array  # measured places (N, 3) [m]
+
+    def of(self, rows: Integers | slice) -> Tips:
+        """Those of some rows."""
+        return Tips(*(each[rows] for each in self))
+
+
+class Frame(NamedTuple):
+    """A frame and a tool."""
+
+    F: Array  # the device's frame (3, 3)
+    t: Array  # its shift (3,) [m]
+    d: Array  # what the tool is other than stated (3,) [m]
+
+    @classmethod
+    def of(cls, tips: Tips, fit_tool: bool) -> Frame:
+        """The best of some tips; the tool as it is unless it is fitted."""
+        F = matched(tips.R[None], tips.p[None], tips.y, fit_tool)[0][0]
+        J = np.broadcast_to(np.eye(3), tips.R.shape)
+        J = np.concatenate([F @ tips.R, J], axis=-1) if fit_tool else J
+        z = least(J, tips.y - tips.p @ F.T)
+        return cls(F, z[-3:], z[:3] if fit_tool else np.zeros(3))
+
+    def missed(self, tips: Tips) -> Array:
+        """By how much tips (N,) [m] are missed."""
+        predicted = (tips.p + tips.R @ self.d) @ self.F.T + self.t
+        return np.asarray(np.linalg.norm(predicted - tips.y, axis=1))
+
+
+def mended_from_a_row_on(r: Recording) -> Mended | None:
+    """What mends the rows before or after those that meet the model together, if anything does.
+
+    All that is right and all that is mended are together most rows.
+    """
+    if r.kind.sockets or r.kind.joints or len(r) < 2 * constants.FEWEST_POSTURES:
+        return None
+    fit_tool, tips = "tool" in r.always, _tips(r, r.q, r.measured)
+    near = constants.MENDED * float(np.median(Frame.of(tips, fit_tool).missed(tips)))
+    frame = _most_met(tips, near, fit_tool)
+    first, last = _stretch(frame.missed(tips) < near)
+    before = first > len(r) - last
+    rest = np.arange(first)[::-1] if before else np.arange(last, len(r))
+    missed = frame.missed(tips.of(rest))
+    near = constants.MENDED * float(np.median(missed)) if len(rest) else 0.0
+    tried = chain(_as_in(frame, r, rest), _elsewhere(frame, tips.of(rest), r, near))
+    run, change, left = max(
+        ((_run(left < near), change, left) for change, left in tried),
+        key=lambda each: each[0],
+        default=(0, "", missed),
+    )
+    told = run >= constants.FEWEST_MENDED and last - first >= constants.FEWEST_POSTURES
+    if not told or run + last - first <= len(r) / 2:
+        return None
+    where = f"in the first {run} rows" if before else f"from row {last + 1} on"
+    return Mended(f"{change} {where}", *(float(np.median(e[:run])) for e in (missed, left)))
+
+
+def _tips(r: Recording, q: Array, measured: Array) -> Tips:
+    T = r.chain.placement(q)
+    return Tips(T[:, :3, :3], T[:, :3, 3] + T[:, :3, :3] @ r.tool_offset, measured[:, :3])
+
+
+def _most_met(tips: Tips, near: float, fit_tool: bool) -> Frame:
+    """The frame that most tips meet, of those of windows of successive rows."""
+    size = constants.FEWEST_POSTURES
+    starts = some_of(len(tips.p) - size + 1, constants.WINDOWS)
+    frames = (Frame.of(tips.of(slice(k, k + size)), fit_tool) for k in starts.tolist())
+    best = max(frames, key=lambda frame: np.sum(frame.missed(tips) < near))
+    for _ in range(constants.FRAME_STEPS):
+        met = np.flatnonzero(best.missed(tips) < near)
+        if len(met) < size:
+            break
+        best = Frame.of(tips.of(met), fit_tool)
+    return best
+
+
+def _stretch(met: Flags) -> tuple[int, int]:
+    """The stretch of rows, from one up to another, with most that meet it over those that do not.
+
+    Bentley (1984), Commun. ACM 27(9).
+    """
+    total = np.concatenate([[0], np.cumsum(np.where(met, 1, -1))])
+    lowest = np.minimum.accumulate(total)
+    last = int(np.argmax(total - lowest))
+    return int(np.argmin(total[: last + 1])), last
+
+
+def _run(met: Flags) -> int:
+    """How many of the first rows most of all meet it over those that do not."""
+    return int(np.argmax(np.concatenate([[0], np.cumsum(np.where(met, 1, -1))])))
+
+
+def _as_in(frame: Frame, r: Recording, rest: Integers) -> Iterator[tuple[str, Array]]:
+    """What else rows may be, in words, and by how much they (k,) then miss the model."""
+    measured, q = r.measured, r.q[rest]
+    for by in (*range(1, constants.ROWS_OFF + 1), *range(-constants.ROWS_OFF, 0)):
+        there = np.clip(rest + by, 0, len(r) - 1)
+        count = "a row" if abs(by) == 1 else f"{abs(by)} rows"
+        change = f"what was measured {count} too {'late' if by > 0 else 'early'}"
+        left = frame.missed(_tips(r, q, measured[there]))
+        yield change, np.where(there == rest + by, left, np.inf)
+    for slip in chain(signs(q), zeros(q, r.chain.turning), swaps(q)):
+        yield slip.change, frame.missed(_tips(r, slip.q, measured[rest]))
+
+
+def _elsewhere(frame: Frame, rest: Tips, r: Recording, near: float) -> Iterator[tuple[str, Array]]:
+    """Another tip, or frame, of all of them, where no step of the library's does as much."""
+    if len(rest.p) < constants.FEWEST_POSTURES:
+        return
+    gaps = rest.y - (rest.p + rest.R @ frame.d) @ frame.F.T - frame.t
+    slipped = least(frame.F @ rest.R, gaps)
+    if r.time is None or np.abs(slipped).max() > ToolSlip.x.upper:
+        left = frame._replace(d=frame.d + slipped).missed(rest)
+        yield "another tip of the tool", left
+    other = _most_met(rest, near, "tool" in r.always)
+    turn = Rotation.from_matrix(frame.F.T @ other.F).as_rotvec()
+    far = np.abs(frame.F.T @ (other.t - frame.t)).max() > BaseBump.x.upper
+    left = other.missed(rest)
+    whole = np.mean(left < near) > constants.WHOLE
+    if whole and (r.time is None or far or np.abs(turn).max() > BaseBump.rx.upper):
+        yield "another frame of the device", left

@@ -1,0 +1,164 @@
+"""A set-up that is wrong in a part of the rows is refused by the row from which it is, and by how.
+
+Rows that a gap of the robot moves, however far, are not.
+"""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from plumbline.errors import PlumblineError
+from plumbline.optim.recording import constants
+from plumbline.optim.recording.set_up import plausible, refuse_wrong_set_up, wrong_set_up
+from tests.optim.recording.test_set_up import moved, room, told, turned
+
+ROWS, BROKEN = 60, 37  # rows from this one on, from 0, are wrong
+OF_TIPS = ("tip_position", "pose")
+TURN = Rotation.from_rotvec([0.3, -0.5, 0.2])
+
+
+def spoilt(given, rest, **changed):
+    """The same arrays with other ones in some rows."""
+    return given | {
+        key: np.where(rest[:, None], other, given[key]) for key, other in changed.items()
+    }
+
+
+def lost(given, row, *columns):
+    """The same arrays but for a row of some columns, so that all after it move up."""
+    rest = {key: np.delete(given[key], row, axis=0) for key in columns}
+    return {
+        **given,
+        **{k: v[: len(given["q"]) - 1] for k, v in given.items() if k in ("q", "measured")},
+        **rest,
+    }
+
+
+def along_a_path(rng, rows=ROWS):
+    """Postures (rows, 6) of which neighbours are alike."""
+    t = np.linspace(0.0, 1.0, rows)[:, None]
+    waves = (0.6 / k * np.sin(2 * np.pi * k * t + rng.uniform(0, 6, 6)) for k in (1, 2, 3))
+    return np.array([0.3, -1.2, 1.3, -1.4, -1.5, 0.4]) + sum(waves)
+
+
+@pytest.mark.parametrize(
+    ("kind", "column", "side", "row"),
+    [
+        ("tip_position", "measured", "early", 10),
+        ("tip_position", "q", "late", BROKEN),
+        ("pose", "measured", "early", ROWS - 6),
+    ],
+)
+def test_a_row_that_one_file_lost_is_named(kind, column, side, row):
+    words = f"measured a row too {side} from row {row + 1} on"
+    if row == 10:  # in rows of their own the others are as they should be
+        words = f"measured a row too (late|early) (in the first 10 rows|from row {row + 1} on)"
+    with pytest.raises(PlumblineError, match=words):
+        refuse_wrong_set_up(told(lost(room(kind, rows=ROWS), row, column)))
+
+
+def test_two_rows_lost_apart_are_told_by_one_of_them():
+    given = lost(lost(room("tip_position", rows=ROWS), 20, "measured"), 40, "measured")
+    with pytest.raises(PlumblineError, match=r"rows? too (late|early) (from row|in the first)"):
+        refuse_wrong_set_up(told(given))
+
+
+@pytest.mark.parametrize("kind", OF_TIPS)
+def test_a_sign_or_a_zero_of_a_part_is_named(kind):
+    given, rest = room(kind, rows=ROWS), np.arange(ROWS) >= BROKEN
+    for q, words in (
+        (turned(given["q"], 2), "the sign of q2 turned"),
+        (moved(given["q"], 3, np.pi / 2), "-90 degrees added to q3"),
+    ):
+        with pytest.raises(PlumblineError, match=f"{words} from row {BROKEN + 1} on"):
+            refuse_wrong_set_up(told(spoilt(given, rest, q=q)))
+
+
+@pytest.mark.parametrize("time", [False, True])
+def test_a_device_that_was_put_elsewhere_is_named(time):
+    """Where a step of the base may be as large, and has its moment, that is left to the verdict."""
+    given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
+    when = {"time": np.arange(ROWS) * 1.0} if time else {}
+    there = given["measured"] + [0.0, 0.0, 0.015]
+    found = wrong_set_up(told(spoilt(given, rest, measured=there), **when))
+    assert (found is None) == time
+    there = TURN.apply(given["measured"]) + np.array([0.4, -0.1, 0.2])
+    with pytest.raises(PlumblineError, match=f"frame of the device from row {BROKEN + 1} on"):
+        refuse_wrong_set_up(told(spoilt(given, rest, measured=there), **when))
+
+
+def test_a_tip_that_was_put_elsewhere_is_named():
+    given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
+    chain, t = given["robot"].chain(), given["tool_offset"]
+    apart = chain.tips(given["q"], np.add(t, [0.0, 0.06, 0.0])) - chain.tips(given["q"], t)
+    frame = Rotation.align_vectors(
+        given["measured"] - given["measured"].mean(axis=0),
+        chain.tips(given["q"], t) - chain.tips(given["q"], t).mean(axis=0),
+    )[0]
+    there = given["measured"] + frame.apply(apart)
+    with pytest.raises(PlumblineError, match=f"another tip of the tool from row {BROKEN + 1} on"):
+        refuse_wrong_set_up(told(spoilt(given, rest, measured=there)))
+
+
+@pytest.mark.parametrize("column", [0, 3, 5])
+def test_a_joint_that_is_a_row_late_is_named(column):
+    given = room("tip_position", rows=ROWS)
+    q = given["q"].copy()
+    q[1:, column] = given["q"][:-1, column]
+    found = wrong_set_up(told(given, q=q))
+    # The last joint's way with a short lever is no more than what a set-up that is right leaves.
+    assert found is not None or column == 5
+    assert found is None or f"q{column + 1} a row too late" in found.change
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_gap_of_the_robot_is_no_other_set_up_of_a_part(seed):
+    """Whatever joints do, smoothly, by steps or at random, and neighbours alike or not."""
+    rng = np.random.default_rng(seed)
+    given = room("tip_position", rows=ROWS, seed=seed + 1)
+    q = along_a_path(rng) if seed % 2 else given["q"]
+    size = 10.0 ** rng.uniform(-2.0, -0.5)
+    off = {
+        0: rng.normal(0.0, size, 6) * np.sin(q + rng.uniform(0, 6, 6)),
+        1: rng.normal(0.0, size, q.shape),
+        2: size * np.where(np.arange(ROWS)[:, None] >= BROKEN, rng.normal(0.0, 1.0, 6), 0.0),
+    }[seed % 3]
+    measured = given["robot"].chain().tips(q + off, given["tool_offset"])
+    recording = told(given, q=q, measured=measured)
+    found = wrong_set_up(recording)
+    assert found is None or found.left > constants.ASKED * plausible(recording), found
+
+
+def test_few_gross_rows_are_no_part():
+    given, rng = room("tip_position", rows=ROWS), np.random.default_rng(3)
+    far = rng.permutation(ROWS)[:8]
+    given["measured"][far] += rng.normal(0.0, 0.3, (8, 3))
+    assert wrong_set_up(told(given)) is None
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_as_many_rows_as_may_be_lost_together(count):
+    given = room("tip_position", rows=ROWS)
+    for _ in range(count):
+        given = lost(given, BROKEN, "measured")
+    found = wrong_set_up(told(given))
+    assert (found is not None) == (count == 3)
+    assert found is None or f"{count} rows too early" in found.change
+
+
+def test_two_rows_at_the_end_that_are_exchanged_are_gross():
+    given = room("tip_position", rows=ROWS)
+    given["measured"][[-2, -1]] = given["measured"][[-1, -2]]
+    assert wrong_set_up(told(given)) is None
+
+
+@pytest.mark.parametrize(("gross", "named"), [(2, True), (8, False)])
+def test_a_frame_of_their_own_holds_nearly_all_rows(gross, named):
+    given, rng = room("tip_position", rows=ROWS), np.random.default_rng(0)
+    rest = np.arange(ROWS) >= BROKEN
+    there = TURN.apply(given["measured"]) + np.array([0.4, -0.1, 0.2])
+    there[rng.choice(np.flatnonzero(rest), gross, replace=False)] += rng.normal(
+        0.0, 0.3, (gross, 3)
+    )
+    found = wrong_set_up(told(spoilt(given, rest, measured=there)))
+    assert (found is not None) == named
