@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from plumbline.kinematics.effects import REGISTRY, Scope
-from plumbline.kinematics.effects.joint_tilt import _softness
+from plumbline.kinematics.effects.joint_tilt import SOFTER, _softness
 from plumbline.kinematics.effects.link_thermal import (
     LinkAheadOfShown,
     LinkWarmerThanShown,
@@ -436,7 +436,8 @@ def test_a_bearing_tilts_by_pinocchio_s_moment_across_its_axis(arm):
     recording = bench(arm, "tip_position")
     chain, c = recording.chain, 2e-6
     every = moments(chain, recording.q, recording.payload)
-    for effect in REGISTRY["joint_tilt"].candidates(scope_of(recording)):
+    found = REGISTRY["joint_tilt"].candidates(scope_of(recording))
+    for effect in (e for e in found if e.alike):
         j = effect.joint
         axis, expected = chain.joints[j - 1].axis, []
         data = chain.model.createData()
@@ -499,7 +500,7 @@ def test_a_level_arm_on_an_upright_second_bearing_sinks():
     robot = Robot.from_dh([{"alpha": 0.0, "d": 0.5}, {"a": 0.8, "mass": 6.0}])
     q = readings(robot.chain(), 14)
     recording = bench(robot, "tip_position", q=q, columns=[])
-    [effect] = REGISTRY["joint_tilt"].candidates(scope_of(recording))
+    effect, uneven = REGISTRY["joint_tilt"].candidates(scope_of(recording))
     assert effect.joint == 2, "the first axis stands upright: its tilt is the mounting's"
     sunk = in_base(predicted(recording, effect, 1e-6)) - tips(recording.chain, q)
     centre = recording.chain.joints[1].com[0]
@@ -510,6 +511,9 @@ def test_a_level_arm_on_an_upright_second_bearing_sinks():
     tip = np.array([0.8, 0.0]) + TOOL[:2]
     middle = tip - TOOL[:2] / 2  # of the tool, where its mass hangs
     np.testing.assert_allclose(more[:, 2], -2e-6 * G * (middle @ tip), rtol=1e-4)
+    assert not uneven.alike, "an even housing bends the link for good, as its twist would"
+    rocked = in_base(predicted(recording, uneven, 1e-6, 0.0, 0.0)) - tips(recording.chain, q)
+    assert np.ptp(rocked[:, 2]) == pytest.approx(2 * SOFTER * np.abs(sunk[:, 2]).mean(), rel=0.1)
 
 
 def test_an_upright_first_bearing_tilts_as_its_mounting_does():

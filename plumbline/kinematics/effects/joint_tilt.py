@@ -45,7 +45,7 @@ from plumbline.kinematics.weights import (
 )
 
 SOFTER = 0.3  # most by which a housing is softer about one direction [its mean]; by hand
-UPRIGHT = 1e-3  # sine of the angle to gravity below which a first axis stands upright
+UPRIGHT = 1e-3  # sine of the angle to gravity below which an axis stands upright
 
 
 @dataclass(frozen=True)
@@ -115,10 +115,15 @@ class JointTilt(JointEffect):
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
-        """Every joint that turns and carries a weight, but a first one that stands upright."""
+        """Every joint that turns and carries a weight, but a first one that stands upright.
+
+        The moment on another one turns with its link, which an even housing leaves bent for good:
+        what moves is all of an uneven one, which is asked too.
+        """
         chain, all_laden = scope.chain, scope.has("payload")
         laden = [j for j in scope.turning if all_laden or _carries(chain, j)]
-        return [cls(j, load=chain.typical_load(j)) for j in laden if not upright(chain, j)]
+        found = [cls(j, load=chain.typical_load(j)) for j in laden if not upright(chain, j)]
+        return [*found, *(replace(e, alike=False) for e in found if _stands(chain, e.joint))]
 
     def unit_of(self, parameter: Parameter, chain: Chain) -> str:
         """A tilt per moment, whatever the joint does along its axis."""
@@ -165,7 +170,17 @@ def _carries(chain: Chain, joint: int) -> bool:
 
 def upright(chain: Chain, joint: int) -> bool:
     """Whether it is the first joint, and its axis is gravity's."""
-    first = chain.joints[0]
-    axis = first.T_parent_joint[:3, :3] @ first.axis
-    across = np.linalg.norm(np.cross(axis, chain.gravity))
-    return joint == 1 and bool(across < UPRIGHT * np.linalg.norm(chain.gravity))
+    return joint == 1 and _stands(chain, joint)
+
+
+def _stands(chain: Chain, joint: int) -> bool:
+    """Whether its axis, and those of all that turn before it, are gravity's."""
+    least, T = UPRIGHT * float(np.linalg.norm(chain.gravity)), np.eye(4)
+    for k, (part, kind) in enumerate(zip(chain.joints, chain.kinds, strict=True), start=1):
+        T = T @ part.T_parent_joint
+        turns = kind == "revolute" or k == joint
+        if turns and not np.linalg.norm(np.cross(T[:3, :3] @ part.axis, chain.gravity)) < least:
+            return False
+        if k == joint:
+            break
+    return True

@@ -14,7 +14,7 @@ from scipy.stats import invgamma, multivariate_normal, multivariate_t, norm
 
 from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.optim.core.mapped import Gram
-from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.linearise.linear import Linear, orthonormal
 from plumbline.optim.diagnosis.posterior.evidence import (
     Candidate,
     NoisePrior,
@@ -332,3 +332,24 @@ def test_pairs_of_columns_are_turned_into_their_own_directions(turn, small):
     values, vectors = _eigen(block[None])
     np.testing.assert_allclose(vectors[0].T @ vectors[0], np.eye(2), atol=1e-14)
     np.testing.assert_allclose(vectors[0] * values[0] @ vectors[0].T, block, atol=1e-14)
+
+
+def test_columns_that_repeat_each_other_have_a_basis(monkeypatch):
+    """Singular values of 54 columns of rank 14 were not found: a diagnosis ended with that."""
+
+    def never(*_args, **_options):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "svd", never)
+    rng = np.random.default_rng(3)
+    span = rng.normal(size=(60, 4)) * [1e-6, 1.0, 1e3, 1.0]
+    columns = np.hstack([span[:, rng.integers(0, 4, 20)], span, np.zeros((60, 1))])
+    columns[:, :9] *= 1.0 + 1e-15 * rng.normal(size=(60, 9))
+    basis = orthonormal(columns)
+    assert basis.shape == (60, 4)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(4), atol=1e-12)
+    left = columns - basis @ (basis.T @ columns)
+    np.testing.assert_array_less(
+        np.linalg.norm(left, axis=0), 1e-10 * np.linalg.norm(span, axis=0).max()
+    )
+    assert orthonormal(np.empty((60, 0))).shape == (60, 0)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve
+from scipy.linalg import cho_solve, qr
 from scipy.linalg.lapack import dtrtri
 
 from plumbline.optim.core.mapped import Gram
@@ -130,7 +130,12 @@ def flat_prior(linear: Linear, count: int) -> Array:
 
 
 def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis (n, r) of what columns (n, p) span, whatever their units."""
+    """An orthonormal basis (n, r) of what columns (n, p) span, whatever their units.
+
+    One after the other, that which is farthest from those before it: of many columns that repeat
+    each other singular values may not be found.
+    """
     unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    basis, sizes, _ = np.linalg.svd(unit, full_matrices=False)
-    return np.asarray(basis[:, sizes > 1e-10 * sizes.max(initial=0.0)])
+    basis, upper, _ = qr(unit, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(upper))
+    return np.asarray(basis[:, : len(sizes)][:, sizes > 1e-10 * sizes.max(initial=0.0)])
