@@ -355,14 +355,14 @@ class Effect(ABC):
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         return self.words.format(**{**own, "element": self.element})
 
-    @property
+    @cached_property
     def tag(self) -> str:
         """What tells this variant from others, to the last digit; for names that must differ."""
         own = [f for f in fields(self) if f.name not in ELEMENTS]
         values = ", ".join(f"{f.name}={_told(getattr(self, f.name))}" for f in own)
         return f" [{values}]" if values else ""
 
-    @property
+    @cached_property
     def label(self) -> str:
         """Its name with what tells it from its siblings, e.g. ``backlash 2``."""
         return self.name if self.element is None else f"{self.name} {self.element}"

@@ -106,6 +106,7 @@ def refit(
     return LevenbergMarquardt().solve(pinned, start)
 
 
+CANDIDATES = "candidates"
 ONCE = {"time", "group"}  # columns that only one recording's own clock and sessions give a meaning
 
 
@@ -116,6 +117,14 @@ def candidates_of(recording: Recording, library: Sequence[type[Effect]]) -> list
     confined to those. What follows a clock or a group is each one's own. What one recording alone
     made suspect may be there only.
     """
+    key = CANDIDATES, tuple(library)
+    if key not in recording.derived:
+        recording.derived[key] = _candidates(recording, library)
+    return list(recording.derived[key])
+
+
+def _candidates(recording: Recording, library: Sequence[type[Effect]]) -> list[Effect]:
+    """The same, worked out."""
     if not recording.several:
         scope = scope_of(recording)
         free = [cls for cls in library if not _is_always(recording, cls)]

@@ -50,19 +50,25 @@ def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[De
         key, k = (f.stage, f.element, f.on), len(f.columns)
         near = [one for one in listed.get(key, []) if k <= one[1].shape[1]]
         own = left(f.columns.reshape(k, -1)) if near else np.empty(0)
-        same = [
-            way
-            for n, span, way in near
-            # Of more numbers an effect may come near to much that it is not.
-            if np.linalg.norm(own - (own @ span) @ span.T)
-            <= (SAME_FORM if n <= k else SWALLOWED) * np.linalg.norm(own)
-        ]
+        same = [way for n, span, way in near if _is_within(own, span, further=n > k)]
         rest = _other_side(f, own, same)
         kept += rest
         gone[key] += np.exp(f.log_prior) - sum(np.exp(r.log_prior) for r in rest)
     keys = [(f.stage, f.element, f.on) for f in kept]
     of = [float(np.log1p(-gone[key])) for key in keys]
     return [replace(f, log_prior=f.log_prior - log) for f, log in zip(kept, of, strict=True)]
+
+
+def _is_within(own: Array, span: Array, *, further: bool) -> bool:
+    """Whether columns (k, t) are in a span (t, r), up to their form.
+
+    Of more numbers an effect may come near to much that it is not.
+    """
+    size, within = np.sum(own**2), own @ span
+    if size - np.sum(within**2) > 2.0 * SAME_FORM**2 * size:
+        return False  # by far, which costs next to nothing
+    least = SWALLOWED if further else SAME_FORM
+    return bool(np.linalg.norm(own - within @ span.T) <= least * np.linalg.norm(own))
 
 
 def _other_side(f: Dependence, own: Array, same: list[Array]) -> list[Dependence]:
