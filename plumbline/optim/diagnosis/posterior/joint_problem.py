@@ -323,32 +323,41 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
     owner, limits = problem.laid_out
     s = scales[:, owner]
     G = linear.G * (s[:, :, None] * s[:, None, :])
-    b = (linear.b * s)[:, :, None]
+    b = linear.b * s
     base = float(noise.variance(linear.tt, linear.n))
     lower, hidden, before = G, b, np.empty(0)
 
     def left(v: Array) -> tuple[Array, float]:
         nonlocal lower, hidden, before
-        lower, before = _factors(G, v), v
-        hidden = np.asarray(np.linalg.solve(lower, b), dtype=float)
-        return np.maximum(linear.tt - np.sum(hidden**2, axis=(1, 2)), 0.0), linear.n
+        (lower, hidden), before = _factors(G, b, linear.tt, v), v
+        return np.maximum(linear.tt - np.sum(hidden**2, axis=1), 0.0), linear.n
 
     v = noise.settled(left, np.full(len(s), variance))
     occam = -np.log(np.einsum("sii->si", lower)).sum(axis=1) + 0.5 * len(owner) * np.log(before)
     log = occam - 0.5 * (noise.freedom + linear.n) * np.log(v / base)
     if np.isfinite(limits).any():
         inverse = np.stack([dtrtri(one, lower=1)[0] for one in lower])
-        mean = s * (inverse.transpose(0, 2, 1) @ hidden)[:, :, 0]
+        mean = s * np.einsum("skj,sk->sj", inverse, hidden)
         std = s * np.sqrt(v[:, None] * np.sum(inverse**2, axis=1))
         log = log + (log_within(limits, mean, std) - log_within(limits, 0.0, s)).sum(axis=1)
     return log, v
 
 
-def _factors(G: Array, variance: Array) -> Array:
-    """Lower Cholesky factors (S, K, K) of Gram matrices and variances (S,) of the noise."""
-    A = G.copy()
-    np.einsum("sii->si", A)[:] += variance[:, None]
+def _factors(G: Array, b: Array, tt: float, variance: Array) -> tuple[Array, Array]:
+    """Of Gram matrices (S, K, K) and variances (S,) of the noise, and what stands on the right.
+
+    The lower Cholesky factors L (S, K, K) and L^-1 b (S, K), which is the last row of the factor
+    of A bordered by b: with the target's square ``tt`` or more in its corner that is definite.
+    """
+    K = G.shape[1]
+    A = np.empty((len(G), K + 1, K + 1))
+    A[:, :K, :K], A[:, K, :K] = G, b
+    np.einsum("sii->si", A)[:, :K] += variance[:, None]
+    A[:, K, K] = 2.0 * tt + 1.0
     try:
-        return np.asarray(np.linalg.cholesky(A))
+        lower = np.asarray(np.linalg.cholesky(A))
     except np.linalg.LinAlgError:
-        return np.stack([cholesky(a, np.diag(g)) for a, g in zip(A, G, strict=True)])
+        each = zip(A[:, :K, :K], G, strict=True)
+        lower = np.stack([cholesky(a, np.diag(g)) for a, g in each])
+        return lower, np.asarray(np.linalg.solve(lower, b[:, :, None]))[:, :, 0]
+    return lower[:, :K, :K], lower[:, K, :K]
