@@ -408,10 +408,16 @@ def test_a_robot_without_masses_is_said_to_have_none(diagnosis):
     assert "masses are not given" not in " ".join(diagnosis.verdict.notes)
 
 
-def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
+@pytest.fixture(scope="module")
+def carried():
+    """The model that the bundled recording has, and the recording without its columns."""
     recording = load_recording(BENCH)
-    found = diagnose(recording, FEW_EFFECTS).model()
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
+    return diagnose(recording, FEW_EFFECTS).model(), bare
+
+
+def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(carried):
+    found, bare = carried
     more = _with(found, REGISTRY["backlash"](joint=2))
     assert apply(more, bare).after == pytest.approx(apply(found, bare).after)
 
@@ -420,11 +426,9 @@ def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(tmp_path):
     ("effect", "kept"),
     [(LinkWarmUp(time_constant=500.0), ("temperature",)), (Backlash(2), ("velocity",))],
 )
-def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect, kept):
+def test_a_variant_that_another_recording_cannot_read_is_not_carried_over(effect, kept, carried):
     """The recording has another column, with which another variant would make do."""
-    recording = load_recording(BENCH)
-    found = diagnose(recording, FEW_EFFECTS).model()
-    bare = replace(recording, time=None, temperature=None, direction=None, group=None)
+    found, bare = carried
     columns = {"temperature": np.linspace(20.0, 25.0, len(bare)), "velocity": np.ones(bare.q.shape)}
     bare = replace(bare, **{name: columns[name] for name in kept})
     more = _with(found, effect)

@@ -1,5 +1,7 @@
 """Rows as a log has them: back to back, by stamps that jitter; drives are told all the same."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -140,16 +142,23 @@ def smooth(lag, delay, step=DT, seconds=30.0):
     return made(t[rows], u[rows], np.column_stack([q, u[:, 1]])[rows])
 
 
-def test_what_commands_do_between_rows_is_chosen_before_the_search(monkeypatch):
+@cache
+def lagging(delay):
+    """The diagnosis of such a lag, and by what law between rows each joint was searched."""
     searched, own = [], module.search
-    monkeypatch.setattr(module, "search", lambda *a: searched.append(a[0].windows.law) or own(*a))
-    answer = diagnose(smooth(0.05, 0.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "search", lambda *a: searched.append(a[0].windows.law) or own(*a))
+        return diagnose(smooth(0.05, delay)), searched
+
+
+def test_what_commands_do_between_rows_is_chosen_before_the_search():
+    answer, searched = lagging(0.0)
     assert searched == [Law.SMOOTH] * answer.recording.n
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.033])
 def test_a_lag_under_commands_that_run_smoothly_between_rows_is_no_servo_of_second_order(delay):
-    answer = diagnose(smooth(0.05, delay))
+    answer, _ = lagging(delay)
     assert set(found(answer)) == {("actuation_lag", 1)} | (
         {("actuation_delay", 1)} if delay else set()
     )
