@@ -10,7 +10,8 @@ known of follows it at once. Each term below is nothing at its null:
 :math:`w` is a dead band: :math:`\operatorname{zone}_w(x)` is nothing within and all of x from 2 w
 on, straight between (without a lag it is at its edge at once); :math:`s` friction or play inside
 the servo's loop, :math:`T` a lag, :math:`k` the servo's compliance under the load :math:`h`,
-:math:`b` half a play behind it, which the output only leaves when it is pushed. One of second
+:math:`b` half a play behind it, which the output only leaves when it is pushed. A loop that yields
+itself acts on :math:`c - k\,h`, as late as on its command. One of second
 order, of period :math:`2 \pi s`, has :math:`s^2 \ddot y + 2 s\,\dot y = \tilde e`, damped so that
 it does not overshoot; its friction acts against its motion. A servo whose gains are known obeys
 :math:`I \ddot y = k_p \tilde e - k_d \dot y - h` instead, one on velocity moves at
@@ -92,6 +93,7 @@ class Drive:
     soft: bool = False  #: whether that yields as MuJoCo's does
     rotor: cs.SX | None = None  #: inertia that the model lacks [kg m^2]
     compliance: cs.SX | None = None  #: by how much it yields to a load [rad/(N m)]
+    sag: cs.SX | None = None  #: the same inside of its loop, where what lags yields late
     slack: cs.SX | None = None  #: half the play between motor and joint [rad]
     fastest: cs.SX | None = None  #: largest speed [rad/s]; None if there is none
     strongest: cs.SX | None = None  #: largest torque [N m]; None if there is none
@@ -104,6 +106,8 @@ class Drive:
             path, pace = self._planned(before, self.steepest)
             after = replace(self, command=path, steepest=None).step(before)
             return replace(after, told=self.command, path=path, pace=pace)
+        if self.sag is not None:
+            return replace(self, command=self.command - self.sag * self.load, sag=None).step(before)
         if self.period is not None:
             return self._swung(before, self.period / (2 * math.pi))
         asked = self._outside_band(before)

@@ -149,6 +149,46 @@ def test_a_dead_band_beyond_which_the_rest_acts_alone_is_a_play_inside_of_the_lo
     assert np.abs(band - roll_out(windows, (lag,), np.array([0.05]))[0]).max() > 0.01
 
 
+def pushed_back(u, load, dt=0.01, length=300):
+    """A window (1, length) of commands and loads (N,), from rest at zero."""
+    zeros, start = np.zeros(len(u)), np.array([10])
+    return Windows(
+        Law.POSITION, dt, 0.0, 0.0, u, zeros.astype(np.int64), zeros, zeros, zeros, load,
+        zeros + 1, start, length, 1,
+    )  # fmt: skip
+
+
+def test_a_position_loop_is_as_late_with_its_load_as_with_its_command():
+    r"""By steps: :math:`s^2 \ddot q + 2 s \dot q + q = c - k h`, as inertia, gains and load have it."""
+    t, k, period = np.arange(400) * 0.01, 0.03, 0.5
+    u, load = np.zeros(400), 2.0 * np.sin(5.0 * np.maximum(t - 0.5, 0.0))
+    q, v, s, fine = 0.0, 0.0, period / (2 * np.pi), 50
+    way = []
+    for h in np.interp(np.arange(400 * fine) * 0.01 / fine, t, load):
+        v += 0.01 / fine * (-k * h - q - 2 * s * v) / s**2
+        q += 0.01 / fine * v
+        way.append(q)
+    effects = (NAMES["servo_stiffness"](inside=True), NAMES["servo_bandwidth"]())
+    windows = pushed_back(u, load)
+    there = roll_out(windows, effects, np.array([k, period]))[0]
+    expected = np.array(way)[fine - 1 :: fine][windows.samples - 1]
+    np.testing.assert_allclose(there, expected, atol=2e-4)
+    at_once = -k * load[windows.samples]
+    assert np.abs(there - at_once).max() > 0.02
+
+
+def test_a_joint_that_sticks_does_not_yield_inside_of_its_loop():
+    u, load = np.zeros(400), np.linspace(0.0, 1.0, 400)
+    lags = NAMES["actuation_lag"]()
+    sticks = NAMES["actuation_play"](inside=True)
+    stays, yields = (
+        roll_out(pushed_back(u, load), (sticks, lags, e), np.array([0.05, 0.03, 0.04]))[0]
+        for e in (NAMES["servo_stiffness"](inside=True), NAMES["servo_stiffness"]())
+    )
+    assert np.abs(stays).max() < 1e-12
+    assert np.abs(yields).max() > 0.02
+
+
 @pytest.mark.parametrize("less", [False, True])
 def test_a_dead_band_without_a_lag_is_a_play_under_a_load_too(less):
     rng = np.random.default_rng(0)

@@ -92,13 +92,17 @@ STIFF, DELAY, LAG, PLANS, FASTEST = (
 )  # fmt: skip
 SLACK, STICK = NAMES["actuation_play"](), NAMES["actuation_play"](inside=True)
 BAND, LESS = NAMES["actuation_deadband"](), NAMES["actuation_deadband"](less=True)
+SAGS = NAMES["servo_stiffness"](inside=True)
 
 
 @pytest.mark.parametrize(
     ("effects", "others"),
     [
         ((DELAY, SLACK), {STICK, BAND, LESS}),
-        ((DELAY, STIFF, BAND), {SLACK, STICK, LESS}),
+        ((DELAY, STIFF, BAND), {SLACK, STICK, LESS, SAGS}),
+        ((DELAY, SAGS), {STIFF}),
+        ((LAG, SAGS), set()),
+        ((FASTEST, STIFF), set()),
         ((PLANS, STICK), {SLACK, BAND, LESS}),
         ((LAG, STICK), {LESS}),
         ((LAG, LESS), {STICK}),

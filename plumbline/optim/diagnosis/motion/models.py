@@ -36,6 +36,7 @@ from plumbline.optim.diagnosis.prior import EARNED
 
 Key = frozenset[MotionEffect]
 SAME = frozenset(("actuation_play", "actuation_deadband"))  # one operator: `twins`
+YIELDS = frozenset(("servo_stiffness",))  # in either form
 ODDS = float(np.log(PRESENT / (1 - PRESENT)))
 
 
@@ -47,22 +48,24 @@ def names_of(key: Key) -> frozenset[str]:
 def twins(effects: Effects, law: Law, forms: Effects) -> Iterator[Effects]:
     """The same drive by other forms: play and a dead band are one where nothing lags or limits it.
 
-    In the forms that leave their width of every error they always are.
+    In the forms that leave their width of every error they always are. Nor does it matter there
+    whether a servo yields inside of its loop or behind it.
 
     Args:
         effects: What a drive has.
         law: What its command is.
         forms: Forms to consider.
     """
-    own = [e for e in effects if e.name in SAME]
-    if len(own) != 1 or not law.follows:
-        return
     limits = any(e.is_limit and not e.plans for e in effects)
     at_once = law.ideal and not limits and not any(e.lags for e in effects)
-    for form in forms:
-        alike = at_once or (bool(own[0].variant) and bool(form.variant))
-        if form.name in SAME and form != own[0] and alike:
-            yield tuple(form if e == own[0] else e for e in effects)
+    for names in (SAME, YIELDS):
+        own = [e for e in effects if e.name in names]
+        if len(own) != 1 or not law.follows:
+            continue
+        for form in forms:
+            alike = at_once or (bool(own[0].variant) and bool(form.variant))
+            if form.name in names and form != own[0] and alike:
+                yield tuple(form if e == own[0] else e for e in effects)
 
 
 class Models:

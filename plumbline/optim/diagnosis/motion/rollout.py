@@ -91,19 +91,21 @@ def _wide(w: Windows, effects: Effects, theta: Array, k: int) -> tuple[Array, Ar
 def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> Array:
     """The same of every sample of the roll-outs (R, steps, 1 + B), by so many parameters."""
     begin = w.passes[0]
-    shift, yields = (_per_unit(effects, term) for term in ("shift", "compliance"))
+    shift, yields, sags = (_per_unit(effects, term) for term in ("shift", "compliance", "sag"))
     lags = np.array([e.lags for e in effects])
     u, *du = w.asked(float(shift @ theta), float(lags @ theta), w.reach)
     if any(effect.plans for effect in effects):
         du = [np.zeros_like(u)] * 2  # the way is as it is
     size = len(_memory(effects))
     state = np.zeros((len(begin), 1 + len(by), size))
-    state[:, 0] = _begun(w, u, begin, float(yields @ theta))[:size].T
+    state[:, 0] = _begun(w, u, begin, float(yields @ theta), float(sags @ theta))[:size].T
     late = du[0][:, :1] * shift[list(by)] + du[1][:, :1] * lags[list(by)]
     for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
         state[:, 1:, k] = late
     if w.law.ideal:
         state[:, 1:, PLACE] = w.load[begin][:, None] * yields[list(by)]
+        for k in (k for k in (0, SENT) if k < size):
+            state[:, 1:, k] -= w.load[begin][:, None] * sags[list(by)]
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
     told = [x[:, 1:] for x in (u, *du)]
     if (filters := _filters(w.drive, effects, by)) is not None:
@@ -156,7 +158,7 @@ def _memory(effects: Effects) -> tuple[str, ...]:
     return MEMORY[: PLAIN if any(isinstance(e, ActuationLag) for e in effects) else SENT]
 
 
-def _begun(w: Windows, u: Array, start: Integers, compliance: float) -> Array:
+def _begun(w: Windows, u: Array, start: Integers, compliance: float, sag: float) -> Array:
     """States (8, w) in which windows begin, as in MEMORY: a planned way is where the joint is.
 
     A joint within its play stays where it began, which a single reading's noise would move. What
@@ -164,8 +166,9 @@ def _begun(w: Windows, u: Array, start: Integers, compliance: float) -> Array:
     """
     now, q, speed = u[:, 0], (w.posture if w.law.follows else w.q)[start], w.speed[start]
     pace = (u[:, 1] - now) / w.dt if w.law.ideal else speed
-    motor = q + compliance * w.load[start] if w.law.ideal else q
-    return np.stack([now, motor, pace, q, now, now, motor, speed])
+    yields, off = (k * w.load[start] if w.law.ideal else 0.0 for k in (compliance, sag))
+    asked, motor = now - off, q + yields
+    return np.stack([asked, motor, pace, q, asked, now, motor + off, speed])
 
 
 @lru_cache(maxsize=1024)
@@ -251,8 +254,8 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     u, *_ = whole.asked(shift, float(late), whole.reach_of(whole.start, M - 1))
     at = int(w.start[0])
     size = len(_memory(effects))
-    yields = float(_per_unit(effects, "compliance") @ theta)
-    begin = _begun(w, u, np.array([at]), yields)[:size, 0]
+    yields, sags = (float(_per_unit(effects, term) @ theta) for term in ("compliance", "sag"))
+    begin = _begun(w, u, np.array([at]), yields, sags)[:size, 0]
     data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), *w.loads(np.arange(at + 1, M))])
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
     steps = _step(w.drive, effects, ()).mapaccum("played", M - 1)  # not expanded: M may be large
