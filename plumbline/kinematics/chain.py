@@ -7,6 +7,8 @@ where :math:`J_i` turns or slides joint i and :math:`p_i` is the centre of mass 
 computes the same numbers from the same model; the tests hold the two together.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -14,13 +16,13 @@ from functools import cached_property
 
 import casadi as cs
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.constants import LEAST_LOAD, PARALLEL, SHORT
 from plumbline.kinematics.evaluate import Array, Flags, over_rows
 from plumbline.kinematics.frames import Transform, axis_rotation, by_columns, constant, homogeneous
+from plumbline.kinematics.oracle import pin
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,8 @@ What gravity asks of a part of the arm: the weight of all that it carries, and i
 over the bodies from joint i outwards and the payload at the tip.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -24,13 +26,13 @@ from typing import Self
 
 import casadi as cs
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain, Joint
 from plumbline.kinematics.evaluate import Array, over_rows
 from plumbline.kinematics.frames import Transform, constant
+from plumbline.kinematics.oracle import pin
 
 INERTIAL = 10  # parameters of a body: mass, first moment (3), inertia about the joint (6)
 

@@ -7,13 +7,14 @@ A tilt between parallel axes is no standard parameter, but two rows hold it exac
 a fixed row with theta = 90 deg and alpha = beta, and 90 deg less in the row behind it.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.constants import SAME, SHORT, UNLIMITED
@@ -21,6 +22,7 @@ from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_table import LinkTable, row_matrix
+from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.toml_text import pairs
 

@@ -18,7 +18,6 @@ from typing import Self
 
 import casadi as cs
 import numpy as np
-import pinocchio as pin
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain, Joint
@@ -26,6 +25,7 @@ from plumbline.kinematics.constants import DRAWN, PARALLEL, ROUNDING, SAME, SHOR
 from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, homogeneous
+from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
 
 KEYS = ("d", "a", "alpha", "theta", "beta")

@@ -5,17 +5,19 @@ Against MuJoCo, Pinocchio's reader takes the axis of ``axisangle`` as it stands,
 into radians. A base that floats is held where the file puts it.
 """
 
+from __future__ import annotations
+
 import re
 import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
 
 from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.constants import LARGEST
 from plumbline.kinematics.evaluate import Array
+from plumbline.kinematics.oracle import pin
 
 PLACE = re.compile(r"(?i)^(from file|in function|at line|message:)")  # of what Pinocchio says first
 # Numbers of the attributes that make a robot: Pinocchio takes what it finds in memory for others.

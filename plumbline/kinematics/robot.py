@@ -8,6 +8,8 @@ The package holds files and no code; it is optional (``pip install "plumbline-ro
 some 430 MB with its meshes). A robot is called as its file is, without a closing ``_robot``.
 """
 
+from __future__ import annotations
+
 import os
 import re
 import tomllib
@@ -21,7 +23,6 @@ from typing import Any, Self
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, best_matches
@@ -39,6 +40,7 @@ from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.files import read_file, reason
 from plumbline.kinematics.linkage import linked, mimics_of
 from plumbline.kinematics.mjcf import model_from_mjcf
+from plumbline.kinematics.oracle import pin
 
 PACKAGE = "example-robot-data"
 EXTRA = 'pip install "plumbline-robotics[robots]"'

@@ -5,12 +5,11 @@ A robot is its URDF, MJCF or DH rows, a chain its joints, a recording its robot 
 
 from typing import Any
 
-import pinocchio as pin
-
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain, Joint
 from plumbline.kinematics.dh import DHRow
 from plumbline.kinematics.evaluate import Array
+from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
 from plumbline.kinematics.tree import tree_of
 from plumbline.optim.core.answer import parts_of, register, restored, restored_parts

@@ -369,8 +369,10 @@ HEAVY = {"casadi", "pinocchio", "numpy", "scipy", "pandas", "matplotlib", "pooch
             | {
                 f"scipy.{part}"
                 for part in ("cluster", "interpolate", "optimize", "signal", "spatial", "stats")
-            },
+            }
+            | {"pinocchio", "coal"},
         ),
+        ("import plumbline; plumbline.register, plumbline.hand_eye", {"pinocchio", "coal"}),
     ],
 )
 def test_what_is_not_needed_is_not_loaded(asked, spared):

@@ -159,7 +159,7 @@ def pushed_back(u, load, dt=0.01, length=300):
 
 
 def test_a_position_loop_is_as_late_with_its_load_as_with_its_command():
-    r"""By steps: :math:`s^2 \ddot q + 2 s \dot q + q = c - k h`, as inertia, gains and load have it."""
+    r"""By steps: :math:`s^2 \ddot q + 2 s \dot q + q = c - k h`, which inertia and gains make."""
     t, k, period = np.arange(400) * 0.01, 0.03, 0.5
     u, load = np.zeros(400), 2.0 * np.sin(5.0 * np.maximum(t - 0.5, 0.0))
     q, v, s, fine = 0.0, 0.0, period / (2 * np.pi), 50
@@ -185,8 +185,8 @@ def test_a_joint_that_sticks_does_not_yield_inside_of_its_loop():
         roll_out(pushed_back(u, load), (sticks, lags, e), np.array([0.05, 0.03, 0.04]))[0]
         for e in (NAMES["servo_stiffness"](inside=True), NAMES["servo_stiffness"]())
     )
-    assert np.abs(stays).max() < 1e-12
-    assert np.abs(yields).max() > 0.02
+    assert np.ptp(stays[0, 50:]) < 1e-12  # where it came to rest
+    assert np.ptp(yields[0, 50:]) > 0.02
 
 
 @pytest.mark.parametrize("less", [False, True])

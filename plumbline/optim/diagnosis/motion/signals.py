@@ -13,12 +13,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
 import scipy
 from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects.motion_effect import Seen
+from plumbline.kinematics.oracle import pin
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
     LEAST_INERTIA,

@@ -20,12 +20,12 @@ from importlib import import_module
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.link_export import words, xml_text
+from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA

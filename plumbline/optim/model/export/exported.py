@@ -12,11 +12,11 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault, listed
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity

@@ -13,13 +13,14 @@ What a file can hold of an arm's efforts: bodies, gravity, and torques of single
 An effect on bodies counts if what it does to them is the same whatever the row says.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 
 import casadi as cs
 import numpy as np
-import pinocchio as pin
 
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, Stage, State
@@ -28,6 +29,7 @@ from plumbline.kinematics.effects.coulomb_friction import CoulombFriction
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import Transform, by_columns, constant, homogeneous
 from plumbline.kinematics.link_table import LinkTable, drawn_rows
+from plumbline.kinematics.oracle import pin
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.observation import closed_chain
 from plumbline.optim.measurement.torque import BODIES

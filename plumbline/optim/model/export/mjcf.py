@@ -4,16 +4,18 @@ Masses and inertias are the robot's own; where it has none, MuJoCo's least ones 
 changes no place.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
 import scipy
 
 from plumbline.kinematics.chain import Joint
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.link_export import words, xml_text
+from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
