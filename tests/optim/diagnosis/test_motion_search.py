@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 
 from plumbline import build_motion, diagnose
 from plumbline.experiments.reality import drives
@@ -228,3 +229,24 @@ def test_what_contends_with_a_planned_way_is_fitted_to_the_end():
         done = found.found[key]
         again = fit.fitted(found.windows, done.effects, done.theta)
         assert again.square > (1 - ENOUGH) * done.square
+
+
+def test_a_value_is_as_uncertain_as_the_forms_that_its_rows_leave_open_make_it():
+    """A lag beside a delay is another than beside a servo of second order, and either may be.
+
+    Under noise that wanders values had been 20 of their standard errors off, where the second form
+    was chosen.
+    """
+    rng = np.random.default_rng(5)
+    t, u = drives.commands(rng)
+    t, u = t[t < 40.0], u[t < 40.0]
+    late = drives.follow(t, u[:, 0], 0.0 * t, drives.Wrong(delay=0.06, lag=0.1), rng)
+    white = rng.normal(0.0, 1.5e-3, (len(t), 2))
+    wanders = scipy.signal.lfilter([np.sqrt(1 - 0.9**2)], [1.0, -0.9], white, axis=0)
+    q = np.column_stack([late, u[:, 1]]) + wanders
+    first = diagnose(build_motion(robot=arm(), time=t, command=u, q=q, noise_std=1.5e-3)).joints[0]
+    assert {e.name for e in first.fit.effects} == {"actuation_delay", "actuation_lag"}
+    assert first.probability["servo_bandwidth"] > 0.05
+    alone = np.sqrt(np.diag(first.fit.covariance(first.effective)))
+    assert (first.std > 5 * alone).all(), (first.std, alone)
+    assert (first.std > 0.02).all()  # [s]: a servo of second order has half the lag

@@ -101,7 +101,7 @@ def search(begun: Begun, prior: float, sigma: float | None = None) -> JointFindi
     probability = {name: sum(p for names, p in share if name in names) for name in listed}
     found = dict.fromkeys(e.name for e in fit.effects)  # in order: proposals are told in it
     instead = {name: _instead(name, found, share) for name in found}
-    std = errors_of(models, fit, prior, sigma)
+    std = np.hypot(errors_of(models, fit, prior, sigma), _apart(models, key, fit, time))
     added = FunctionRivals(windows, fit, effective).conditional()
     if sigma is not None:
         added = (*added, own_past(windows, fit, models.floor(fit, sigma), effective))
@@ -127,6 +127,26 @@ def errors_of(models: Models, fit: JointFit, prior: float, sigma: float | None) 
         models.windows, fit, effective, stated=0.0 if sigma is None else sigma**2
     )
     return rivals.errors(models.sizes(frozenset(fit.effects)), odds_of_each(prior))
+
+
+def _apart(models: Models, key: Key, fit: JointFit, time: float) -> Array:
+    r"""How far off a fit's values (P,) other models with the same effects have them, on average.
+
+    :math:`\sum_m P(m) (\theta_m - \hat\theta)^2` over models of listed effects, the part of a
+    value's variance that is between these: a lag is another beside a delay than beside a servo of
+    second order.
+    """
+    known = [k for k in models.found if not models.negligible(k, key)]
+    fits = [models.found[k] for k in known]
+    values = [{e.name: v for e, v in zip(f.effects, f.theta, strict=True)} for f in fits]
+    scores = np.array([models.score(k, time) for k in known])
+    found = []
+    for effect, own in zip(fit.effects, fit.theta, strict=True):
+        has = np.array([effect.name in one for one in values])
+        off = np.array([one.get(effect.name, own) - own for one in values])
+        weights = np.where(has, np.exp(scores - scores.max()), 0.0)
+        found.append(float(np.sqrt(np.average(off**2, weights=weights))))
+    return np.array(found)
 
 
 def odds_of_each(prior: float) -> float:
