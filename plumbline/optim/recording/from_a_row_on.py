@@ -12,13 +12,15 @@ most such rows over others; what mends the rows next to it, with F, t and d as t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from plumbline.kinematics.effects.backlash import Backlash
 from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.tool_slip import ToolSlip
 from plumbline.optim.recording import constants
@@ -40,11 +42,11 @@ class Mended(NamedTuple):
 
 
 class Tips(NamedTuple):
-    """Tips as predicted, and as measured."""
+    """Tips, or joints that turn, as predicted, and as measured."""
 
-    R: Array  # rotations (N, 3, 3)
-    p: Array  # places (N, 3) [m]
-    y: Array  # measured places (N, 3) [m]
+    R: Array  # rotations (N, 3, 3) of tips
+    p: Array  # places (N, 3) [m], or angles (N, k) [rad]
+    y: Array  # the same as measured
 
     def of(self, rows: Integers | slice) -> Tips:
         """Those of some rows."""
@@ -73,22 +75,44 @@ class Frame(NamedTuple):
         return np.asarray(np.linalg.norm(predicted - tips.y, axis=1))
 
 
+class Zeros(NamedTuple):
+    """Zeros of second encoders."""
+
+    off: Array  # (k,) [rad], to a turn
+
+    @classmethod
+    def of(cls, joints: Tips) -> Zeros:
+        """The mean of some readings of them."""
+        return cls(np.angle(np.exp(1j * (joints.y - joints.p)).mean(axis=0)))
+
+    def missed(self, joints: Tips) -> Array:
+        """By how much joints (N,) [rad] are missed."""
+        off = np.exp(1j * (joints.y - joints.p - self.off))
+        return np.asarray(np.linalg.norm(np.angle(off), axis=1))
+
+
+Fitted = Frame | Zeros
+Fit = Callable[[Tips], Fitted]
+
+
 def mended_from_a_row_on(r: Recording) -> Mended | None:
     """What mends the rows before or after those that meet the model together, if anything does.
 
     All that is right and all that is mended are together most rows.
     """
-    if r.kind.sockets or r.kind.joints or len(r) < 2 * constants.FEWEST_POSTURES:
+    if r.kind.sockets or r.kind.efforts or len(r) < 2 * constants.FEWEST_POSTURES:
         return None
-    fit_tool, tips = "tool" in r.always, _tips(r, r.q, r.measured)
-    near = constants.MENDED * float(np.median(Frame.of(tips, fit_tool).missed(tips)))
-    frame = _most_met(tips, near, fit_tool)
+    fit: Fit = Zeros.of if r.kind.encoders else partial(Frame.of, fit_tool="tool" in r.always)
+    tips = _tips(r, r.q, r.measured)
+    near = constants.MENDED * float(np.median(fit(tips).missed(tips)))
+    frame = _most_met(tips, near, fit)
     first, last = _stretch(frame.missed(tips) < near)
     before = first > len(r) - last
     rest = np.arange(first)[::-1] if before else np.arange(last, len(r))
     missed = frame.missed(tips.of(rest))
     near = constants.MENDED * float(np.median(missed)) if len(rest) else 0.0
-    tried = chain(_as_in(frame, r, rest), _elsewhere(frame, tips.of(rest), r, near))
+    elsewhere = _elsewhere(frame, tips.of(rest), near, fit) if len(rest) else ()
+    tried = chain(_as_in(frame, r, rest), elsewhere)
     run, change, left = max(
         ((_run(left < near), change, left) for change, left in tried),
         key=lambda each: each[0],
@@ -102,21 +126,24 @@ def mended_from_a_row_on(r: Recording) -> Mended | None:
 
 
 def _tips(r: Recording, q: Array, measured: Array) -> Tips:
+    if r.kind.encoders:
+        joints = [j for j in r.measured_joints if r.chain.turning[j]]
+        return Tips(np.empty((len(q), 0)), q[:, joints], measured[:, joints])
     T = r.chain.placement(q)
     return Tips(T[:, :3, :3], T[:, :3, 3] + T[:, :3, :3] @ r.tool_offset, measured[:, :3])
 
 
-def _most_met(tips: Tips, near: float, fit_tool: bool) -> Frame:
+def _most_met(tips: Tips, near: float, fit: Fit) -> Fitted:
     """The frame that most tips meet, of those of windows of successive rows."""
     size = constants.FEWEST_POSTURES
     starts = some_of(len(tips.p) - size + 1, constants.WINDOWS)
-    frames = (Frame.of(tips.of(slice(k, k + size)), fit_tool) for k in starts.tolist())
+    frames = (fit(tips.of(slice(k, k + size))) for k in starts.tolist())
     best = max(frames, key=lambda frame: np.sum(frame.missed(tips) < near))
     for _ in range(constants.FRAME_STEPS):
         met = np.flatnonzero(best.missed(tips) < near)
         if len(met) < size:
             break
-        best = Frame.of(tips.of(met), fit_tool)
+        best = fit(tips.of(met))
     return best
 
 
@@ -136,7 +163,7 @@ def _run(met: Flags) -> int:
     return int(np.argmax(np.concatenate([[0], np.cumsum(np.where(met, 1, -1))])))
 
 
-def _as_in(frame: Frame, r: Recording, rest: Integers) -> Iterator[tuple[str, Array]]:
+def _as_in(frame: Fitted, r: Recording, rest: Integers) -> Iterator[tuple[str, Array]]:
     """What else rows may be, in words, and by how much they (k,) then miss the model."""
     measured, q = r.measured, r.q[rest]
     for by in (*range(1, constants.ROWS_OFF + 1), *range(-constants.ROWS_OFF, 0)):
@@ -149,19 +176,26 @@ def _as_in(frame: Frame, r: Recording, rest: Integers) -> Iterator[tuple[str, Ar
         yield slip.change, frame.missed(_tips(r, slip.q, measured[rest]))
 
 
-def _elsewhere(frame: Frame, rest: Tips, r: Recording, near: float) -> Iterator[tuple[str, Array]]:
-    """Another tip, or frame, of all of them, where no step of the library's does as much."""
+def _elsewhere(frame: Fitted, rest: Tips, near: float, fit: Fit) -> Iterator[tuple[str, Array]]:
+    """Other zeros, tip or frame of all rows, farther off than any step of the library's.
+
+    What is nearer may be that, or a play that was approached from one side and then the other.
+    """
     if len(rest.p) < constants.FEWEST_POSTURES:
         return
-    gaps = rest.y - (rest.p + rest.R @ frame.d) @ frame.F.T - frame.t
-    slipped = least(frame.F @ rest.R, gaps)
-    if r.time is None or np.abs(slipped).max() > ToolSlip.x.upper:
-        left = frame._replace(d=frame.d + slipped).missed(rest)
-        yield "another tip of the tool", left
-    other = _most_met(rest, near, "tool" in r.always)
-    turn = Rotation.from_matrix(frame.F.T @ other.F).as_rotvec()
-    far = np.abs(frame.F.T @ (other.t - frame.t)).max() > BaseBump.x.upper
+    other = _most_met(rest, near, fit)
     left = other.missed(rest)
-    whole = np.mean(left < near) > constants.WHOLE
-    if whole and (r.time is None or far or np.abs(turn).max() > BaseBump.rx.upper):
-        yield "another frame of the device", left
+    whole = bool(np.mean(left < near) > constants.WHOLE)
+    if isinstance(frame, Zeros) and isinstance(other, Zeros):
+        apart = np.abs(np.angle(np.exp(1j * (other.off - frame.off)))).max(initial=0.0)
+        if whole and apart > 2.0 * Backlash.play.upper:
+            yield "other zeros of the encoders", left
+    if isinstance(frame, Frame) and isinstance(other, Frame):
+        gaps = rest.y - (rest.p + rest.R @ frame.d) @ frame.F.T - frame.t
+        slipped = least(frame.F @ rest.R, gaps)
+        if np.abs(slipped).max() > ToolSlip.x.upper:
+            yield "another tip of the tool", frame._replace(d=frame.d + slipped).missed(rest)
+        shift = np.abs(frame.F.T @ (other.t - frame.t)).max() / BaseBump.x.upper
+        turn = Rotation.from_matrix(frame.F.T @ other.F).as_rotvec()
+        if whole and max(shift, np.abs(turn).max() / BaseBump.rx.upper) > 1.0:
+            yield "another frame of the device", left

@@ -297,7 +297,23 @@ def _wrong_encoder(r: Recording) -> WrongSetUp | None:
         if quarter % 4 and max(left, own) < constants.PLAUSIBLE and not mounted:
             change = f"{TURNED[-quarter % 4]} added to m{j + 1}"
             return WrongSetUp(change, abs(off), left, "rad")
-    return None
+    own = _together(r, r.q)
+    if not own > constants.PLAUSIBLE:
+        return None
+    for other in _a_row_off(r, np.arange(len(r))):
+        left = _together(other.recording, other.q)
+        if left < constants.MENDED * own:
+            return WrongSetUp(other.change, own, left, "rad")
+    part = mended_from_a_row_on(r)
+    return WrongSetUp(*part, "rad") if part else None
+
+
+def _together(r: Recording, q: Array) -> float:
+    """Median [rad] over rows of how far the worst joint is off its encoder's middle."""
+    joints = [j for j in r.measured_joints if r.chain.turning[j]]
+    off = np.exp(1j * (r.measured[:, joints] - q[:, joints]))
+    off = np.angle(off / off.mean(axis=0))
+    return float(np.median(np.abs(off).max(axis=1))) if joints else 0.0
 
 
 def _scatter(values: Array) -> float:

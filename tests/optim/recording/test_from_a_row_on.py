@@ -3,6 +3,8 @@
 Rows that a gap of the robot moves, however far, are not.
 """
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -32,6 +34,12 @@ def lost(given, row, *columns):
         **{k: v[: len(given["q"]) - 1] for k, v in given.items() if k in ("q", "measured")},
         **rest,
     }
+
+
+def tips(given, off=0.0):
+    """Tips (rows, 3) of the arrays' postures, of a tool whose tip is so far off along y [m]."""
+    tool = np.add(given["tool_offset"], [0.0, off, 0.0])
+    return given["robot"].chain().tips(given["q"], tool)
 
 
 def along_a_path(rng, rows=ROWS):
@@ -74,28 +82,55 @@ def test_a_sign_or_a_zero_of_a_part_is_named(kind):
             refuse_wrong_set_up(told(spoilt(given, rest, q=q)))
 
 
-@pytest.mark.parametrize("time", [False, True])
-def test_a_device_that_was_put_elsewhere_is_named(time):
-    """Where a step of the base may be as large, and has its moment, that is left to the verdict."""
+@pytest.mark.parametrize(("far", "named"), [(0.018, False), (0.022, True)])
+def test_a_device_that_was_put_elsewhere_is_named(far, named):
+    """Where a step of the base may be as large, or a play, that is left to the verdict."""
     given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
-    when = {"time": np.arange(ROWS) * 1.0} if time else {}
-    there = given["measured"] + [0.0, 0.0, 0.015]
-    found = wrong_set_up(told(spoilt(given, rest, measured=there), **when))
-    assert (found is None) == time
+    frame = Rotation.align_vectors(*(x - x.mean(axis=0) for x in (given["measured"], tips(given))))
+    there = given["measured"] + frame[0].apply([0.0, 0.0, far])
+    found = wrong_set_up(told(spoilt(given, rest, measured=there)))
+    assert (found is not None) == named
     there = TURN.apply(given["measured"]) + np.array([0.4, -0.1, 0.2])
     with pytest.raises(PlumblineError, match=f"frame of the device from row {BROKEN + 1} on"):
-        refuse_wrong_set_up(told(spoilt(given, rest, measured=there), **when))
+        refuse_wrong_set_up(told(spoilt(given, rest, measured=there)))
+
+
+@pytest.mark.parametrize("play", [0.02, 0.3])
+def test_a_play_that_is_approached_from_one_side_and_then_the_other_is_no_other_frame(play):
+    given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
+    off = np.where(rest, 0.5 * play, -0.5 * play)
+    chain = given["robot"].chain()
+    measured = chain.tips(moved(given["q"], 2, off[:, None]), given["tool_offset"])
+    assert wrong_set_up(told(given, measured=measured)) is None
+    read = given["q"] + off[:, None] * (np.arange(6) == 1)
+    encoders = {**given, "observation": "joint_position", "measured": read}
+    encoders.pop("tool_offset")
+    assert wrong_set_up(told(encoders)) is None
+
+
+@pytest.mark.parametrize("joints", [(2,), (1, 2, 3, 4, 5, 6)])
+def test_encoders_that_lost_a_row_or_took_other_zeros_are_named(joints):
+    given, rng = room("tip_position", rows=ROWS), np.random.default_rng(1)
+    read = given["q"] + rng.normal(0.0, 1e-4, (ROWS, 6))
+    rest = np.arange(ROWS) >= BROKEN
+    given = {k: given[k] for k in ("robot", "q", "name")} | {"observation": "joint_position"}
+    assert wrong_set_up(told(given, measured=read)) is None
+    off = np.isin(np.arange(6) + 1, joints)
+    late = np.where(off, np.roll(read, 1, axis=0), read)
+    for q, measured, words in (
+        (given["q"][:-1], np.delete(read, BROKEN, axis=0), f"too early from row {BROKEN + 1} on"),
+        (given["q"][1:], late[1:], "a row too (late|early)$"),
+        (given["q"], read + np.where(rest[:, None], off * 0.8, 0.0), f"from row {BROKEN + 1} on"),
+    ):
+        found = wrong_set_up(told(given, q=q, measured=measured))
+        assert found is not None
+        assert re.search(words, found.change)
 
 
 def test_a_tip_that_was_put_elsewhere_is_named():
     given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
-    chain, t = given["robot"].chain(), given["tool_offset"]
-    apart = chain.tips(given["q"], np.add(t, [0.0, 0.06, 0.0])) - chain.tips(given["q"], t)
-    frame = Rotation.align_vectors(
-        given["measured"] - given["measured"].mean(axis=0),
-        chain.tips(given["q"], t) - chain.tips(given["q"], t).mean(axis=0),
-    )[0]
-    there = given["measured"] + frame.apply(apart)
+    frame = Rotation.align_vectors(*(x - x.mean(axis=0) for x in (given["measured"], tips(given))))
+    there = given["measured"] + frame[0].apply(tips(given, 0.06) - tips(given))
     with pytest.raises(PlumblineError, match=f"another tip of the tool from row {BROKEN + 1} on"):
         refuse_wrong_set_up(told(spoilt(given, rest, measured=there)))
 
