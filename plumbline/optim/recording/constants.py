@@ -157,6 +157,7 @@ WINDOWS = 40  # of successive rows, one of which meets the model as it is (cost 
 # Rows next to a part that is right, of a frame that is known: by chance one in 1e3 is mended.
 FEWEST_MENDED = 4
 WHOLE = 0.8  # of such rows, where they are in a frame of their own: the others may be gross
+ONE_ANGLE = 0.9  # mean length of what a joint is off by, on the unit circle: 26 degrees of scatter
 ROWS_OFF = 3  # rows by which measurements of a part may be late or early: readings lost in a row
 IN_A_SOCKET = 4  # rows, at least: k-means then left a fifth of 300 drawn scatters at the least
 SOCKET_STARTS = 20  # of k-means

@@ -112,7 +112,7 @@ def mended_from_a_row_on(r: Recording) -> Mended | None:
     missed = frame.missed(tips.of(rest))
     near = constants.MENDED * float(np.median(missed)) if len(rest) else 0.0
     elsewhere = _elsewhere(frame, tips.of(rest), near, fit) if len(rest) else ()
-    tried = chain(_as_in(frame, r, rest), elsewhere)
+    tried = chain(_as_in(frame, r, rest), elsewhere, _misread(frame, r, rest, near))
     run, change, left = max(
         ((_run(left < near), change, left) for change, left in tried),
         key=lambda each: each[0],
@@ -199,3 +199,45 @@ def _elsewhere(frame: Fitted, rest: Tips, near: float, fit: Fit) -> Iterator[tup
         turn = Rotation.from_matrix(frame.F.T @ other.F).as_rotvec()
         if whole and max(shift, np.abs(turn).max() / BaseBump.rx.upper) > 1.0:
             yield "another frame of the device", left
+
+
+def _misread(
+    frame: Fitted, r: Recording, rest: Integers, near: float
+) -> Iterator[tuple[str, Array]]:
+    """One joint that stands still as it reads, or counts from elsewhere, where it alone would do.
+
+    What it is off by is farther than any play.
+    """
+    if not isinstance(frame, Frame):
+        return
+    for j in np.flatnonzero(r.chain.turning).tolist():
+        left, angle = _by_one_joint(frame, r, rest, j)
+        run, read = _run(left < near), r.q[rest, j]
+        met = np.flatnonzero(left[:run] < near)
+        if run < constants.FEWEST_POSTURES:
+            continue
+        off = np.exp(1j * (angle - read)[met])
+        if np.abs(np.angle(off)).max() <= Backlash.play.upper:
+            continue
+        if np.ptp(read[:run]) == 0.0:
+            yield f"q{j + 1} as it moves: it reads {read[0]:.5g} rad", left
+        elif abs(np.mean(off)) > constants.ONE_ANGLE:
+            yield f"{np.degrees(np.angle(np.mean(off))):.0f} degrees added to q{j + 1}", left
+
+
+def _by_one_joint(frame: Frame, r: Recording, rest: Integers, j: int) -> tuple[Array, Array]:
+    r"""By how much rows (k,) miss the model whatever joint j reads, and at which angle [rad].
+
+    The tip is on a circle about the axis, :math:`c + a \cos\theta + b \sin\theta`, by three points.
+    """
+    at, q = [], r.q[rest].copy()
+    for turn in range(3):
+        q[:, j] = turn * 2.0 * np.pi / 3.0
+        tips = _tips(r, q, r.measured[rest])
+        at.append(tips.p + tips.R @ frame.d)
+    c = np.mean(at, axis=0)
+    a, b = at[0] - c, (at[1] - at[2]) / np.sqrt(3.0)
+    gap = (r.measured[rest, :3] - frame.t) @ frame.F - c
+    angle = np.arctan2(np.sum(gap * b, axis=1), np.sum(gap * a, axis=1))
+    nearest = np.cos(angle)[:, None] * a + np.sin(angle)[:, None] * b
+    return np.asarray(np.linalg.norm(gap - nearest, axis=1)), angle

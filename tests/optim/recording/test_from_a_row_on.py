@@ -197,3 +197,36 @@ def test_a_frame_of_their_own_holds_nearly_all_rows(gross, named):
     )
     found = wrong_set_up(told(spoilt(given, rest, measured=there)))
     assert (found is not None) == named
+
+
+@pytest.mark.parametrize(("far", "named"), [(0.3, False), (-0.6, True)])
+def test_a_joint_that_counts_from_elsewhere_is_named_beyond_any_play(far, named):
+    given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
+    found = wrong_set_up(told(spoilt(given, rest, q=moved(given["q"], 3, far))))
+    assert (found is not None) == named
+    assert found is None or f"34 degrees added to q3 from row {BROKEN + 1} on" in found.change
+
+
+def test_a_joint_that_stands_still_as_it_reads_is_named():
+    given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
+    frozen = np.where(np.arange(6) == 2, given["q"][BROKEN], given["q"])
+    found = wrong_set_up(told(spoilt(given, rest, q=frozen)))
+    assert found is not None
+    assert re.search(r"q3 as it moves: it reads \S+ rad from row \d+ on", found.change)
+
+
+def test_a_joint_that_is_held_and_yields_is_no_slip():
+    """It stands still as it should, and is off by its play."""
+    given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
+    held = np.where(np.arange(6) == 2, given["q"][BROKEN], given["q"])
+    q = np.where(rest[:, None], held, given["q"])
+    chain = given["robot"].chain()
+    off = moved(q, 3, np.where(rest, 0.1, 0.0)[:, None])
+    measured = chain.tips(off, given["tool_offset"])
+    assert wrong_set_up(told(given, q=q, measured=measured)) is None
+
+
+def test_a_joint_that_reads_anything_is_not_said_to_count_from_elsewhere():
+    given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
+    anything = np.random.default_rng(2).uniform(-2.0, 2.0, (ROWS, 1))
+    assert wrong_set_up(told(spoilt(given, rest, q=moved(given["q"], 3, anything)))) is None
