@@ -7,4 +7,12 @@ NAMES = (
     "joint_offset", "joint_scale", "joint_compliance", "backlash", "transmission_ripple",
     "base_bump", "base_drift", "tool_slip", "sensor_scale", "link_geometry",
 )  # fmt: skip
-FEW_EFFECTS = DiagnosisOptions(library=tuple(e for e in EFFECTS if e.name in NAMES))
+
+
+def few_and(*names: str, without: str = "") -> DiagnosisOptions:
+    """The few, and others that a law is about or that could be taken for them, but for one."""
+    kept = {*NAMES, *names} - {without}
+    return DiagnosisOptions(library=tuple(e for e in EFFECTS if e.name in kept))
+
+
+FEW_EFFECTS = few_and()

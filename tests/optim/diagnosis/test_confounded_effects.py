@@ -31,6 +31,7 @@ from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.building import build_recording
 from tests.benches import TOOL, bench, measured, readings
 from tests.explained import library_without, told
+from tests.few_effects import few_and
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 
@@ -133,7 +134,8 @@ def test_a_joint_that_two_others_drag_tells_them_apart(tmp_path):
 def test_a_breath_that_dwells_is_a_breath(tmp_path):
     case = faultless(rows=90, seed=10)
     breath = Respiration(0.0, (0.6, 0.0, 0.8), 4.2, 0.7, 3)
-    diagnosis = diagnose(recorded(with_fault(case, breath), tmp_path)[0])
+    recording, _ = recorded(with_fault(case, breath), tmp_path)
+    diagnosis = diagnose(recording, few_and("respiration"))
     assert causes(diagnosis) == [("respiration", None)]
     assert diagnosis.verdict.noise.ratio < 1.2
 
@@ -161,7 +163,7 @@ def breathing(between, rows=358):
 @pytest.mark.parametrize("between", [0.1, 0.4])
 def test_a_breath_between_frequencies_that_are_tried_is_a_breath(between):
     """What a quarter of a step leaves of it had been nearly a breath, of no listed effect."""
-    diagnosis = diagnose(breathing(between))
+    diagnosis = diagnose(breathing(between), few_and("respiration"))
     assert causes(diagnosis) == [("respiration", None)]
     assert diagnosis.causes[0].probability > 0.99
 
@@ -277,8 +279,9 @@ def seen_by(gain, seed):
 def test_a_scale_that_is_not_listed_is_no_distortion(seed):
     """A growth of nothing beside a level of its own had been one, more than 95 % sure."""
     recording = seen_by(lambda tips: np.full(len(tips), 2e-4), seed)
-    assert causes(diagnose(recording)) == [("sensor_scale", None)]
-    found = diagnose(recording, DiagnosisOptions(without=("sensor_scale",))).verdict
+    options = few_and("sensor_distortion")
+    assert causes(diagnose(recording, options)) == [("sensor_scale", None)]
+    found = diagnose(recording, replace(options, without=("sensor_scale",))).verdict
     assert found.causes == ()
     assert found.outside_probability > 0.5
 
@@ -289,7 +292,7 @@ def test_a_distortion_about_a_working_depth_is_one_cause(seed):
         low, high = tips[:, 2].min(), tips[:, 2].max()
         return 5e-4 * (tips[:, 2] - low - (0.3 + 0.2 * seed) * (high - low))
 
-    found = diagnose(seen_by(grows, seed))
+    found = diagnose(seen_by(grows, seed), few_and("sensor_distortion"))
     assert causes(found) == [("sensor_distortion", None)]
     assert found.causes[0].probability > 0.95
 

@@ -12,6 +12,7 @@ from plumbline.experiments.reality.outside_effects import LooseTool
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
+from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 
@@ -22,7 +23,7 @@ def planted(case, share, seed):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_gross_errors_are_named_row_by_row(seed, tmp_path):
     recording, facts = recorded(planted(faultless(rows=70, seed=seed), 0.05, seed), tmp_path)
-    diagnosis = diagnose(recording)
+    diagnosis = diagnose(recording, FEW_EFFECTS)
     assert len(facts["gross_rows"]) == 4
     assert list(diagnosis.verdict.distrusted_rows) == facts["gross_rows"]
     assert diagnosis.verdict.verdict == Outcome.NO_GAP
@@ -45,20 +46,20 @@ def test_a_real_effect_on_few_rows_is_not_distrusted(tmp_path):
     case = with_fault(faultless(rows=70, seed=4), bump)
     recording, _ = recorded(case, tmp_path)
     assert (case.scene.session.progress >= 0.92).sum() == 6
-    diagnosis = diagnose(recording)
+    diagnosis = diagnose(recording, FEW_EFFECTS)
     assert diagnosis.verdict.distrusted_rows == ()
     assert causes(diagnosis) == [("base_bump", None)]
 
 
 def test_a_clean_recording_distrusts_no_row(tmp_path):
     recording, _ = recorded(with_fault(faultless(rows=60, seed=5), JointOffset(0.0, 3)), tmp_path)
-    assert diagnose(recording).verdict.distrusted_rows == ()
+    assert diagnose(recording, FEW_EFFECTS).verdict.distrusted_rows == ()
 
 
 def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_path):
     slip = LooseTool(0.0, rows=(9, 27, 44), direction=(0.6, 0.0, 0.8))
     recording, _ = recorded(with_fault(faultless(rows=60, seed=6), slip, gap=2.5), tmp_path)
-    verdict = diagnose(recording).verdict
+    verdict = diagnose(recording, FEW_EFFECTS).verdict
     assert verdict.verdict == Outcome.OUTSIDE
     assert not verdict.causes
     assert verdict.outside_depends_on == "rows 11, 29, 46: one shift of the tool explains them"
@@ -68,7 +69,7 @@ def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_pa
 
 def test_gross_errors_that_owe_nothing_to_each_other_are_not_a_slip(tmp_path):
     recording, facts = recorded(planted(faultless(rows=70, seed=8), 0.06, 8), tmp_path)
-    verdict = diagnose(recording).verdict
+    verdict = diagnose(recording, FEW_EFFECTS).verdict
     assert len(facts["gross_rows"]) == 4
     assert verdict.verdict == Outcome.NO_GAP
     assert verdict.outside_depends_on == ""
@@ -78,10 +79,10 @@ def test_rows_off_by_a_hundred_times_the_noise_leave_the_noise_of_the_others_as_
     """A motion capture of 2 mm that took one marker for the next, 0.19 m away, in two rows."""
     recording, _ = recorded(faultless(rows=36, seed=1), tmp_path)
     measured = recording.measured + np.random.default_rng(1).normal(0.0, 2e-3, (36, 3))
-    plain = diagnose(replace(recording, noise_std=None, measured=measured)).verdict
+    plain = diagnose(replace(recording, noise_std=None, measured=measured), FEW_EFFECTS).verdict
     measured[4] += 0.19 * np.array([0.6, -0.5, 0.62])
     measured[20] += 0.19 * np.array([-0.3, 0.9, 0.3])
-    spoilt = diagnose(replace(recording, noise_std=None, measured=measured)).verdict
+    spoilt = diagnose(replace(recording, noise_std=None, measured=measured), FEW_EFFECTS).verdict
     assert spoilt.distrusted_rows == (6, 22)
     assert spoilt.noise.sigma == pytest.approx(plain.noise.sigma, rel=0.1)
 
@@ -111,7 +112,7 @@ def test_a_pose_may_be_wrong_in_place_alone_or_in_its_turn(columns, seed, tmp_pa
     push = np.zeros((2, 6))
     push[:, columns] = rng.normal(size=(2, 6))[:, columns]
     push *= np.array([[48.0], [39.0]]) / np.linalg.norm(push, axis=1, keepdims=True)
-    found = diagnose(spoilt(recording, [40, 90], push))
+    found = diagnose(spoilt(recording, [40, 90], push), FEW_EFFECTS)
     assert found.verdict.verdict == Outcome.NO_GAP
     assert found.outside_probability < 0.1
     assert list(np.flatnonzero(~found.trusted)) == [40, 90]
