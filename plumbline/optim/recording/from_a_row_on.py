@@ -18,7 +18,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from plumbline.kinematics.effects.backlash import Backlash
 from plumbline.kinematics.effects.base_bump import BaseBump
@@ -196,7 +196,7 @@ def _elsewhere(frame: Fitted, rest: Tips, near: float, fit: Fit) -> Iterator[tup
         if np.abs(slipped).max() > ToolSlip.x.upper:
             yield "another tip of the tool", frame._replace(d=frame.d + slipped).missed(rest)
         shift = np.abs(frame.F.T @ (other.t - frame.t)).max() / BaseBump.x.upper
-        turn = Rotation.from_matrix(frame.F.T @ other.F).as_rotvec()
+        turn = scipy.spatial.transform.Rotation.from_matrix(frame.F.T @ other.F).as_rotvec()
         if whole and max(shift, np.abs(turn).max() / BaseBump.rx.upper) > 1.0:
             yield "another frame of the device", left
 
