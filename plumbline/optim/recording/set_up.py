@@ -30,7 +30,7 @@ from plumbline.optim.recording import constants
 from plumbline.optim.recording.best_frame import least, matched
 from plumbline.optim.recording.from_a_row_on import mended_from_a_row_on
 from plumbline.optim.recording.slips import (
-    TURNED,
+    QUARTERS,
     counted_from_others,
     moved_zero,
     named,
@@ -207,7 +207,7 @@ def _others(r: Recording) -> Iterator[Other]:
         yield Other(change, other, other.q)
     # Two changes at once are named where one does not do.
     for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
-        change = f"{TURNED[quarter]} added to q{j + 1} and its sign turned"
+        change = f"{QUARTERS[quarter]} added to q{j + 1} and its sign turned"
         yield Other(change, r, moved_zero(turned_signs(r.q, [j]), j, quarter))
     most = r.chain.n if r.chain.n <= constants.MOST_SIGNS else 1
     for count in range(2, most + 1):
@@ -295,7 +295,7 @@ def _wrong_encoder(r: Recording) -> WrongSetUp | None:
         left = abs(off - quarter * np.pi / 2)
         mounted = "joint_offset" in r.always  # at any angle, as the recording says
         if quarter % 4 and max(left, own) < constants.PLAUSIBLE and not mounted:
-            change = f"{TURNED[-quarter % 4]} added to m{j + 1}"
+            change = f"{QUARTERS[-quarter % 4]} added to m{j + 1}"
             return WrongSetUp(change, abs(off), left, "rad")
     own = _together(r, r.q)
     if not own > constants.PLAUSIBLE:

@@ -8,7 +8,8 @@ import numpy as np
 
 from plumbline.optim.recording.table import Array, Flags
 
-TURNED = ("", "90 degrees", "180 degrees", "-90 degrees")
+# What quarters of a turn are called, by their number.
+QUARTERS = ("", "90 degrees", "180 degrees", "-90 degrees")
 
 
 class Slip(NamedTuple):
@@ -27,7 +28,7 @@ def signs(q: Array) -> Iterator[Slip]:
 def zeros(q: Array, turns: Flags) -> Iterator[Slip]:
     """One zero moved by quarters of a turn, of joints that turn."""
     for j, quarter in product(np.flatnonzero(turns).tolist(), (1, 3, 2)):
-        change = f"{TURNED[quarter]} added to q{j + 1}"
+        change = f"{QUARTERS[quarter]} added to q{j + 1}"
         yield Slip(change, moved_zero(q, j, quarter))
 
 

@@ -127,12 +127,21 @@ def test_encoders_that_lost_a_row_or_took_other_zeros_are_named(joints):
         assert re.search(words, found.change)
 
 
-def test_a_tip_that_was_put_elsewhere_is_named():
+def test_what_is_wrong_in_the_first_rows_is_named_there():
+    given, first = room("tip_position", rows=ROWS), np.arange(ROWS) < ROWS - BROKEN
+    found = wrong_set_up(told(spoilt(given, first, q=turned(given["q"], 2))))
+    assert found is not None
+    assert found.change == f"the sign of q2 turned in the first {ROWS - BROKEN} rows"
+
+
+@pytest.mark.parametrize(("far", "named"), [(0.018, False), (0.06, True)])
+def test_a_tip_that_was_put_elsewhere_is_named_beyond_any_slip(far, named):
     given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
     frame = Rotation.align_vectors(*(x - x.mean(axis=0) for x in (given["measured"], tips(given))))
-    there = given["measured"] + frame[0].apply(tips(given, 0.06) - tips(given))
-    with pytest.raises(PlumblineError, match=f"another tip of the tool from row {BROKEN + 1} on"):
-        refuse_wrong_set_up(told(spoilt(given, rest, measured=there)))
+    there = given["measured"] + frame[0].apply(tips(given, far) - tips(given))
+    found = wrong_set_up(told(spoilt(given, rest, measured=there)))
+    assert (found is not None) == named
+    assert found is None or f"another tip of the tool from row {BROKEN + 1} on" in found.change
 
 
 @pytest.mark.parametrize("column", [0, 3, 5])
