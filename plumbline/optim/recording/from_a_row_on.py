@@ -8,6 +8,7 @@ together are those of the window of successive rows that leaves most rows a tent
 
 found again from these (Fischler and Bolles 1981, Commun. ACM 24(6)). The part is the stretch with
 most such rows over others; what mends the rows next to it, with F, t and d as they are, is named.
+Where those that are right are too few to fix a frame, the rest does, paired some rows off.
 """
 
 from __future__ import annotations
@@ -103,6 +104,11 @@ def mended_from_a_row_on(r: Recording) -> Mended | None:
     if r.kind.sockets or r.kind.efforts or len(r) < 2 * constants.FEWEST_POSTURES:
         return None
     fit: Fit = Zeros.of if r.kind.encoders else partial(Frame.of, fit_tool="tool" in r.always)
+    return _beside_a_part(r, fit) or _beside_a_few(r, fit)
+
+
+def _beside_a_part(r: Recording, fit: Fit) -> Mended | None:
+    """What mends the rows next to those that are right as they are."""
     tips = _tips(r, r.q, r.measured)
     near = constants.MENDED * float(np.median(fit(tips).missed(tips)))
     frame = _most_met(tips, near, fit)
@@ -123,6 +129,37 @@ def mended_from_a_row_on(r: Recording) -> Mended | None:
         return None
     where = f"in the first {run} rows" if before else f"from row {last + 1} on"
     return Mended(f"{change} {where}", *(float(np.median(e[:run])) for e in (missed, left)))
+
+
+def _beside_a_few(r: Recording, fit: Fit) -> Mended | None:
+    """By how many rows all but some of the first are late or early, where these fix no frame.
+
+    Along a path, rows that are late may be a lag: there the first must show that they are none.
+    """
+    tips = _tips(r, r.q, r.measured)
+    near = constants.MENDED * float(np.median(fit(tips).missed(tips)))
+    path = r.time is not None or r.velocity is not None
+    for by, change in _rows_off():
+        start, end = max(0, -by), len(r) - max(0, by)
+        paired = tips.of(slice(start, end))._replace(y=tips.y[start + by : end + by])
+        frame = _most_met(paired, near, fit)
+        left = frame.missed(paired)
+        first, last = _stretch(left < near)
+        missed = frame.missed(tips)
+        run = _run(missed[:first][::-1] < near)
+        needed = constants.FEWEST_MENDED if path else min(first, constants.FEWEST_MENDED)
+        if run >= needed and last - first > len(r) / 2:
+            where = f" from row {first + 1} on" if first else ""
+            sizes = (float(np.median(e[first:last])) for e in (missed, left))
+            return Mended(change + where, *sizes)
+    return None
+
+
+def _rows_off() -> Iterator[tuple[int, str]]:
+    """By how many rows measurements may be late, or early (negative), and in words."""
+    for by in (*range(1, constants.ROWS_OFF + 1), *range(-constants.ROWS_OFF, 0)):
+        count = "a row" if abs(by) == 1 else f"{abs(by)} rows"
+        yield by, f"what was measured {count} too {'late' if by > 0 else 'early'}"
 
 
 def _tips(r: Recording, q: Array, measured: Array) -> Tips:
@@ -166,10 +203,8 @@ def _run(met: Flags) -> int:
 def _as_in(frame: Fitted, r: Recording, rest: Integers) -> Iterator[tuple[str, Array]]:
     """What else rows may be, in words, and by how much they (k,) then miss the model."""
     measured, q = r.measured, r.q[rest]
-    for by in (*range(1, constants.ROWS_OFF + 1), *range(-constants.ROWS_OFF, 0)):
+    for by, change in _rows_off():
         there = np.clip(rest + by, 0, len(r) - 1)
-        count = "a row" if abs(by) == 1 else f"{abs(by)} rows"
-        change = f"what was measured {count} too {'late' if by > 0 else 'early'}"
         left = frame.missed(_tips(r, q, measured[there]))
         yield change, np.where(there == rest + by, left, np.inf)
     for slip in chain(signs(q), zeros(q, r.chain.turning), swaps(q)):

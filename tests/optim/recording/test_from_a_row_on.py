@@ -15,6 +15,7 @@ from plumbline.optim.recording.set_up import plausible, refuse_wrong_set_up, wro
 from tests.optim.recording.test_set_up import moved, room, told, turned
 
 ROWS, BROKEN = 60, 37  # rows from this one on, from 0, are wrong
+FEW = 6  # rows that are right and fix no frame
 OF_TIPS = ("tip_position", "pose")
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.2])
 
@@ -52,6 +53,10 @@ def along_a_path(rng, rows=ROWS):
 @pytest.mark.parametrize(
     ("kind", "column", "side", "row"),
     [
+        ("tip_position", "measured", "early", 1),
+        ("tip_position", "q", "late", 3),
+        ("pose", "q", "late", 6),
+        ("tip_position", "measured", "early", 9),
         ("tip_position", "measured", "early", 10),
         ("tip_position", "q", "late", BROKEN),
         ("pose", "measured", "early", ROWS - 6),
@@ -63,6 +68,17 @@ def test_a_row_that_one_file_lost_is_named(kind, column, side, row):
         words = f"measured a row too (late|early) (in the first 10 rows|from row {row + 1} on)"
     with pytest.raises(PlumblineError, match=words):
         refuse_wrong_set_up(told(lost(room(kind, rows=ROWS), row, column)))
+
+
+def test_a_path_with_a_clock_that_lags_is_no_lost_row():
+    """But for one of which the first rows show that nothing lagged there."""
+    given, q = room("tip_position", rows=ROWS), along_a_path(np.random.default_rng(3))
+    given |= {"q": q, "measured": given["robot"].chain().tips(q, given["tool_offset"])}
+    clock = {"time": 0.1 * np.arange(ROWS - 1.0)}
+    late = {**given, "q": q[1:], "measured": given["measured"][:-1]}
+    assert wrong_set_up(told(late | clock)) is None
+    with pytest.raises(PlumblineError, match=f"too early from row {FEW + 1} on"):
+        refuse_wrong_set_up(told(lost(given, FEW, "measured") | clock))
 
 
 def test_two_rows_lost_apart_are_told_by_one_of_them():
