@@ -137,6 +137,7 @@ def test_a_breath_that_dwells_is_a_breath(tmp_path):
     recording, _ = recorded(with_fault(case, breath), tmp_path)
     diagnosis = diagnose(recording, few_and("respiration"))
     assert causes(diagnosis) == [("respiration", None)]
+    assert len(diagnosis.effects) == 1  # not two breaths, one twice as fast
     assert diagnosis.verdict.noise.ratio < 1.2
 
 

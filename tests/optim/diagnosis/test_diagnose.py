@@ -101,6 +101,7 @@ def test_where_no_noise_is_stated_no_floor_is_claimed(ripple):
     said = " ".join((verdict.meaning, gap_words(verdict), shrink_words(verdict)))
     assert "no noise is stated" in said
     assert "floor" not in said
+    assert "noise alone" not in said.lower()
     assert "leaves to remove" not in said
 
 
