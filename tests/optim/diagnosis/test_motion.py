@@ -57,7 +57,7 @@ a = 0.4
 @pytest.fixture(scope="module")
 def found():
     """A delay, a lag and play at joint 1; nothing at joint 2."""
-    return diagnose(recorded([{"delay": 0.03, "lag": 0.05, "play": 0.01}, {}]))
+    return diagnose(recorded([{"delay": 0.03, "lag": 0.05, "play": 0.01}, {}], seconds=20))
 
 
 def windows_of(law, joint=1, rows=400):
@@ -200,7 +200,7 @@ def test_the_tree_goes_from_drive_to_dependence_to_mechanism_and_adds_up(found):
 
 
 def test_what_nobody_has_listed_is_in_the_tree_without_a_name():
-    recording = recorded([{}, {}], seed=3, seconds=40)
+    recording = recorded([{}, {}], seed=3, seconds=20)
     odd = np.array(recording.q)
     odd[:, 0] += 0.003 * np.sin(9.0 * odd[:, 0])  # a wave over its own angle
     changed = build_motion(
@@ -220,7 +220,7 @@ def test_what_nobody_has_listed_is_in_the_tree_without_a_name():
 )
 def test_a_joint_that_another_one_drags_goes_by_that_one_s_motion(drag):
     """Loads go by the other's angle, too: without such a rival this was a servo that gives way."""
-    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=40)
+    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=20)
     dragged = np.array(recording.q)
     q = dragged[:, 0] - dragged[:, 0].mean()
     dragged[:, 1] += drag(q, np.gradient(recording.command[:, 0], recording.time))
@@ -235,7 +235,7 @@ def test_a_joint_that_another_one_drags_goes_by_that_one_s_motion(drag):
 
 
 def test_a_model_holds_on_another_motion(found):
-    other = recorded([{"delay": 0.03, "lag": 0.05, "play": 0.01}, {}], seed=5)
+    other = recorded([{"delay": 0.03, "lag": 0.05, "play": 0.01}, {}], seed=5, seconds=10)
     before, after = found.transfer(other)
     assert before[0] > 0.03
     assert after[0] < 3e-4
@@ -262,10 +262,9 @@ def test_readings_between_which_the_even_clock_falls_have_less_noise():
     assert verdict.gap.after == pytest.approx(verdict.noise.sigma, rel=0.05)
 
 
-@pytest.mark.parametrize("share", [0.03, 0.1])
-def test_rows_that_a_log_has_lost_are_no_mechanism(share):
-    r = recorded([{"delay": 0.04}, {"play": 0.01}], seconds=40.0, noise=3e-4, seed=7001)
-    kept = np.random.default_rng(7).random(len(r)) > share
+def test_rows_that_a_log_has_lost_are_no_mechanism():
+    r = recorded([{"delay": 0.04}, {"play": 0.01}], seconds=20.0, noise=3e-4, seed=7001)
+    kept = np.random.default_rng(7).random(len(r)) > 0.1
     less = build_motion(
         robot=arm(), time=r.time[kept], command=r.command[kept], q=r.q[kept], noise_std=3e-4
     )
@@ -276,7 +275,7 @@ def test_rows_that_a_log_has_lost_are_no_mechanism(share):
 
 
 def test_without_a_known_noise_nothing_is_explained():
-    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=40)
+    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=20)
     unknown = build_motion(
         robot=arm(), time=recording.time, command=recording.command, q=recording.q
     )
@@ -321,12 +320,12 @@ def test_a_limit_that_one_window_reached_is_named_and_what_was_left_out_said_as_
 
 def test_an_effect_that_is_left_out_is_not_named():
     options = DiagnosisOptions(without=["actuation_play"])
-    verdict = diagnose(recorded([{"play": 0.01}, {}], seed=2, seconds=40), options).verdict
+    verdict = diagnose(recorded([{"play": 0.01}, {}], seed=2, seconds=10), options).verdict
     assert "actuation_play" not in {c.effect for c in verdict.candidates}
 
 
 def test_a_speed_that_is_never_exceeded_is_a_velocity_limit():
-    verdict = diagnose(recorded([{"limit": 0.6, "lag": 0.03}, {}], seed=4)).verdict
+    verdict = diagnose(recorded([{"limit": 0.6, "lag": 0.03}, {}], seed=4, seconds=12)).verdict
     causes = {(c.effect, c.element): c for c in verdict.causes}
     assert causes["velocity_limit", 1].parameters["fastest"].value == pytest.approx(0.6, rel=0.02)
 
@@ -508,15 +507,17 @@ def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():
 
 
 def test_what_is_held_out_is_never_fitted():
-    recording = recorded([{"lag": 0.05}, {}], seconds=40)
-    held = np.arange(len(recording)) > 1200
+    recording = recorded([{"lag": 0.05}, {}], seconds=20)
+    held = np.arange(len(recording)) > 600
     q = np.array(recording.q)
     q[held] += 0.05  # another world after the cut
     changed = build_motion(
         robot=arm(), time=recording.time, command=recording.command, q=q, held_out=held
     )
     verdict = diagnose(changed).verdict
-    assert "actuation_offset" not in {c.effect for c in verdict.causes}
+    causes = {(c.effect, c.element) for c in verdict.causes}
+    assert ("actuation_lag", 1) in causes
+    assert "actuation_offset" not in {effect for effect, _ in causes}
     assert verdict.gap.after > 0.04
 
 

@@ -42,7 +42,7 @@ MJCF = """<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbod
 </actuator></mujoco>"""
 
 
-def waves(seconds=20.0, step=STEP):
+def waves(seconds=10.0, step=STEP):
     """Fine times (N,) [s] and commands (N, 2) [rad]."""
     t = np.arange(0.0, seconds, step)
     a = 0.4 * np.sin(2.0 * t) + 0.2 * np.sin(7.0 * t + 1.0)
@@ -79,12 +79,6 @@ def moved(*, noise=1e-4, **wrong):
     )  # fmt: skip
 
 
-def test_a_servo_of_mujoco_is_the_nominal_law():
-    answer = diagnose(moved(noise=2e-3))
-    assert answer.verdict.causes == ()
-    assert answer.verdict.gap.before < 1.1 * 2e-3
-
-
 @pytest.mark.parametrize("held", [True, False])
 def test_commands_that_a_servo_holds_from_row_to_row_are_no_delay(held):
     """Half a row that every joint is late by is the hold: beside it what is late is told as it is.
@@ -93,6 +87,7 @@ def test_commands_that_a_servo_holds_from_row_to_row_are_no_delay(held):
     """
     answer = diagnose(moved(noise=1e-3, held=held))
     assert answer.verdict.causes == ()
+    assert answer.verdict.gap.before < 1.1 * 1e-3
     assert any("commands are taken to stand" in note for note in answer.verdict.notes) is held
     found = diagnose(moved(noise=1e-3, held=held, delay=0.03)).verdict.causes
     assert [(c.effect, c.element) for c in found] == [("actuation_delay", 1)]
@@ -120,7 +115,6 @@ def test_drives_whose_commands_are_held_foretell_motions_by_the_same_gains(tmp_p
 @pytest.mark.parametrize(
     ("wrong", "name", "value"),
     [
-        ({"delay": 0.03}, "actuation_delay", 0.03),
         ({"strongest": 9.0}, "torque_limit", 9.0),
         ({"kp": 40.0}, "servo_stiffness", 1 / 40.0 - 1 / KP),
         ({"rotor": 0.05}, "rotor_inertia", 0.05),

@@ -67,7 +67,7 @@ def test_effects_that_take_next_to_nothing_each_are_spared(alone, both, left):
 def test_what_a_coarser_clock_hides_is_found_where_more_than_noise_is_left():
     """Of a lag by small steps: it leads by half of one, as straight commands between rows lag."""
     h, lag, band = 1e-3, 0.05, 0.015
-    t, u = multisine(60.0, 0.01, size=0.4, fastest=1.5)
+    t, u = multisine(24.0, 0.01, size=0.4, fastest=1.5)
     asked = np.column_stack([np.interp(np.arange(0.0, t[-1], h), t, x) for x in u.T])
     q, at = [], asked[0].copy()
     for c in asked:
