@@ -87,7 +87,14 @@ def test_the_readme_is_short():
     assert len(README.read_text(encoding="utf-8").splitlines()) <= SHORT
 
 
-FACE = "import plumbline\nfor name in plumbline.__all__:\n    getattr(plumbline, name)"
+FACE = """
+import plumbline
+for name in plumbline.__all__:
+    getattr(plumbline, name)
+from plumbline.experiments.report.style import drawing, svg
+with drawing(1.0, 1.0) as (figure, _):
+    svg(figure, "", "")
+"""
 
 
 @pytest.fixture(scope="module")
