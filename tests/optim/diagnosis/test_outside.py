@@ -48,6 +48,9 @@ from tests.simulated_cases import causes, faultless, recorded, with_fault
 OF_LOADS = ("joint_tilt", "link_flex", "base_compliance", "payload")
 COUPLED = few_and("joint_coupling", "coupled_play")
 SEEN = few_and("sensor_distortion")
+OF_JOINTS = few_and("gear_ripple", "joint_coupling", "coupled_play", "hysteresis", "joint_tilt")
+OF_PLAY = few_and("hysteresis", "coupled_play").library
+OF_BODIES = few_and("joint_tilt", "link_flex", "link_thermal").library
 
 
 def spot(case, reach=0.5):
@@ -67,7 +70,7 @@ def crossed(joint, other, folder):
 @pytest.fixture(scope="module")
 def field(tmp_path_factory):
     """The verdict on readings with a field around a place."""
-    case = faultless(rows=60, seed=9)
+    case = faultless(rows=50, seed=9)
     folder = tmp_path_factory.mktemp("field")
     return diagnose(recorded(with_fault(case, spot(case)), folder)[0], SEEN).verdict
 
@@ -79,8 +82,8 @@ def bent(tmp_path_factory):
 
 
 def test_a_joint_that_sticks_and_slips_is_no_cause_of_the_library(tmp_path):
-    case = with_fault(faultless(rows=80, seed=21), StickSlip(0.0, 4, 21), gap=2.5)
-    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
+    case = with_fault(faultless(rows=60, seed=21), StickSlip(0.0, 4, 21), gap=2.5)
+    verdict = diagnose(recorded(case, tmp_path)[0], OF_JOINTS).verdict
     assert verdict.verdict == Outcome.OUTSIDE
     assert [(p.stage, p.element) for p in verdict.where] == [("joint", 4)]
 
@@ -94,7 +97,7 @@ def test_one_joint_s_error_that_depends_on_another_is_named(bent):
 
 
 def test_what_is_seen_does_not_depend_on_the_random_features(bent):
-    found, _ = searched(bent, COUPLED.library)
+    found, _ = searched(bent.select(np.arange(40)), FEW_EFFECTS.library)
     first, again, other = (explain(found, s) for s in (0, 0, 1))
     assert (first.mechanisms, first.words) == (again.mechanisms, again.words)
     assert other.words == first.words
@@ -118,7 +121,7 @@ def test_a_narrow_field_is_flagged_as_local(tmp_path):
 def test_a_ripple_whose_phase_another_joint_sets_is_named(joint, other, order, mesh, tmp_path):
     fault = CrossRipple(0.0, joint, other, order, mesh, phase=1.0)
     case = with_fault(faultless(rows=70, seed=joint), fault, gap=1.2)
-    found = told(recorded(case, tmp_path)[0])
+    found = told(recorded(case, tmp_path)[0], OF_JOINTS.library)
     assert found.unlisted > 0.95
     assert found.words == f"joint {joint}'s error depends on its own and joint {other}'s angle"
 
@@ -138,8 +141,8 @@ def test_what_nobody_lists_of_a_link_holds_no_place_of_its_own(tmp_path):
 def test_an_axis_that_runs_out_as_it_turns_is_its_joint_s(joint, tmp_path):
     """A link that is rigid moves in its joint as the axis does, and its mean is no cause beside."""
     fault = BearingRunout(0.0, joint, order=1.6, phase=0.7)
-    recording, _ = recorded(with_fault(faultless(rows=90, seed=4), fault, gap=2.5), tmp_path)
-    found = told(recording)
+    recording, _ = recorded(with_fault(faultless(rows=70, seed=4), fault, gap=2.5), tmp_path)
+    found = told(recording, OF_BODIES)
     assert found.lacked_at["joint", joint] > 0.95
     assert found.words == f"joint {joint}'s axis runs out as it turns"
     assert found.named == frozenset()
@@ -169,9 +172,9 @@ class WarmZero(JointMechanism):
 @pytest.mark.parametrize("joint", [2, 4])
 def test_an_axis_that_floats_as_it_turns_is_its_joint_s(joint, tmp_path):
     recording, _ = recorded(
-        with_fault(faultless(rows=90, seed=4), AxialFloat(0.0, joint), gap=2.0), tmp_path
+        with_fault(faultless(rows=70, seed=4), AxialFloat(0.0, joint), gap=2.0), tmp_path
     )
-    assert told(recording).lacked_at["joint", joint] > 0.95
+    assert told(recording, OF_BODIES).lacked_at["joint", joint] > 0.95
 
 
 class Overshoot(JointMechanism):
@@ -186,8 +189,8 @@ class Overshoot(JointMechanism):
 @pytest.mark.parametrize("joint", [2, 6])
 def test_play_of_the_other_sign_is_its_joint_s_and_no_other_s(joint, tmp_path):
     """It had been one of all joints, or one that hangs on the angle too."""
-    fault = Overshoot(0.0, joint)
-    found = told(recorded(with_fault(faultless(rows=90, seed=4), fault, gap=2.0), tmp_path)[0])
+    case = with_fault(faultless(rows=70, seed=4), Overshoot(0.0, joint), gap=2.0)
+    found = told(recorded(case, tmp_path)[0], OF_PLAY)
     assert found.lacked_at["joint", joint] > 0.9
     assert found.words == f"joint {joint}'s error depends on the way it came"
     assert not found.named
@@ -195,8 +198,8 @@ def test_play_of_the_other_sign_is_its_joint_s_and_no_other_s(joint, tmp_path):
 
 def test_a_zero_that_settles_is_its_joint_s_though_the_base_could_turn_so(tmp_path):
     """One number does what six do, and is no further form of anything listed."""
-    case = with_fault(faultless(rows=90, seed=4), WarmZero(0.0, 1), gap=2.0)
-    found = told(recorded(case, tmp_path)[0])
+    case = with_fault(faultless(rows=70, seed=4), WarmZero(0.0, 1), gap=2.0)
+    found = told(recorded(case, tmp_path)[0], FEW_EFFECTS.library)
     assert found.lacked_at["joint", 1] > 0.95
     assert not found.named
 
@@ -223,7 +226,6 @@ def test_what_moves_a_joint_s_axis_or_comes_by_another_s_side_is_its_own(fault, 
     [
         (SensorScale(0.0), ("sensor", None), 0.95),
         (LinkThermal(0.0, 20.0), ("link", None), 0.95),
-        (LoadedPlay(0.0, 4, 0.02), ("joint", 4), 0.1),
         (Payload(0.0, (2e4,) * 6), ("tool", None), 0.95),
         (BaseCompliance(0.0, 1.0), ("base", None), 0.6),
     ],
@@ -231,17 +233,26 @@ def test_what_moves_a_joint_s_axis_or_comes_by_another_s_side_is_its_own(fault, 
 def test_what_is_as_simple_as_what_the_library_lacks_is_not_taken_for_another_effect(
     fault, place, least, tmp_path
 ):
-    """All lengths grow alike; a side changes with the load, as a drive does that is soft near none.
+    """All lengths grow alike. A weight at the tip twists all drives in one measure.
 
-    Of these two neither does better: each has what it had before the data. A weight at the tip
-    twists all drives in one measure: two compliances had stood for it, and for a base that tilts a
-    first link that bends.
+    Two compliances had stood for it, and for a base that tilts a first link that bends.
     """
     recording, _ = recorded(with_fault(faultless(rows=90, seed=8), fault, gap=2.5), tmp_path)
-    found = told(recording, library_without(fault.effect))
+    beside = (*OF_LOADS, "link_thermal", "coupled_play", "tool_offset", "sensor_distortion")
+    found = told(recording, few_and(*beside, without=fault.effect).library)
     assert found.lacked_at[place] > 0.95
     assert found.unlisted > least
     assert all(p <= 1.0 - least for p in found.probabilities.values())
+
+
+def test_play_that_changes_sides_with_the_load_may_be_a_drive_that_is_soft_near_none(tmp_path):
+    """Neither does better: each has what it had before the data, of the whole library."""
+    fault = LoadedPlay(0.0, 4, 0.02)
+    recording, _ = recorded(with_fault(faultless(rows=90, seed=8), fault, gap=2.5), tmp_path)
+    found = told(recording, library_without(fault.effect))
+    assert found.lacked_at["joint", 4] > 0.95
+    assert found.unlisted > 0.1
+    assert all(p <= 0.9 for p in found.probabilities.values())
 
 
 def test_a_link_that_bends_is_told_as_the_link_not_as_the_joint_before_it(tmp_path):
@@ -266,12 +277,11 @@ def test_without_a_clock_nobody_says_that_rows_stand_in_the_order_of_time(clock,
     assert clock or found.isdisjoint({"history", "moment"})
 
 
-@pytest.mark.parametrize("moment", [150.0, 300.0])
-def test_a_joint_that_slips_once_is_no_bump_of_the_base(moment, tmp_path):
+def test_a_joint_that_slips_once_is_no_bump_of_the_base(tmp_path):
     """Though the base, were it to move by where the arm leans, could do the same."""
     case = faultless(rows=90, seed=6)
     time = case.scene.session.time
-    moment = float(np.interp(moment, [0.0, 450.0], [time[0], time[-1]]))
+    moment = float(np.interp(150.0, [0.0, 450.0], [time[0], time[-1]]))
     recording, _ = recorded(with_fault(case, HubSlip(0.0, 2, moment), gap=2.5), tmp_path)
     found = told(recording, FEW_EFFECTS.library)
     assert found.lacked_at["joint", 2] > 0.95
@@ -283,7 +293,7 @@ def test_an_arm_on_a_wall_that_nobody_speaks_of_is_told_by_its_loads(stated, tmp
     def on_a_wall(arm):
         return replace(arm, gravity=np.array([0.0, 9.81, 0.0]))
 
-    case = faultless(rows=90, seed=7)
+    case = faultless(rows=60, seed=7)
     case = replace(case, scene=replace(case.scene, arm=on_a_wall(case.scene.arm)))
     case = with_fault(case, JointCompliance(0.0, 2), gap=3.0)
     case = replace(case, arm=on_a_wall(case.arm)) if stated else case
@@ -362,10 +372,9 @@ def test_an_effect_left_out_is_told_by_its_joint_as_simply_as_if_it_was_listed(
     assert found.lacked_at == {("joint", 3): 1.0}
 
 
-@pytest.mark.parametrize("soft", [2e-5, 4e-5])
-def test_drives_that_are_equally_soft_are_soft_drives(soft, tmp_path):
+def test_drives_that_are_equally_soft_are_soft_drives(tmp_path):
     """It had been one unlisted function of all loads, which pays for one number, at 0.98."""
-    alike = tuple(JointCompliance(soft, joint, stiffening=0.0) for joint in range(1, 7))
+    alike = tuple(JointCompliance(2e-5, joint, stiffening=0.0) for joint in range(1, 7))
     case = replace(faultless(rows=60, seed=8), effects=alike, gap_to_noise=(1.0,) * 6)
     verdict = diagnose(recorded(case, tmp_path)[0], few_and(*OF_LOADS)).verdict
     assert verdict.verdict == Outcome.EXPLAINED
@@ -374,7 +383,7 @@ def test_drives_that_are_equally_soft_are_soft_drives(soft, tmp_path):
 
 
 def test_a_cause_beside_an_unknown_is_named_and_explains_a_part(tmp_path):
-    case = faultless(rows=90, seed=5)
+    case = faultless(rows=60, seed=5)
     recording, _ = recorded(with_fault(case, JointScale(0.0, 3), spot(case)), tmp_path)
     partly = diagnose(recording, SEEN).verdict
     assert partly.verdict == Outcome.PARTLY
@@ -387,7 +396,7 @@ def test_a_coupling_that_is_bent_is_a_coupling_or_nearly_one(tmp_path):
     """Which of the two its bend decides; where it sits and on what it depends is sure."""
     joint, other = 4, 3
     bent = CrossRipple(0.0, joint, other, order=0.0, mesh=0.4, phase=0.3)
-    recording, _ = recorded(with_fault(faultless(rows=80, seed=joint), bent, gap=3.0), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=50, seed=joint), bent, gap=3.0), tmp_path)
     verdict = diagnose(recording, COUPLED).verdict
     place = verdict.tree[0]
     assert (place["stage"], place["element"]) == ("joint", joint)
@@ -450,9 +459,9 @@ def test_a_second_encoder_that_scatters_is_named_by_its_joint(joints):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_more_noise_than_stated_depends_on_nothing(seed, tmp_path):
-    recording, _ = recorded(faultless(rows=80, seed=seed), tmp_path)
+    recording, _ = recorded(faultless(rows=60, seed=seed), tmp_path)
     understated = replace(recording, noise_std=recording.noise_std / 1.6)
-    verdict = diagnose(understated).verdict
+    verdict = diagnose(understated, FEW_EFFECTS).verdict
     assert verdict.verdict in (Outcome.NO_GAP, Outcome.PARTLY)
     assert verdict.is_noisier
     assert verdict.meaning == NOISIER
@@ -463,7 +472,7 @@ def test_more_noise_than_stated_depends_on_nothing(seed, tmp_path):
 
 @pytest.mark.parametrize("size", [0.05, 1.0])
 def test_a_gross_row_is_left_out_however_gross_it_is(size, tmp_path):
-    case = with_fault(faultless(rows=60, seed=3), TransmissionRipple(1e-4, 2), gap=5.0)
+    case = with_fault(faultless(rows=40, seed=3), TransmissionRipple(1e-4, 2), gap=5.0)
     recording, _ = recorded(case, tmp_path)
     spoilt = recording.measured.copy()
     spoilt[5, 1] += size
