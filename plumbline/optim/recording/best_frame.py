@@ -18,10 +18,11 @@ UNIT_CROSSES = np.cross(np.eye(3)[None], np.eye(3)[:, None]).reshape(3, 9)
 def matched(R: Array, p: Array, measured: Array, fit_tool: bool) -> tuple[Array, Array]:
     """The best frame's rotation (..., 3, 3), and measured minus predicted (..., N, 3) in it [m].
 
-    R (..., N, 3, 3) and p (..., N, 3) [m] are the tips' as predicted, by as many set-ups as may be;
-    ``fit_tool`` frees the tool.
+    R (..., N, 3, 3) and p (..., N, 3) [m] are the tips' as predicted, by as many set-ups as may be,
+    or in as many windows of rows, each as measured (N, 3) or (..., N, 3); ``fit_tool`` frees the
+    tool.
     """
-    a, y = p - p.mean(axis=-2, keepdims=True), measured - measured.mean(axis=0)
+    a, y = p - p.mean(axis=-2, keepdims=True), measured - measured.mean(axis=-2, keepdims=True)
     inner, tool = R - R.mean(axis=-3, keepdims=True), np.zeros((*p.shape[:-2], 1, 3, 1))
     F, v = best_rotation(a, y), a
     for _ in range(FRAME_STEPS if fit_tool else 0):

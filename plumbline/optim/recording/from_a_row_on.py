@@ -43,32 +43,32 @@ class Mended(NamedTuple):
 
 
 class Tips(NamedTuple):
-    """Tips, or joints that turn, as predicted, and as measured."""
+    """Tips, or joints that turn, as predicted, and as measured; of several windows of rows too."""
 
-    R: Array  # rotations (N, 3, 3) of tips
-    p: Array  # places (N, 3) [m], or angles (N, k) [rad]
+    R: Array  # rotations (..., N, 3, 3) of tips
+    p: Array  # places (..., N, 3) [m], or angles (..., N, k) [rad]
     y: Array  # the same as measured
 
     def of(self, rows: Integers | slice) -> Tips:
-        """Those of some rows."""
+        """Those of some rows, or of windows (W, n) of them."""
         return Tips(*(each[rows] for each in self))
 
 
 class Frame(NamedTuple):
-    """A frame and a tool."""
+    """A frame and a tool, or those of several windows of rows."""
 
-    F: Array  # the device's frame (3, 3)
-    t: Array  # its shift (3,) [m]
-    d: Array  # what the tool is other than stated (3,) [m]
+    F: Array  # the device's frame (..., 3, 3)
+    t: Array  # its shift (..., 3) [m]
+    d: Array  # what the tool is other than stated (..., 3) [m]
 
     @classmethod
     def of(cls, tips: Tips, fit_tool: bool) -> Frame:
         """The best of some tips; the tool as it is unless it is fitted."""
-        F = matched(tips.R[None], tips.p[None], tips.y, fit_tool)[0][0]
+        F = matched(*tips, fit_tool)[0]
         J = np.broadcast_to(np.eye(3), tips.R.shape)
-        J = np.concatenate([F @ tips.R, J], axis=-1) if fit_tool else J
-        z = least(J, tips.y - tips.p @ F.T)
-        return cls(F, z[-3:], z[:3] if fit_tool else np.zeros(3))
+        J = np.concatenate([F[..., None, :, :] @ tips.R, J], axis=-1) if fit_tool else J
+        z = least(J, tips.y - tips.p @ np.swapaxes(F, -1, -2))
+        return cls(F, z[..., -3:], z[..., :3] if fit_tool else np.zeros_like(z))
 
     def missed(self, tips: Tips) -> Array:
         """By how much tips (N,) [m] are missed."""
@@ -77,14 +77,14 @@ class Frame(NamedTuple):
 
 
 class Zeros(NamedTuple):
-    """Zeros of second encoders."""
+    """Zeros of second encoders, or those of several windows of rows."""
 
-    off: Array  # (k,) [rad], to a turn
+    off: Array  # (..., k) [rad], to a turn
 
     @classmethod
     def of(cls, joints: Tips) -> Zeros:
         """The mean of some readings of them."""
-        return cls(np.angle(np.exp(1j * (joints.y - joints.p)).mean(axis=0)))
+        return cls(np.angle(np.exp(1j * (joints.y - joints.p)).mean(axis=-2)))
 
     def missed(self, joints: Tips) -> Array:
         """By how much joints (N,) [rad] are missed."""
@@ -174,7 +174,8 @@ def _most_met(tips: Tips, near: float, fit: Fit) -> Fitted:
     """The frame that most tips meet, of those of windows of successive rows."""
     size = constants.FEWEST_POSTURES
     starts = some_of(len(tips.p) - size + 1, constants.WINDOWS)
-    frames = (fit(tips.of(slice(k, k + size))) for k in starts.tolist())
+    windows = fit(tips.of(starts[:, None] + np.arange(size)))
+    frames = (type(windows)(*each) for each in zip(*windows, strict=True))
     best = max(frames, key=lambda frame: np.sum(frame.missed(tips) < near))
     for _ in range(constants.FRAME_STEPS):
         met = np.flatnonzero(best.missed(tips) < near)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from itertools import combinations, product
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -117,11 +118,35 @@ def wrong_set_up(recording: Recording) -> WrongSetUp | None:
         return None
     if recording.kind.encoders:
         return _wrong_encoder(recording)
-    some = some_of(len(recording))
-    r = recording.select(some)
-    own = missed(r)
-    if not own > constants.ASKED * plausible(r):
+    own = missed(recording.select(some_of(len(recording))))
+    if not own > constants.ASKED * plausible(recording):
         return None
+    return _mended(_Rows(recording), own)
+
+
+class _Rows:
+    """A recording's rows as a key: what is read and then fitted is searched once."""
+
+    def __init__(self, r: Recording) -> None:
+        self.recording = r
+        arrays = (r.q, r.measured, r.tool_offset, r.socket, r.time, r.velocity)
+        same = id(r.chain), id(r.robot), r.observation, r.always  # which the key keeps alive
+        self._key = same, *(a if a is None else a.tobytes() for a in arrays)
+
+    def __hash__(self) -> int:
+        """By all that is asked."""
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the same would be asked."""
+        return isinstance(other, _Rows) and self._key == other._key
+
+
+@lru_cache(maxsize=2)
+def _mended(rows: _Rows, own: float) -> WrongSetUp | None:
+    """The simple set-up that leaves a tenth of what the recording's own does, at most."""
+    recording = rows.recording
+    r = recording.select(some := some_of(len(recording)))
     others = itertools.chain(_others(r), _a_row_off(recording, some))
     tried: list[tuple[str, float]] = []
     for _, each in itertools.groupby(others, key=lambda other: id(other.recording)):
@@ -228,10 +253,15 @@ def _other_recordings(r: Recording) -> Iterator[tuple[str, Recording]]:
         yield rows, replace(r, chain=_modified(r.robot, r.chain.tip_frame))
     if r.kind.sockets:
         yield from _sockets_by_place(r)
-    for name in bundled_names():
-        other = Robot.bundled(name).chain()
+    for name, other in _bundled_chains().items():
         if other.kinds == r.chain.kinds and name != r.robot.name:
             yield f"the robot {name}", replace(r, chain=other)
+
+
+@cache
+def _bundled_chains() -> dict[str, Chain]:
+    """Chains of the robots of the package by name, read once: few recordings ask for one alone."""
+    return {name: Robot.bundled(name).chain() for name in bundled_names()}
 
 
 def _sockets_by_place(r: Recording) -> Iterator[tuple[str, Recording]]:

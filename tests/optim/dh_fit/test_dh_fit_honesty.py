@@ -34,7 +34,7 @@ def drawn(seed=0, *, arm=None, reality=None, rows=60, **changed):
 )
 def test_each_interval_holds_the_truth_of_what_it_names(arm, loss, noise):
     held = []
-    for seed in range(12):
+    for seed in range(8):
         reality = replace(UNLIKE, gross=3 if isinstance(loss, Norms) else 0)
         recording, truth = drawn(seed, arm=arm, reality=reality, noise_std=noise)
         fit = fit_dh(recording, DHOptions(loss=loss))

@@ -377,6 +377,17 @@ def test_diagnose_refuses_unless_it_is_forced():
     assert diagnose(wrong, replace(FEW_EFFECTS, force=True)).verdict.rows == ROWS
 
 
+def test_rows_that_were_asked_as_they_were_read_are_searched_once():
+    """What is asked of them is every number that tells: one joint's reading is another key."""
+    given = room("tip_position")
+    wrong = told(given, q=turned(given["q"], 3))
+    first = wrong_set_up(wrong)
+    assert wrong_set_up(replace(wrong, notes=("a note",))) is first
+    again = wrong.robot.chain()
+    for change in ({"q": moved(wrong.q, 1, 0.1)}, {"always": ("frame",)}, {"chain": again}):
+        assert wrong_set_up(replace(wrong, **change)) is not first
+
+
 def test_the_command_refuses_with_one_line_and_diagnoses_if_forced(tmp_path, capsys):
     folder = write_folder(tmp_path / "bench")
     samples = (folder / "samples.csv").read_text().replace("q2,q3", "q3,q2", 1)
