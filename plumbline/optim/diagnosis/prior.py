@@ -176,7 +176,6 @@ SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding l
 SETTLED = 0.95
 HOPELESS = 0.5  # share of the doubt that any number of rows may leave
 COOLED = 0.05  # share of its warmth that a rest as long as the recording leaves: 3 time constants
-WIDER = 0.1  # of the box of tips, on each side [its size]
 REST_PAYS = 1.2  # how much more a row must add with a rest before it than without
 
 # Simulation-based calibration (calibrate).

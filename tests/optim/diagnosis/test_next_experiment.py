@@ -305,13 +305,12 @@ def test_tips_stay_where_the_device_has_seen_them(weak):
 
 
 def tips_outside(recording, rows):
-    """How many rows have a tip out of the box that it has been in, widened."""
+    """How many rows have a tip out of the box that it has been in."""
     tips, known = (
         (T[:, :3, :3] @ recording.tool_offset + T[:, :3, 3])
         for T in map(recording.chain.placement, (rows.q, recording.q))
     )
-    margin = 0.101 * np.ptp(known, axis=0)
-    inside = (tips >= known.min(axis=0) - margin) & (tips <= known.max(axis=0) + margin)
+    inside = (tips > known.min(axis=0) - 1.1e-6) & (tips < known.max(axis=0) + 1.1e-6)
     return int((~inside.all(axis=1)).sum())
 
 
@@ -448,6 +447,14 @@ def test_of_columns_that_would_do_the_first_is_asked_for_once(weak):
     verdict = replace(weak.verdict, unobservable=(blame,))
     notes = next_experiment(found, verdict, replace(QUICK, rivals=1)).notes
     assert len([note for note in notes if "backlash" in note]) == 1
+
+
+def test_columns_are_asked_for_by_the_names_that_a_file_has(weak):
+    why = "needs the column force"
+    blames = [Blame(name, "tool", None, why) for name in ("one", "two", "three")]
+    verdict = replace(weak.verdict, unobservable=tuple(blames))
+    notes = next_experiment(weak.selected, verdict, replace(QUICK, rivals=1)).notes
+    assert any("(force_x, force_y, force_z): without it one, two and three" in n for n in notes)
 
 
 def test_what_lies_outside_of_the_library_is_said_to_need_rows_of_its_own(weak):

@@ -1,8 +1,8 @@
 r"""Rows that could be recorded next: postures within reach, sides of approach, waits, payloads.
 
 Joints are drawn evenly over the range that the recording has used (or over the joints' limits), and
-the tip stays within the box that it has been in, widened by a tenth, where the device is known to
-see it.
+the tip stays within the box that it has been in: there the device is known to see it, and below it
+there may be a table.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array, Flags, Integers
 from plumbline.optim.diagnosis.constants import DRAW_ROUNDS, NEAR, PLACES, REACHING_STEPS, RESTS
-from plumbline.optim.diagnosis.prior import WIDER
 from plumbline.optim.recording.recording import Recording
 
 RECORDED, LIMITS = "recorded", "limits"
@@ -167,8 +166,7 @@ def _within_reach(
     if seen and recording.kind.device:
         known, tips = (recording.chain.tips(p, recording.tool_offset) for p in (recording.q, q))
         low, high = known.min(axis=0), known.max(axis=0)
-        margin = WIDER * (high - low)
-        good &= np.all((tips >= low - margin) & (tips <= high + margin), axis=1)
+        good &= np.all((tips >= low - NEAR) & (tips <= high + NEAR), axis=1)
     return np.asarray(good)
 
 

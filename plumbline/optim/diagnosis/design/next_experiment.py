@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.core.quantities import chance, counted
+from plumbline.optim.core.quantities import chance, counted, enumerated
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.constants import ORDERS, RANDOM_COUNTS
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
@@ -35,6 +35,7 @@ COLUMNS = {
     "time": "record the time of every row",
     "temperature": "record the temperature",
     "payload": "record the mass carried (payload)",
+    "force": "record the force on the tool's tip (force_x, force_y, force_z)",
 }
 CHEAP = DesignOptions(pool=400, rivals=4, glance=100, exchanges=2, compare=False)
 
@@ -148,8 +149,8 @@ def next_experiment(
         return NextExperiment((), names, shares, None, (said, *missing))
     if len(rivals) < 2 or max(shares) > prior.SETTLED:
         said = (
-            f"nothing to separate: among the library's explanations, {names[0]} has a probability "
-            f"of {chance(shares[0])}"
+            f"nothing to separate: of the library's explanations {names[0]} is the most probable, "
+            f"with {chance(shares[0])}"
         )
         return NextExperiment((), names, shares, None, (said, *missing))
     own = _written(selected.model.recording, options.recording)
@@ -288,6 +289,6 @@ def _missing_columns(recording: Recording, verdict: Verdict) -> tuple[str, ...]:
             hidden.setdefault(first, []).append(blame.effect)
     return tuple(
         f"{COLUMNS.get(column, f'record the column {column}')}: without it "
-        f"{' and '.join(dict.fromkeys(effects))} cannot be seen"
+        f"{enumerated(tuple(dict.fromkeys(effects)))} cannot be seen"
         for column, effects in hidden.items()
     )
