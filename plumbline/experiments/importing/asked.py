@@ -16,6 +16,7 @@ from plumbline.experiments.importing.tables import Raw
 from plumbline.experiments.importing.understood import Request
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.files import read_file, reason
+from plumbline.kinematics.linkage import mimics_of
 from plumbline.kinematics.robot import Robot, bundled_names, makers_joints
 from plumbline.optim.recording.settings import read_settings
 
@@ -67,7 +68,8 @@ def asked(
         observation=settings.get("observation"),
         joints=_names(table, chain) if chain else (),
         kinds=chain.kinds if chain else (),
-        gap=None if given.get("gap") is None else _number(given["gap"], "gap"),
+        followers=tuple(mimics_of(robot.urdf)) if robot else (),
+        gap=None if given.get("gap") is None else _length_of_time(given["gap"]),
         shifts={str(k): _number(v, "shift") for k, v in dict(given.get("shift", {})).items()},
         derive=_words(given.get("derive"), "derive"),
         still=_number(given.get("still", joining.STILL), "still"),
@@ -105,6 +107,13 @@ def _number(value: object, what: str) -> float:
     if not abs(number) < float("inf"):
         raise PlumblineError(f"{what} {shown(value)}: expected a finite number")
     return number
+
+
+def _length_of_time(value: object) -> float:
+    gap = _number(value, "gap")
+    if gap < 0.0:
+        raise PlumblineError(f"gap {gap:g}: expected seconds, 0 or more")
+    return gap
 
 
 def _words(value: object, what: str) -> tuple[str, ...]:

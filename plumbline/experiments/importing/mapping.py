@@ -164,6 +164,19 @@ def _by_joint(raw: Raw, joints: Sequence[str]) -> Mapping[str, str]:
     return found
 
 
+def joints_without(raws: Iterable[Raw], joints: Sequence[str]) -> list[str]:
+    """The joints after which not exactly one column of any table is called, of the best table."""
+    prefixes = ("", "position.", "observation.state.", "q.")
+    least = list(joints)
+    for raw in raws:
+        plain = [units.of_header(column)[0].removesuffix(".pos") for column in raw.columns]
+        for before in prefixes:
+            there = [plain.count(f"{before}{joint}") == 1 for joint in joints]
+            lacking = [joint for joint, one in zip(joints, there, strict=True) if not one]
+            least = min(least, lacking, key=len)
+    return least
+
+
 def _unit(raw: Raw, column: str) -> Unit | None:
     said = raw.units.get(column)
     return units.known(said) if said else units.of_header(column)[1]

@@ -93,7 +93,8 @@ def unit_for(
             f"{target}: unit {given.name} is of {given.dimension}, expected one of {some}"
         )
     fitting = [unit for unit in defaults if unit.dimension in allowed]
-    return fitting[0] if fitting else UNITS[SI[allowed[0]]]
+    likeliest = UNITS[SI[allowed[0]]]
+    return min(fitting, key=lambda unit: allowed.index(unit.dimension), default=likeliest)
 
 
 def kind_of(columns: Iterable[str]) -> str:

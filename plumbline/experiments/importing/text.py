@@ -1,8 +1,8 @@
 """CSV as it comes: any separator; decimal points or commas; remarks above the header.
 
 What stands between cells is the mark that cuts the first lines into the same number of cells, more
-than one, at last any number of spaces; a decimal comma is told by cells such as ``3,14`` where
-commas do not separate.
+than one, at last any number of spaces; a decimal comma is told by cells such as ``3,14``, which are
+quoted where commas separate.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ LARGEST_TEXT = 1_000_000_000  # [byte]: an hour of 50 columns at 1 kHz
 MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "spaces"}
 LOOKED_AT = 20  # lines below the header that must be cut alike
 DECIMALS = re.compile(r"^[-+\N{MINUS SIGN}]?\d*,\d+([eE][-+]?\d+)?$")
+GROUPED = re.compile(r",\d{3}$")  # thousands, it may be
 REMARK = ("#", "%", "//")
 
 
@@ -48,11 +49,22 @@ def read(path: Path) -> list[Raw]:
         table, first = table.iloc[1:], first + 1
     columns = {name: _column(table.iloc[:, k]) for k, name in enumerate(header) if name}
     some = table.iloc[: 10 * LOOKED_AT].to_numpy().ravel()
-    comma = mark != "," and any(DECIMALS.match(str(cell).strip()) for cell in some)
+    comma = _decimal_commas([str(cell).strip() for cell in some], mark)
     raw = expanded(columns, {})
     form = f"{MARKS[mark]} between cells" + (", decimal commas" if comma else "")
     given = {name: said[k] for k, name in enumerate(header) if said and said[k]}
     return [Raw(path.name, raw, form, first, "," if comma else ".", given, notes=notes)]
+
+
+def _decimal_commas(cells: list[str], mark: str) -> bool:
+    """Whether cells such as ``3,14`` are numbers.
+
+    Where commas separate, such a cell was quoted, and a comma before three digits may group them.
+    """
+    told = [cell for cell in cells if DECIMALS.match(cell)]
+    if mark != ",":
+        return bool(told)
+    return any(not GROUPED.search(cell) for cell in told) and not any("." in cell for cell in cells)
 
 
 def _decoded(path: Path) -> str:

@@ -6,14 +6,15 @@ nearest in time. A row that lacks anything is left out, and counted.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from plumbline.errors import PlumblineError, listed
+from plumbline.errors import PlumblineError, fault, listed, shown
 from plumbline.experiments.importing import joining, mapping, rotations, targets
 from plumbline.experiments.importing.joining import NOBODY, partners
 from plumbline.experiments.importing.mapping import Match, Wanted
@@ -22,6 +23,7 @@ from plumbline.experiments.importing.units import SI, UNITS, Unit
 from plumbline.optim.core.quantities import counted
 
 DERIVED = ("velocity", "direction")
+LATEST = 1e11  # [s] of a clock: the year 5138 since 1970; stamps of our time in ms are above it
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,7 @@ class Request:
     observation: str | None = None  # kind of recording, or None for what the columns make
     joints: tuple[str, ...] = ()  # names of the robot's joints, where it is known
     kinds: tuple[str, ...] = ()  # ``"revolute"`` or ``"prismatic"`` by joint
+    followers: tuple[str, ...] = ()  # the joints that mimic another
     # how far apart readings of two tables may be [s]; None where tables are not joined
     gap: float | None = None
     # what is added to a table's clock [s], by its name
@@ -63,6 +66,8 @@ class Understood:
 
 def understand(raws: list[Raw], request: Request) -> Understood:
     """The rows of a recording (PlumblineError: a column lacks, or tables cannot be joined)."""
+    _shifts_are_of(raws, request.shifts)
+    request = _without_followers(raws, request)
     wanted = [want for want in request.columns if want.target != "time"]
     matches = list(mapping.mapped(raws, wanted))
     told, notes = mapping.named(raws, matches, request.joints, request.observation)
@@ -84,12 +89,23 @@ def understand(raws: list[Raw], request: Request) -> Understood:
     if "pose1" in table:
         table = rotations.posed(table, UNITS[sources["pose1"].unit].factor)
     more += _went_back(table)
-    table = _derived(_in_order(table), request)
+    table, copies = _once(_in_order(table))
+    more += copies
+    table = _derived(table, request)
     for column in [str(c) for c in table if c not in sources]:
         sources[column] = _made(column, sources)
     odd = [note for raw in raws for note in raw.notes]
     unused = _unused(raws, matches, request)
     return Understood(kind, table, sources, (*odd, *notes, *more, *unused))
+
+
+def _without_followers(raws: Sequence[Raw], request: Request) -> Request:
+    """Without the joints that mimic another, where a table has columns of all others alone."""
+    free = [k for k, name in enumerate(request.joints) if name not in request.followers]
+    names = tuple(request.joints[k] for k in free)
+    if not mapping.joints_without(raws, request.joints) or mapping.joints_without(raws, names):
+        return request
+    return replace(request, joints=names, kinds=tuple(request.kinds[k] for k in free))
 
 
 def _made(column: str, sources: Mapping[str, Source]) -> Source:
@@ -109,8 +125,12 @@ def _joints_are_told(
     used = {(match.raw.name, match.column) for match in matches}
     left = [f"{raw.name}@{c}" for raw in raws for c in raw.columns if (raw.name, c) not in used]
     joints = f", or columns called {listed(request.joints)}" if request.joints else ""
+    lacking = mapping.joints_without(raws, request.joints)
+    found = "no column is called as a joint of the robot"
+    if len(lacking) < len(request.joints):
+        found = f"no column, or more than one, is called as {listed(lacking)}"
     raise PlumblineError(
-        f"{kind}: no column is called as a joint of the robot, expected q1..{joints}; left over: "
+        f"{kind}: {found}, expected q1..{joints}; left over: "
         f"{listed(left, 4)}; say which: --map 'q#={_numbered_alike(left, len(request.joints))}'"
     )
 
@@ -133,18 +153,36 @@ def _base(matches: Sequence[Match]) -> Raw:
     raise PlumblineError("no column that a recording has; map them: --map x=COLUMN:mm")
 
 
+def _shifts_are_of(raws: Sequence[Raw], shifts: Mapping[str, float]) -> None:
+    """Refuse a shift of a clock that no table has."""
+    for name in shifts:
+        if not any(name in _names(raw) for raw in raws):
+            there = listed(raw.name for raw in raws)
+            raise fault(f"--shift {name}", f"no table {shown(name)}", f"one of {there}", "mend it")
+
+
+def _names(raw: Raw) -> tuple[str, ...]:
+    """What a table may be called: its name, and that without its ending."""
+    return raw.name, raw.name.split(".")[0], Path(raw.name).stem
+
+
 def _clock(raw: Raw, request: Request) -> Array | None:
+    """A table's clock (N,) [s], nan for none; None if it has none at all."""
     told = mapping.clock_of(raw, request.columns)
     if told is None:
         return None
     column, unit = told
-    shift = sum(s for name, s in request.shifts.items() if raw.name.split(".")[0] == name
-                or raw.name == name)  # fmt: skip
+    shift = sum(s for name, s in request.shifts.items() if name in _names(raw))
     dated = raw.seconds(column)
     if dated is not None:
         return dated + shift
     chosen = targets.unit_for("time", unit, request.units, ())
-    return raw.numbers(column) * chosen.factor + shift
+    clock = raw.numbers(column) * chosen.factor + shift
+    latest = np.nanmax(np.abs(clock), initial=0.0)
+    if latest > LATEST:
+        mend = f"say its unit: --map time={raw.name}@{column}:ns (or us, ms)"
+        raise fault(raw.name, f"a clock at {latest:.3g} s", f"at most {LATEST:.0e} s", mend)
+    return clock
 
 
 def _joined(
@@ -161,32 +199,36 @@ def _joined(
         if clocks[0] is None and clocks[1] is None and len(raw) == len(base):
             rows[name], left[name] = rows[base.name], 0
             continue
+        bare = [t.name for t, clock in zip((base, raw), clocks, strict=True) if clock is None]
+        mapped = " ".join(f"--map time={table}@COLUMN:s" for table in bare)
         if request.gap is None:
             raise PlumblineError(
                 f"columns of {listed([base.name, *others])}: expected how far apart in time "
-                "readings may be that belong together; say --gap 0.01 (in s)"
+                f"readings may be that belong together; say --gap 0.01 (in s) {mapped}".rstrip()
             )
-        for table, clock in zip((base, raw), clocks, strict=True):
-            if clock is None:
-                raise PlumblineError(
-                    f"{table.name}: no clock, expected one to join it by; say --map "
-                    f"time={table.name}@COLUMN:s"
-                )
+        if bare:
+            raise PlumblineError(f"{bare[0]}: no clock, expected one to join it by; say {mapped}")
         assert clocks[0] is not None
         assert clocks[1] is not None
-        rows[name] = partners(clocks[0], clocks[1], request.gap or 0.0)
+        rows[name] = partners(clocks[0], clocks[1], request.gap)
         left[name] = int((rows[name] == NOBODY).sum())
         if left[name] == len(base):
-            raise PlumblineError(
-                f"{name}: no row within {request.gap:g} s of any of {base.name}, whose clock runs "
-                f"{_span(clocks[0])} s and this one {_span(clocks[1])} s; say --shift "
-                "NAME=SECONDS, or a larger --gap"
-            )
+            raise PlumblineError(_apart(base.name, clocks[0], name, clocks[1], request.gap))
     return rows, left
 
 
-def _span(clock: Array) -> str:
-    return f"{np.nanmin(clock):.9g} to {np.nanmax(clock):.9g}"
+def _apart(base: str, clock: Array, name: str, other: Array, gap: float) -> str:
+    """Why tables did not meet: how near they come, and where their clocks run, from the base's."""
+    start = np.nanmin(clock)
+    nearest = other[partners(clock, other, np.inf)] - clock
+    off = nearest[np.nanargmin(np.abs(nearest))]
+    runs = [f"{np.nanmin(c) - start:.6g} to {np.nanmax(c) - start:.6g} s" for c in (clock, other)]
+    late = "late" if off > 0.0 else "early"
+    return (
+        f"{name}: no row within {gap:g} s of any of {base}, the nearest {abs(off):.4g} s {late}; "
+        f"by the first of {base} its clock runs {runs[0]} and this one {runs[1]}; say --shift "
+        "NAME=SECONDS, or a larger --gap"
+    )
 
 
 def _converted(
@@ -260,7 +302,7 @@ def _whole(
     if lacking > max(left.values(), default=0):
         row = first + int(np.argmax(~whole.to_numpy()))
         notes.append(f"{lacking:,} of {len(table):,} rows lack a reading, row {row} the first")
-    notes += [f"{lacking:,} rows left out"] if lacking else []
+    notes += [f"{counted(lacking, 'row')} left out"] if lacking else []
     return table[whole].reset_index(drop=True), notes
 
 
@@ -275,6 +317,15 @@ def _in_order(table: pd.DataFrame) -> pd.DataFrame:
     keys = ["group", "time"] if "group" in table else ["time"]
     table = table.sort_values(keys, kind="stable").reset_index(drop=True)
     return table.assign(time=(table["time"] - table["time"].min()).round(9))
+
+
+def _once(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """Each row once: what a log holds twice, clock and all, was read once."""
+    if "time" not in table:
+        return table, []
+    copies = table.duplicated()
+    said = f"{counted(int(copies.sum()), 'row')} left out: copies of another, clock and all"
+    return table[~copies].reset_index(drop=True), [said] * bool(copies.any())
 
 
 def _went_back(table: pd.DataFrame) -> list[str]:

@@ -286,7 +286,9 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
     back = np.flatnonzero((np.diff(r.time) <= 0) & same)
     if len(back):
         found = f"{r.time[back[0] + 1]:.9g} s after {r.time[back[0]]:.9g} s"
-        mend = "sort the rows, or number the motions in a column 'group'"
+        twice = r.time[back[0] + 1] == r.time[back[0]]
+        mend = "delete one of the two" if twice else "sort the rows"
+        mend += ", or number the motions in a column 'group'"
         raise fault(origin.at("time", back[0] + 1), found, "ascending times", mend)
     if r.noise_std is not None and not 0.0 < r.noise_std < np.inf:
         mend = "delete it: then it is estimated"
@@ -310,6 +312,9 @@ def _run_by_run(r: MotionRecording) -> MotionRecording:
         return r
     group = np.zeros(len(r), np.int64) if r.group is None else r.group
     anew = np.cumsum(np.append(False, begins | (np.diff(group) != 0)))
+    begins &= np.diff(group) == 0
+    if not begins.any():  # all of them are told already
+        return r
     rows = ", ".join(map(str, np.flatnonzero(begins)[:LISTED_ROWS] + FIRST_ROW + 1))
     note = f"joints are elsewhere at once from rows {rows} on: motions of their own, as by 'group'"
     return replace(r, group=anew.astype(np.int64), notes=(*r.notes, note))
