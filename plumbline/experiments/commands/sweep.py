@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 WORDS = ("held_out", "without", "verdict", "causes", "truth", "effect", "kind", "arm")
 HIDDEN = ("cause", "probability", "unit", "outside_probability", "reason")  # of the printed table
-LENGTHS = ("error", "expected", "misfit", "clearance")  # [m]
-TIMES = ("step_p50", "step_p99")  # [s]
 WIDTH = 160  # characters, where no terminal says that there are fewer
 WRITING = 0.02  # most of the time [1] that goes into writing tables as they stand
 Csv = Annotated[
@@ -76,7 +74,7 @@ def sweep(
     asking = replace(out, overwrite=out.overwrite or begun)
     asking.check(read, {"SPEC": spec}, csv=csv, parquet=parquet, plot=plot)
     factors = _two_of(by, asked.cases[0].to_dict(), plot)
-    tables = Tables(csv, parquet)
+    tables = Tables(csv, parquet, figure)
     with progress_bar(quiet=out.silent) as progress, closing(tables):
         found = run_sweep(
             asked, jobs=jobs or -1, dask=dask, keep=keep, stands=tables.stand, progress=progress
@@ -152,13 +150,15 @@ def as_csv(found: Sweep) -> str:
 class Tables:
     """The tables of a sweep, written anew, each whole, as cases come."""
 
-    def __init__(self, csv: Path | None, parquet: Path | None) -> None:
-        self.csv, self.parquet = csv, parquet
+    def __init__(self, csv: Path | None, parquet: Path | None, figure: str | None = None) -> None:
+        self.csv, self.parquet, self.figure = csv, parquet, figure
         self.so_far: Callable[[], Sweep] | None = None  # the cases done, none before the first
         self.due = 0.0  # when they are written next [s]
 
     def stand(self, so_far: Callable[[], Sweep]) -> None:
-        """One more case is done."""
+        """One more case is done (PlumblineError: it has no such figure)."""
+        if self.figure is not None and so_far().has(self.figure):
+            self.figure = None
         self.so_far = so_far
         if monotonic() >= self.due:
             self.close()
@@ -233,13 +233,14 @@ def _option(value: Any) -> str:
 
 
 def _told(outcome: Outcome, name: str) -> str:
+    from plumbline.experiments.sweep.outcome import GAPS, LENGTHS, TIMES
     from plumbline.optim.core.quantities import chance, quantity
 
     value = outcome.found.get(name)
     if name == "causes":
         named = (f"{n['cause']} {chance(n['probability'])}" for n in value or [])
         return "\n".join(named).replace(" of joint ", " ").replace(" of link ", " ") or "-"
-    if name in ("before", "after") and value is not None:
+    if name in GAPS and value is not None:
         return str(quantity(value, outcome.found.get("unit", "m")))
     if name in LENGTHS and value is not None:
         return str(quantity(value, "m"))

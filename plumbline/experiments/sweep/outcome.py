@@ -11,12 +11,17 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
+from plumbline.optim.core.quantities import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 REFUSED = "refused"
 MOST_LEVELS = 8  # values of a factor of which each is a line; of more, quarters of the cases are
+LENGTHS = ("error", "expected", "misfit", "clearance", "noise")  # [m]
+TIMES = ("step_p50", "step_p99")  # [s]
+GAPS = ("before", "after")  # in the verdict's own unit
+FIGURE_UNITS = {**dict.fromkeys(LENGTHS, "m"), **dict.fromkeys(TIMES, "s")}
 QUANTILES = (0.25, 0.5, 0.75)  # that part them
 
 
@@ -67,11 +72,17 @@ class Crossed:
     across: tuple[str, ...]  # levels of the other
     values: tuple[tuple[float, ...], ...]  # (rows, columns); nan where there is no case
     cases: tuple[tuple[int, ...], ...]  # how many each rests on
+    unit: str = ""  # of the values, where they have one
 
     @property
     def of(self) -> str:
         """What the values are, in words."""
-        return f"{self.figure} by {self.rows} and {self.columns}: median, or share of cases"
+        return f"{self.named} by {self.rows} and {self.columns}: median, or share of cases"
+
+    @property
+    def named(self) -> str:
+        """The figure with its unit."""
+        return f"{self.figure} [{self.unit}]" if self.unit else self.figure
 
     def plot(self) -> Figure:
         """The table as a picture, each field with its value."""
@@ -91,7 +102,7 @@ class Crossed:
         axes.set_xticks(range(len(self.across)), self.across)
         axes.set_yticks(range(len(self.down)), self.down)
         axes.set(xlabel=self.columns, ylabel=self.rows)
-        figure.colorbar(image, ax=axes, label=self.figure)
+        figure.colorbar(image, ax=axes, label=self.named)
         return figure
 
 
@@ -110,12 +121,15 @@ class Sweep:
     @property
     def agreement(self) -> str:
         """How many cases say the same, in words."""
-        of = len(self.outcomes)
-        if not any(o.verdict for o in self.outcomes):
-            return f"{of} cases"
-        kind, often = Counter(o.verdict for o in self.outcomes).most_common(1)[0]
-        cause, led = Counter(o.cause for o in self.outcomes).most_common(1)[0]
+        told = [o for o in self.outcomes if o.verdict != REFUSED]
+        of, out = len(told), len(self.outcomes) - len(told)
+        refused = f"; {out} of {len(self.outcomes)} refused" if out else ""
+        if not any(o.verdict for o in told):
+            return f"{counted(of, 'case')}{refused}"
+        kind, often = Counter(o.verdict for o in told).most_common(1)[0]
+        cause, led = Counter(o.cause for o in told).most_common(1)[0]
         said = f"{kind} in {often} of {of}; first {cause or 'no cause'} in {led} of {of}"
+        said += refused
         judged = [o.found["right"] for o in self.outcomes if "right" in o.found]
         return f"{said}; right in {sum(judged)} of {len(judged)}" if judged else said
 
@@ -125,6 +139,13 @@ class Sweep:
         kinds = (bool, int, float)
         named = (k for o in self.outcomes for k, v in o.found.items() if isinstance(v, kinds))
         return tuple(dict.fromkeys(named))
+
+    def has(self, figure: str) -> bool:
+        """Whether cases have a figure; refused if the ones that were not refused lack it."""
+        there = list(dict.fromkeys(k for o in self.outcomes if not o.reason for k in o.found))
+        if there and figure not in there:
+            _known("figure", figure, self.figures)
+        return bool(there)
 
     def table(self, rows: str, columns: str, figure: str | None = None) -> Crossed:
         """A figure by two factors.
@@ -156,8 +177,14 @@ class Sweep:
         return Crossed(
             rows, columns, figure, of_rows.names, of_columns.names,
             tuple(tuple(float(middle(v)) if v else float("nan") for v in line) for line in at),
-            tuple(tuple(map(len, line)) for line in at),
+            tuple(tuple(map(len, line)) for line in at), self._unit(figure),
         )  # fmt: skip
+
+    def _unit(self, figure: str) -> str:
+        """A figure's unit; of a gap that which all verdicts tell it in."""
+        gaps = {str(o.found.get("unit", "m")) for o in self.outcomes if figure in o.found}
+        of_gap = gaps.pop() if figure in GAPS and len(gaps) == 1 else ""
+        return FIGURE_UNITS.get(figure, of_gap)
 
     def plot(self, rows: str, columns: str, figure: str | None = None) -> Figure:
         """The picture of :meth:`table`."""

@@ -62,7 +62,8 @@ def moves(r: Recording, origin: Origin) -> Iterator[str]:
         raise fault(origin.at("q1"), "one posture in every row", "several", mend)
     if still.any():
         names = ", ".join(f"q{j + 1}" for j in np.flatnonzero(still))
-        yield f"{origin.file}: {names} never move: their effects cannot be told from the frame"
+        never = f"{names} never move{'s' if still.sum() == 1 else ''}"
+        yield f"{origin.file}: {never}: what errs with such a joint's own angle is one constant"
 
 
 def tips_leave_a_plane(r: Recording, origin: Origin) -> None:

@@ -27,6 +27,7 @@ from plumbline.optim.diagnosis.design.future_rows import (
 from plumbline.optim.diagnosis.design.next_experiment import (
     NextExperiment,
     Suggestion,
+    _still,
     next_experiment,
 )
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
@@ -455,6 +456,26 @@ def test_columns_are_asked_for_by_the_names_that_a_file_has(weak):
     verdict = replace(weak.verdict, unobservable=tuple(blames))
     notes = next_experiment(weak.selected, verdict, replace(QUICK, rivals=1)).notes
     assert any("(force_x, force_y, force_z): without it one, two and three" in n for n in notes)
+
+
+def test_rows_that_would_tell_nothing_are_not_proposed(weak, monkeypatch):
+    def untold(design, _):
+        return ("not even many",), list(range(1, len(design.contest.rivals.labels)))
+
+    assert next_experiment(weak.selected, weak.verdict, QUICK).rows
+    monkeypatch.setattr(f"{next_experiment.__module__}._untold", untold)
+    found = next_experiment(weak.selected, weak.verdict, QUICK)
+    assert not found.rows
+    assert found.forecast is None
+    assert found.notes[0] == "not even many"
+
+
+def test_a_joint_that_stood_still_is_to_be_moved(weak):
+    q = weak.recording.q.copy()
+    assert _still(weak.recording) == ()
+    q[:, [1, 4]] = 0.3
+    [note] = _still(replace(weak.recording, q=q))
+    assert note.startswith("move joints 2 and 5, too (--within limits)")
 
 
 def test_what_lies_outside_of_the_library_is_said_to_need_rows_of_its_own(weak):

@@ -258,7 +258,7 @@ def test_rows_are_hopeless_if_many_of_them_leave_half_of_the_doubt(left, said, m
         options=DesignOptions(),
         random_grams=lambda *_: np.zeros((1, 1, 1, 1)),
     )
-    [note] = next_experiment._untold(design, SimpleNamespace(information=np.zeros((2, 2))))
+    [note], _ = next_experiment._untold(design, SimpleNamespace(information=np.zeros((2, 2))))
     assert said in note
 
 

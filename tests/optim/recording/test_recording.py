@@ -171,7 +171,7 @@ def test_a_gross_error_is_no_fault(tmp_path):
         (lambda t: t | {"temprature": t["time"]}, "'temprature' is not used (did you mean 'temp"),
         (lambda t: t | {"x": np.repeat(t["x"][::2], 2)} | {f"q{j}": np.repeat(t[f"q{j}"][::2], 2)
          for j in range(1, 7)} | {c: np.repeat(t[c][::2], 2) for c in "yz"}, "20 rows repeat"),
-        (lambda t: t | {"q6": np.full(ROWS, 0.3)}, "q6 never move"),
+        (lambda t: t | {"q6": np.full(ROWS, 0.3)}, "q6 never moves: what errs with"),
         (lambda t: t | {"temperature": np.full(ROWS, 71.0)}, "Fahrenheit?"),
         (lambda t: t | {"held_out": np.zeros(ROWS)}, "held_out marks no row"),
         (lambda t: t | {"held_out": np.arange(ROWS) % 4 == 0}, "partly held out"),

@@ -17,13 +17,14 @@ from plumbline.optim.core.quantities import chance, counted, enumerated
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.constants import ORDERS, RANDOM_COUNTS
 from plumbline.optim.diagnosis.design.explanations import contest, explanations
-from plumbline.optim.diagnosis.design.future_rows import FutureRows
+from plumbline.optim.diagnosis.design.future_rows import RECORDED, FutureRows
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import Beliefs, Rivals, expected_probabilities
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.verdict.words import what_to_vary
 from plumbline.optim.model.making import number_of
+from plumbline.optim.recording.constants import SAME_POSTURE
 from plumbline.optim.recording.kinds import PLACES
 from plumbline.optim.recording.recording import Recording
 
@@ -159,6 +160,10 @@ def next_experiment(
         said = "no posture within reach was found; try the joint limits instead of what was used"
         return NextExperiment((), names, shares, None, (said, *missing))
     chosen = design.choose()
+    untold, hopeless = _untold(design, chosen.beliefs)
+    untold += _still(own) if options.within == RECORDED else ()
+    if len(hopeless) == len(rivals) - 1:
+        return NextExperiment((), names, shares, None, (*untold, *missing))
     groups = chosen.rows.groups(own)
     told = tuple(
         _suggestion(
@@ -170,7 +175,7 @@ def next_experiment(
         for k, (i, j) in enumerate(chosen.pairs)
     )
     forecast = _forecast(design, chosen.gram)
-    notes = (*_untold(design, chosen.beliefs), *missing)
+    notes = (*untold, *missing)
     return NextExperiment(told, names, shares, forecast, notes, chain.joint_names, chain.kinds)
 
 
@@ -222,13 +227,22 @@ def _if_lead(rivals: Rivals, gram: Array, seed: int) -> Array:
     return expected_probabilities(rivals, gram, prior.DRAWS, seed, only=lead)[lead]
 
 
-def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
-    """What the rows leave untold, and what no number of such rows would tell."""
+def _still(recording: Recording) -> tuple[str, ...]:
+    """What to do about joints that stood still in every row."""
+    still = np.flatnonzero(np.ptp(recording.q, axis=0) < SAME_POSTURE)
+    if not len(still):
+        return ()
+    joints = f"joint{'s' if len(still) > 1 else ''} {enumerated([str(j + 1) for j in still])}"
+    return (f"move {joints}, too (--within limits): what errs with an angle shows along it alone",)
+
+
+def _untold(design: Design, beliefs: Beliefs) -> tuple[tuple[str, ...], list[int]]:
+    """What the rows leave untold in words, and which rivals no number of such rows would tell."""
     rivals = design.contest.rivals
     told, lead = np.minimum(beliefs.information, beliefs.information.T), rivals.leading
     faint = [j for j in range(len(told)) if j != lead and told[lead, j] < prior.NO_EVIDENCE]
     if not faint:
-        return ()
+        return (), []
     many = design.random_grams((RANDOM_COUNTS[-1],), 1)[0, 0]
     left = _if_lead(rivals, many, design.options.seed)
     hopeless = [j for j in faint if left[j] > prior.HOPELESS * rivals.probabilities[j]]
@@ -242,7 +256,7 @@ def _untold(design: Design, beliefs: Beliefs) -> tuple[str, ...]:
             f"{_listed(rivals, hopeless)}: vary something else, such as the mass carried (column "
             "payload), the speed, the time or the range of the joints"
         )
-    return tuple(notes)
+    return tuple(notes), hopeless
 
 
 def _listed(rivals: Rivals, which: Sequence[int]) -> str:
