@@ -203,14 +203,44 @@ def test_a_form_is_a_listed_effect_to_three_hundredths_of_it(place, offered, see
 def test_of_a_deviation_goes_what_is_the_device_s_scale_to_as_much(
     place, offered, seen, off, gone, beside
 ):
-    """Alone, or together with what it deviates from."""
+    """Alone, or together with what it deviates from; whatever else is listed there."""
     scale = scale_of(place.pool, offered[0])
-    other = np.random.default_rng(1).normal(size=(2, *scale.shape)) * np.abs(scale).max()
+    other, more = np.random.default_rng(1).normal(size=(2, 2, *scale.shape)) * np.abs(scale).max()
     alike = nearly(scale[None], off, seen)
     block = np.concatenate([alike - other[:1] if beside else alike, other[1:]])
-    left = seen.without(block, other[:1], scale)
+    left = seen.without(block, other[:1], np.stack([*more, scale]))
     assert (seen.visible(left[:1]) < 0.1 * seen.visible(block[:1])) is gone
     assert seen.visible(left[1:]) > 0.9 * seen.visible(block[1:])
+
+
+def held(block, one, seen):
+    """The share of columns (k, N, m) in the span of which one (N, m) lies, nuisances apart."""
+    span, flat = seen._seen(block).T, seen._seen(one[None])[0]
+    left = flat - span @ np.linalg.lstsq(span, flat, rcond=1e-10)[0]
+    return 1.0 - float(np.sum(left**2) / np.sum(flat**2))
+
+
+def test_no_deviation_is_what_another_listed_effect_does(place, asked, offered, seen):
+    """What is nearly a listed effect and is it beside another one is both of them."""
+    base, near = offered[0].base, 0
+    for term in asked.problem.candidates:
+        if not of_none(term) or not term.family.words.startswith("nearly as"):
+            continue
+        family, own = term.family, term.family.words.split()[2]
+        for c in place.pool.candidates:
+            at = (str(c.effect.stage), c.effect.element) == (family.stage, family.element)
+            if at and c.effect.name != own and not c.effect.scanned:
+                assert max(held(family.columns, base[k], seen) for k in c.columns) < 1 - 1e-6
+                near += 1
+    assert near > 50
+
+
+def test_what_depends_on_angle_and_load_is_about_its_mean(offered, seen):
+    """As what depends on the angle alone: with a constant one term would be a zero besides."""
+    ports, found = offered
+    own = [f for f in found if (f.on, f.element) == ("own angle and load", 3)]
+    zero = ports.joint[2]
+    assert [held(f.columns, zero, seen) < 0.9 for f in own] == [True]
 
 
 def about_joint_2(found):

@@ -5,6 +5,7 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from plumbline.experiments.reality.body_effects import LinkThermal
@@ -30,6 +31,7 @@ from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.kinds import KINDS
 from tests.designs import statistics
+from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import faultless, recorded, with_fault
 
 N, SIGMA = 120, 1.0
@@ -270,6 +272,27 @@ def test_a_zero_and_an_eccentric_wheel_of_one_joint_are_two_causes_not_one_unlis
     assert verdict.verdict == Outcome.EXPLAINED
     named = {(c.effect, c.element) for c in verdict.causes}
     assert named == {("joint_offset", 3), ("transmission_ripple", 3)}
+    assert min(c.probability for c in verdict.causes) > 0.8
+
+
+@pytest.mark.parametrize(("seed", "j"), [(0, 2), (6, 1)])
+def test_a_zero_and_a_soft_drive_of_one_joint_are_two_causes_not_one_unlisted(seed, j):
+    """A zero that depends on the load as a soft drive has it is a zero beside a soft drive."""
+    rng = np.random.default_rng(seed)
+    robot, tool = Robot.bundled("ur5"), np.array([0.02, -0.03, 0.15])
+    q = rng.uniform(-2.0, 2.0, (60, 6))
+    load = np.array(
+        [pin.computeGeneralizedGravity(robot.model, robot.model.createData(), x) for x in q]
+    )
+    real = q.copy()
+    real[:, j] += 2e-3 - 1.5e-3 * load[:, j] / np.abs(load[:, j]).max()
+    tips = robot.chain().tips(real, tool) + rng.normal(0.0, 1e-4, (60, 3))
+    verdict = diagnose(build_recording(
+        observation="tip_position", robot=robot, q=q, measured=tips, tool_offset=tool,
+        noise_std=1e-4,
+    ), FEW_EFFECTS).verdict  # fmt: skip
+    named = {(c.effect, c.element) for c in verdict.causes}
+    assert named == {("joint_offset", j + 1), ("joint_compliance", j + 1)}
     assert min(c.probability for c in verdict.causes) > 0.8
 
 

@@ -25,7 +25,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependence import Dependence, OfAnySize
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
-from plumbline.optim.diagnosis.discrepancy.listed import not_listed, scale_of
+from plumbline.optim.diagnosis.discrepancy.listed import listed_at, not_listed
 from plumbline.optim.diagnosis.discrepancy.noise_spread import spread_of_noise
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
 from plumbline.optim.diagnosis.discrepancy.spectra import Spectrum, orders_of, spectra
@@ -156,7 +156,10 @@ def alternatives(
     shares = _log_shares(found)
     design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
-    without = partial(design.without, one=scale_of(pool, ports))
+
+    def without(block: Array, near: Candidate) -> Array:
+        return design.without(block, ports.base[near.columns], listed_at(pool, ports, near.effect))
+
     near = list(resembling(listed, found, recording, ports, design.visible, without))
     if near:
         own = np.array([f.log_prior for f in near])

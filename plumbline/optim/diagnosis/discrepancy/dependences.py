@@ -157,7 +157,8 @@ def _of_load(recording: Recording, ports: Ports) -> Iterator[Dependence]:
             around = turns(as_angles(recording)[:, j], 2, constant=True)
             both = around * normal(load[:, [j]]).T
             on = "own angle and load"
-            yield acting(words, on, "joint", j + 1, np.concatenate([around, both]), port[None])
+            functions = level(np.concatenate([around[1:], both]))
+            yield acting(words, on, "joint", j + 1, functions, port[None])
     if np.abs(load).max() > UNMOVED:
         shares = load / np.abs(load).max()
         yield from one_of(each_joint("the loads of the joints", "load", shares, ports.joint))

@@ -122,17 +122,22 @@ class FamilyDesign:
         """Root of the squares of columns (k, N, m) that the nuisances leave."""
         return float(np.linalg.norm(self._seen(block)))
 
-    def without(self, block: Array, own: Array, one: Array) -> Array:
-        """Columns (k, N, m) less each sum of them that is, with others (p, N, m), one (N, m)."""
-        beside, other = self._seen(own), self._seen(one[None])[0]
-        least = SAME_FORM * np.linalg.norm(other)
+    def without(self, block: Array, own: Array, ones: Array) -> Array:
+        """Columns (k, N, m) less each sum of them that is, with others (p, N, m), one of (s, N, m).
+
+        Up to what nuisances take up.
+        """
+        beside, others = self._seen(own), self._seen(ones)
+        least = SAME_FORM * np.linalg.norm(others, axis=1)
         for _ in range(len(block)):
             both = np.concatenate([seen := self._seen(block), beside])
-            w = np.linalg.lstsq(both.T, other, rcond=1e-10)[0]
-            left, w = np.linalg.norm(other - w @ both), w[: len(block)]
-            if left > least or np.linalg.norm(w @ seen) <= least:
+            w = np.linalg.lstsq(both.T, others.T, rcond=1e-10)[0].T
+            left, w = np.linalg.norm(others - w @ both, axis=1), w[:, : len(block)]
+            is_one = (left <= least) & (np.linalg.norm(w @ seen, axis=1) > least)
+            if not is_one.any():
                 break
-            block = block - np.tensordot(np.outer(w, w) / (w @ w), block, 1)
+            first = w[np.argmax(is_one)]
+            block = block - np.tensordot(np.outer(first, first) / (first @ first), block, 1)
         return block
 
     def columns(self, more: Sequence[Array]) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.sensor_scale import SensorScale
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
@@ -87,3 +88,14 @@ def scale_of(pool: Pool, ports: Ports) -> Array:
     own = [c.columns for c in pool.candidates if c.effect.name == SensorScale.name]
     nothing = np.zeros(ports.target.shape)
     return next((ports.base[at[0]] for at in own if len(at) == 1), nothing)
+
+
+def listed_at(pool: Pool, ports: Ports, effect: Effect) -> Array:
+    """What listed effects at an effect's place do, and the device's scale (s, N, m).
+
+    Of those that are scanned over a number, such as ripples of all orders, there is no end.
+    """
+    place = (effect.stage, effect.element)
+    there = (c for c in pool.candidates if (c.effect.stage, c.effect.element) == place)
+    own = [ports.base[c.columns] for c in there if not c.effect.scanned]
+    return np.concatenate([scale_of(pool, ports)[None], *own])

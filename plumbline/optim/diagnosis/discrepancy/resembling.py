@@ -6,9 +6,9 @@ place, depend on the same and move the tip much as c does, but not just so,
 .. math:: \delta y = X_c z + D_c w, \qquad z \sim N(0, s^2), \quad w \sim N(0, r^2 s^2 \kappa^2)
 
 with D the columns of c modulated by smooth functions of what its port sees, or an unknown function
-of its port, less what is listed and the same in all rows, a joint's zero or the device's scale,
-which would be two listed causes and no deviation, and :math:`\kappa` such that
-both are as visible (Kennedy and O'Hagan 2001, JRSS B 63(3), whose discrepancy is stated here effect
+of its port, less what another listed effect of that place does, a joint's zero, or the device's
+scale, which would be two listed causes and no deviation, and :math:`\kappa` such that both are as
+visible (Kennedy and O'Hagan 2001, JRSS B 63(3), whose discrepancy is stated here effect
 by effect). While the deviation is within the noise neither form wins by more than the prior's odds;
 a strong signal of the exact form wins by what the other's freedom costs.
 """
@@ -59,7 +59,7 @@ def resembling(
     recording: Recording,
     ports: Ports,
     visible: Callable[[Array], float],
-    without: Callable[[Array, Array], Array] = lambda block, _: block,
+    without: Callable[[Array, Candidate], Array] = lambda block, _: block,
 ) -> Iterator[Dependence]:
     """Beside each listed effect what resembles it, with shares of the effect's own prior.
 
@@ -69,7 +69,7 @@ def resembling(
         recording: The rows (N).
         ports: Ports of these rows.
         visible: Root of the squares of columns (k, N, m) that nuisances leave.
-        without: Such columns less what is, with the effect's (p, N, m), the device's scale.
+        without: Such columns less what is, with the effect's own, what another listed effect does.
     """
     if recording.stand_in:
         return  # for poses and points that were given there is no joint whose angle or load counts
@@ -97,8 +97,7 @@ def resembling(
                 for on, d, log in looked
                 if not (isinstance(effect, JointOffset) and on == "own angle")
             ]
-        else:
-            looked = [(on, without(d, own), log) for on, d, log in looked]
+        looked = [(on, without(d, candidate), log) for on, d, log in looked]
         sized = ((on, d, log, visible(d) / size) for on, d, log in looked)
         found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > UNMOVED]
         # Forms share; those that the data have chosen bear the price of that choice.
