@@ -208,7 +208,7 @@ def test_of_a_deviation_goes_what_is_the_device_s_scale_to_as_much(
     other, more = np.random.default_rng(1).normal(size=(2, 2, *scale.shape)) * np.abs(scale).max()
     alike = nearly(scale[None], off, seen)
     block = np.concatenate([alike - other[:1] if beside else alike, other[1:]])
-    left = seen.without(block, other[:1], np.stack([*more, scale]))
+    left = seen.without(other[:1], np.stack([*more, scale]))(block)
     assert (seen.visible(left[:1]) < 0.1 * seen.visible(block[:1])) is gone
     assert seen.visible(left[1:]) > 0.9 * seen.visible(block[1:])
 

@@ -157,8 +157,8 @@ def alternatives(
     design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
 
-    def without(block: Array, near: Candidate) -> Array:
-        return design.without(block, ports.base[near.columns], listed_at(pool, ports, near.effect))
+    def without(near: Candidate) -> Callable[[Array], Array]:
+        return design.without(ports.base[near.columns], listed_at(pool, ports, near.effect))
 
     near = list(resembling(listed, found, recording, ports, design.visible, without))
     if near:

@@ -2,7 +2,7 @@ r"""The columns of what may be at work, dense, row by row, and the linear proble
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
@@ -122,23 +122,33 @@ class FamilyDesign:
         """Root of the squares of columns (k, N, m) that the nuisances leave."""
         return float(np.linalg.norm(self._seen(block)))
 
-    def without(self, block: Array, own: Array, ones: Array) -> Array:
-        """Columns (k, N, m) less each sum of them that is, with others (p, N, m), one of (s, N, m).
+    def without(self, own: Array, ones: Array) -> Callable[[Array], Array]:
+        """Takes from columns (k, N, m) each sum of them that is, with own ones (p, N, m), a column.
 
-        Up to what nuisances take up.
+        Any of some (s, N, m), up to what nuisances take up.
         """
-        beside, others = self._seen(own), self._seen(ones)
+        beside, others = orthonormal(self._seen(own).T), self._seen(ones)
         least = SAME_FORM * np.linalg.norm(others, axis=1)
-        for _ in range(len(block)):
-            both = np.concatenate([seen := self._seen(block), beside])
-            w = np.linalg.lstsq(both.T, others.T, rcond=1e-10)[0].T
-            left, w = np.linalg.norm(others - w @ both, axis=1), w[:, : len(block)]
-            is_one = (left <= least) & (np.linalg.norm(w @ seen, axis=1) > least)
-            if not is_one.any():
-                break
-            first = w[np.argmax(is_one)]
-            block = block - np.tensordot(np.outer(first, first) / (first @ first), block, 1)
-        return block
+
+        def rest(columns: Array) -> Array:
+            return np.asarray(columns - (columns @ beside) @ beside.T)
+
+        others = rest(others)
+
+        def less(block: Array) -> Array:
+            for _ in range(len(block)):
+                seen = rest(self._seen(block))
+                w = np.linalg.lstsq(seen @ seen.T, seen @ others.T, rcond=1e-10)[0].T
+                alike = w @ seen
+                is_one = np.linalg.norm(others - alike, axis=1) <= least
+                is_one &= np.linalg.norm(alike, axis=1) > least
+                if not is_one.any():
+                    break
+                first = w[np.argmax(is_one)]
+                block = block - np.tensordot(np.outer(first, first) / (first @ first), block, 1)
+            return block
+
+        return less
 
     def columns(self, more: Sequence[Array]) -> Array:
         """Its own columns and blocks (k, N, m) of more behind them (P, E)."""

@@ -59,7 +59,7 @@ def resembling(
     recording: Recording,
     ports: Ports,
     visible: Callable[[Array], float],
-    without: Callable[[Array, Candidate], Array] = lambda block, _: block,
+    without: Callable[[Candidate], Callable[[Array], Array]] = lambda _: lambda block: block,
 ) -> Iterator[Dependence]:
     """Beside each listed effect what resembles it, with shares of the effect's own prior.
 
@@ -69,7 +69,7 @@ def resembling(
         recording: The rows (N).
         ports: Ports of these rows.
         visible: Root of the squares of columns (k, N, m) that nuisances leave.
-        without: Such columns less what is, with the effect's own, what another listed effect does.
+        without: Of an effect, what takes from columns that which is, with its own, another's.
     """
     if recording.stand_in:
         return  # for poses and points that were given there is no joint whose angle or load counts
@@ -97,7 +97,8 @@ def resembling(
                 for on, d, log in looked
                 if not (isinstance(effect, JointOffset) and on == "own angle")
             ]
-        looked = [(on, without(d, candidate), log) for on, d, log in looked]
+        less = without(candidate)
+        looked = [(on, less(d), log) for on, d, log in looked]
         sized = ((on, d, log, visible(d) / size) for on, d, log in looked)
         found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > UNMOVED]
         # Forms share; those that the data have chosen bear the price of that choice.
