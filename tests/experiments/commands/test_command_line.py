@@ -356,6 +356,7 @@ def test_without_a_command_the_help_is_shown(capsys):
 
 
 HELP = "from plumbline.experiments.commands.app import run; run(['--help'])"
+WORDS = "from plumbline.experiments.report.diagnosis.page import in_words"
 HEAVY = {"casadi", "pinocchio", "numpy", "scipy", "pandas", "matplotlib", "pooch"}
 
 
@@ -364,7 +365,7 @@ HEAVY = {"casadi", "pinocchio", "numpy", "scipy", "pandas", "matplotlib", "pooch
     [
         (HELP, HEAVY),
         (
-            "import plumbline; plumbline.diagnose, plumbline.load",
+            "import plumbline; plumbline.diagnose, plumbline.load; " + WORDS,
             {"pandas", "matplotlib", "joblib"}
             | {
                 f"scipy.{part}"

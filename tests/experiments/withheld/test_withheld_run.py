@@ -21,7 +21,7 @@ from tests.simulated_cases import made_elsewhere
 
 ROOT = Path(__file__).resolve().parents[3]
 DESIGN = Design(
-    seed=11, level="clear", gap=(2.0, 4.0), rows=(30, 40), arms=("ur5", "vs060"), surgical=0.0
+    seed=11, level="clear", gap=(1.0, 4.0), rows=(30, 40), arms=("ur5", "vs060"), surgical=0.0
 )
 CASES = 4  # of the least seed whose first four are of all four kinds
 

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from plumbline.experiments.report import style
+from plumbline.experiments.report.diagnosis.phrases import LIKELY
 from plumbline.experiments.report.style import AFTER, INK, calm, house_style, new_figure
 from plumbline.optim.core.quantities import chance, percent, scaled, significant
 from plumbline.optim.diagnosis.findings import Cause, Step, Verdict
@@ -15,7 +16,6 @@ from plumbline.optim.diagnosis.verdict.words import floor_words, place_words
 WIDTH = 5.2  # [in]
 MOST_BARS = 14  # what a page has room for (looks only)
 FEWEST_RIVALS, MOST_RIVALS = 3, 10  # that are drawn, however probable (looks only)
-LIKELY = 0.01  # probability from which a rival is worth a bar, or a line
 ROW = 0.27  # height of a bar with its gap [in]
 MOST_CURVES = 6  # what a page has room for (looks only)
 LONGEST = 44  # characters of a label beside its bar (looks only)

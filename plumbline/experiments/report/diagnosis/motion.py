@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
-from scipy.signal import csd, welch
 
 from plumbline.experiments.report.diagnosis import causes
 from plumbline.experiments.report.diagnosis.torques import Traces, over_time
@@ -142,8 +142,10 @@ def _degrees(transfer: NDArray[np.complex128]) -> Array:
 def transfer_of(u: Array, q: Array, dt: float) -> tuple[Array, NDArray[np.complex128], Array]:
     """Frequencies [Hz], transfer from u to q, and whether that is told there."""
     span = min(len(u), round(SPAN / dt))
-    f, cross = csd(u, q, 1 / dt, nperseg=span)
-    own, other = (np.asarray(welch(x, 1 / dt, nperseg=span)[1], dtype=float) for x in (u, q))
+    f, cross = scipy.signal.csd(u, q, 1 / dt, nperseg=span)
+    own, other = (
+        np.asarray(scipy.signal.welch(x, 1 / dt, nperseg=span)[1], dtype=float) for x in (u, q)
+    )
     asked = (f > 0) & (own > POWERFUL * own.max())
     told = asked & (np.abs(cross) ** 2 > COHERENT * own * other)
     return np.asarray(f), np.asarray(cross / np.maximum(own, 1e-300)), told

@@ -12,18 +12,15 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 from plumbline.errors import listed
-from plumbline.experiments.report.diagnosis.causes import LIKELY
-from plumbline.experiments.report.diagnosis.motion import motion_pictures
 from plumbline.experiments.report.diagnosis.phrases import (
+    LIKELY,
     Elsewhere,
     distrusted_words,
     suggestion_words,
 )
-from plumbline.experiments.report.diagnosis.pictures import pictures
 from plumbline.experiments.report.diagnosis.rows import nuisances, worst_rows
 from plumbline.experiments.report.diagnosis.rows import picture as ranks_picture
 from plumbline.experiments.report.diagnosis.subject import Subject
-from plumbline.experiments.report.diagnosis.turned import scene
 from plumbline.experiments.report.page.page import Grid, Page, Part, Parts, Picture, Tile, View
 from plumbline.optim.core.quantities import (
     chance,
@@ -226,8 +223,13 @@ def _rivals(verdict: Verdict) -> Iterator[Part]:
 def _drawn(answer: Diagnosis | MotionDiagnosis) -> Iterator[Any]:
     """Pictures, scene and worst rows; a motion has samples in place of rows, and no scene."""
     if isinstance(answer, MotionDiagnosis):
+        from plumbline.experiments.report.diagnosis.motion import motion_pictures
+
         yield from motion_pictures(answer)
         return
+    from plumbline.experiments.report.diagnosis.pictures import pictures
+    from plumbline.experiments.report.diagnosis.turned import scene
+
     subject = Subject.of(answer)
     if turned := scene(subject):
         yield View(turned)

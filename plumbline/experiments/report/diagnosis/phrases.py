@@ -7,6 +7,7 @@ from plumbline.errors import listed
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.recording.table import HEADER
 
+LIKELY = 0.01  # probability from which a rival is worth a bar, or a line
 ROWS_NAMED = 40  # distrusted rows that are named one by one
 
 

@@ -3,19 +3,23 @@
 Ranks are those of true values of simulated cases among what was stated of them, with their band.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
-from scipy.stats import binom
+import scipy
 
 from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.experiments.report.page.page import Grid, Picture
-from plumbline.experiments.report.style import AFTER, FLOOR, calm, house_style, new_figure, says
 from plumbline.optim.core.quantities import significant
 from plumbline.optim.diagnosis.findings import Verdict
 from plumbline.optim.diagnosis.verdict.words import estimate_words
 from plumbline.optim.recording.session import named_row
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SHOWN = 12  # rows: what fits on a page beside the rest
 BAND = (0.025, 0.975)  # of the count of a tenth if ranks are even: 95 %
@@ -71,7 +75,7 @@ def nuisances(verdict: Verdict) -> Grid:
 
 def band(counts: Sequence[int]) -> tuple[int, int]:
     """Between which the count of one tenth lies in 95 % if all are alike likely."""
-    low, high = (int(binom.ppf(p, sum(counts), 1.0 / len(counts))) for p in BAND)
+    low, high = (int(scipy.stats.binom.ppf(p, sum(counts), 1.0 / len(counts))) for p in BAND)
     return low, high
 
 
@@ -84,10 +88,11 @@ def picture(counts: Sequence[int]) -> Picture:
 
 def histogram(counts: Sequence[int]) -> Figure:
     """Bars of the tenths, with the 95 % band of even ones."""
+    from plumbline.experiments.report.style import AFTER, FLOOR, calm, drawing, says
+
     low, high = band(counts)
-    with house_style():
-        figure = new_figure(WIDTH, HEIGHT)
-        axes = calm(figure.subplots())
+    with drawing(WIDTH, HEIGHT) as (figure, axes):
+        calm(axes)
         axes.axhspan(low, high, color=FLOOR, alpha=0.2, linewidth=0.0)
         bars = axes.bar(np.arange(len(counts)) + 0.5, counts, 0.86, color=AFTER)
         for k, (bar, count) in enumerate(zip(bars, counts, strict=True)):
