@@ -1,4 +1,4 @@
-"""Parquet, and data sets of LeRobot v3: ``data/chunk-*/file-*.parquet`` with ``meta/info.json``.
+"""Parquet, and data sets of LeRobot v2.1 and v3: ``data/chunk-*/*.parquet``, ``meta/info.json``.
 
 Lists are taken apart by the names that ``meta/info.json`` gives; an episode is a group. What has
 one name in ``action`` and in ``observation.state`` is a joint, but for grippers and parts of a
@@ -8,6 +8,7 @@ pose: the data sets say neither which parts are joints nor in which unit.
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ UNITS = (
     "meta/info.json states no unit: LeRobot's own arms are told in deg (--unit deg) or, where "
     "use_degrees was off, in -100..100 of a joint's range, which no unit turns into an angle"
 )
+UNNAMED = "meta/info.json has no name for every joint: they are taken in the order of the list"
 PICTURES = ("struct", "binary", "large_binary")  # types of Arrow, none of which holds numbers
 LARGEST_INFO = 4_000_000  # [byte]
 
@@ -43,7 +45,12 @@ def read_dataset(folder: Path) -> list[Raw]:
     if not files:
         raise fault(f"{folder.name}/data", "no Parquet file", "one or more", "fetch the data set")
     table = pd.concat([_table(file) for file in files], ignore_index=True)
-    return [_raw(folder.resolve().name, table, _info(folder / "meta" / "info.json"))]
+    info = _info(folder / "meta" / "info.json")
+    raw, stated = _raw(folder.resolve().name, table, info), info.get("total_frames")
+    if isinstance(stated, int) and stated != len(table):
+        lacking = f"meta/info.json states {stated:,} frames, {len(table):,} are here"
+        raw = replace(raw, notes=(*raw.notes, lacking))
+    return [raw]
 
 
 def _table(path: Path) -> pd.DataFrame:
@@ -65,7 +72,8 @@ def _raw(name: str, table: pd.DataFrame, info: Mapping[str, Any]) -> Raw:
     names = _names(info)
     roles = {c: role for c, role in ROLES.items() if c in columns} | _joints(columns, names)
     robot = info.get("robot_type")
-    notes = (UNITS,) if any(c.endswith(".pos") for c in roles) else ()
+    told = {UNITS: any(c.endswith(".pos") for c in roles), UNNAMED: "observation.state.1" in roles}
+    notes = tuple(note for note, there in told.items() if there)
     return Raw(name, expanded(columns, names), "Parquet", roles=roles, notes=notes,
                robot=robot if isinstance(robot, str) else "")  # fmt: skip
 
@@ -83,12 +91,16 @@ def _joints(columns: Mapping[str, Any], names: Mapping[str, list[str]]) -> dict[
 
 
 def _info(path: Path | None) -> Mapping[str, Any]:
-    """What ``meta/info.json`` says; nothing of a file that cannot be read."""
-    try:
-        content: Any = json.loads(read_file(path, LARGEST_INFO)) if path else {}
-    except (OSError, ValueError):
+    """What ``meta/info.json`` says; nothing if there is none (PlumblineError: it says nothing)."""
+    if path is None or not path.is_file():
         return {}
-    return content if isinstance(content, dict) else {}
+    try:
+        content: Any = json.loads(read_file(path, LARGEST_INFO))
+    except (OSError, ValueError):
+        content = None
+    if not isinstance(content, dict):
+        raise fault("meta/info.json", "no table of JSON", "one", "fetch the data set again")
+    return content
 
 
 def _names(info: Mapping[str, Any]) -> dict[str, list[str]]:

@@ -1,12 +1,14 @@
 """Laws of logs as laboratories have them: doubled rows, odd clocks, joints that lack."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import plumbline
 from plumbline import PlumblineError, Robot, import_files
-from plumbline.experiments.importing import targets, text, understood
+from plumbline.experiments.importing import parquet, targets, text, understood
 from plumbline.experiments.importing.tables import Raw
 from plumbline.experiments.importing.understood import Request, understand
 from plumbline.experiments.importing.units import UNITS
@@ -161,3 +163,39 @@ def test_of_two_rows_of_one_time_one_is_to_be_deleted(other, mend):
     time[5] = time[other]
     with pytest.raises(PlumblineError, match=mend):
         motion(time)
+
+
+def data_set(folder, *, names, frames=2 * N, info=None):
+    """A LeRobot data set of two joints and two episodes, a file each, as v2.1 writes it."""
+    pytest.importorskip("pyarrow")
+    (folder / "data/chunk-000").mkdir(parents=True)
+    (folder / "meta").mkdir()
+    parts = {key: {"names": names} for key in ("action", "observation.state")}
+    told = json.dumps({"features": parts, "total_frames": frames})
+    (folder / "meta/info.json").write_text(told if info is None else info)
+    for episode in range(2):
+        rows = {"action": list(Q[:, :2]), "observation.state": list(Q[:, 2:4]), "timestamp": TIME}
+        one = pd.DataFrame({**rows, "episode_index": episode})
+        one.to_parquet(folder / f"data/chunk-000/episode_{episode:06d}.parquet")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("names", "frames", "said"),
+    [
+        (["lift", "turn"], 2 * N, ()),
+        (["lift", "turn"], 3 * N, ("meta/info.json states 36 frames, 24 are here",)),
+        (None, 2 * N, (parquet.UNNAMED,)),
+        (["lift"], 2 * N, (parquet.UNNAMED,)),
+    ],
+)
+def test_a_data_set_that_lacks_frames_or_names_is_told(tmp_path, names, frames, said):
+    [raw] = parquet.read_dataset(data_set(tmp_path / "set", names=names, frames=frames))
+    assert raw.notes == said
+    assert len(raw) == 2 * N
+
+
+@pytest.mark.parametrize("info", ["{", "[1, 2]", ""])
+def test_a_data_set_whose_description_is_broken_is_refused(tmp_path, info):
+    with pytest.raises(PlumblineError, match=r"meta/info\.json: found no table of JSON"):
+        parquet.read_dataset(data_set(tmp_path / "set", names=["lift", "turn"], info=info))
