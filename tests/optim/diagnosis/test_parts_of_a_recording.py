@@ -135,7 +135,7 @@ def test_a_part_of_the_rows_visits_every_socket(step, tmp_path):
 
 
 def test_a_known_distance_counts_as_much_as_all_visits_not_as_those_of_a_part(tmp_path):
-    whole = replace(touched(tmp_path), socket_distance=0.1, socket_pairs=((1, 2),))
+    whole = replace(touched(tmp_path, rows=50), socket_distance=0.1, socket_pairs=((1, 2),))
     part = whole.select(np.arange(0, len(whole), 2))
     assert {1, 2} <= set(part.socket.tolist())
     found = diagnose(part, DiagnosisOptions(library=SMALL)).selected
