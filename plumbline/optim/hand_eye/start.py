@@ -7,12 +7,15 @@ solved by Cauchy's loss; kept is the one whose residuals have the least median (
 something behind it have no say. A start that leaves little scatter and few readings beyond it is
 beyond doubt, and ends the search.
 
-Quaternions turned round, or inverses, leave scatter of centimetres about the planes; each other way
-to read the poses is tried where the scatter is suspicious, and refused if one of them fits.
+Quaternions turned round, inverses, or ranges beside the poses of other rows leave scatter of
+centimetres about the planes; each other way to read the rows is tried where the scatter is
+suspicious, and refused if one of them fits. Of a reading that was lost midway either most rows fit
+one off, or the first half does alone.
 """
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from operator import itemgetter
 
@@ -123,11 +126,13 @@ def refuse_misread(readings: Readings, sigma: float) -> None:
     if sigma <= constants.SUSPECT:
         return
     for words, other in OTHER_WAYS.items():
-        found = robust_start(other(readings), thorough=False)[1]
-        if found * constants.BETTER < sigma:
+        found = robust_start(meant := other(readings), thorough=False)
+        # Most readings of a half may lie on one plane whatever plane they are said to be on.
+        told = len(meant) > len(readings) / 2 or _is_sure(found)
+        if told and found[1] * constants.BETTER < sigma:
             raise PlumblineError(
                 f"the readings scatter by {sigma * 1e3:.1f} mm about their planes, but by "
-                f"{found * 1e3:.2f} mm with {words}"
+                f"{found[1] * 1e3:.2f} mm with {words}"
             )
     if sigma > constants.MOST_MISFIT:
         raise PlumblineError(
@@ -150,10 +155,28 @@ def _inverted(readings: Readings) -> Readings:
     return replace(readings, R=R, t=-np.einsum("nij,nj->ni", R, readings.t))
 
 
+def _moved(readings: Readings, by: int) -> Readings:
+    """Ranges that stand so many rows too late, or too early, where they belong."""
+    rows = np.arange(max(0, -by), len(readings) - max(0, by))
+    return replace(readings.select(rows), distance=readings.distance[rows + by])
+
+
+def _first_half(readings: Readings) -> Readings:
+    """The first half, where it tells beam and planes by itself; else all."""
+    half = readings.select(np.arange(len(readings) // 2))
+    unknowns = 5 + 3 * len(half.planes)
+    return half if len(half) >= constants.FOR_EACH_UNKNOWN * unknowns else readings
+
+
 OTHER_WAYS: dict[str, Callable[[Readings], Readings]] = {
     "quaternions in the order x, y, z, w: write the scalar first (qw, qx, qy, qz)": _scalar_last,
     "orientations transposed: give those of the flange in the base frame": lambda r: replace(
         r, R=np.swapaxes(r.R, 1, 2)
     ),
     "poses inverted: give those of the flange in the base frame": _inverted,
+    "most ranges a row later: a pose was lost, or ranges run ahead": partial(_moved, by=1),
+    "most ranges a row earlier: a range was lost, or ranges lag": partial(_moved, by=-1),
+    "the first half alone: a range or a pose of the second was lost, or the set-up was changed": (
+        _first_half
+    ),
 }
