@@ -305,8 +305,11 @@ def _log_between(ends: Array) -> Array:
     if near.any():
         low, high = low[near], high[near]
         turned = low > 0.0  # of the upper tail, by the lower one: there digits are
-        top, rest = log_ndtr(np.where(turned, -low, high)), log_ndtr(np.where(turned, -high, low))
-        found[near] = top + np.log1p(-np.exp(np.minimum(rest - top, -np.finfo(float).eps)))
+        one, other = np.where(turned, -low, high), np.where(turned, -high, low)
+        top, two = log_ndtr(one), other**2 < one**2 + 2.0 * ALL**2  # more is rounded away
+        rest = np.minimum(log_ndtr(other[two]) - top[two], -np.finfo(float).eps)
+        top[two] += np.log1p(-np.exp(rest))
+        found[near] = top
     return found
 
 

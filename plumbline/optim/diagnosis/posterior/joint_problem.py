@@ -280,6 +280,7 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
     """
     variance = problem.variance([])
     scales = np.ones(len(problem.candidates))
+    priors, held = _within_priors(problem, scales)
     now, spread = 0.0, 0.0
     for _ in range(ROUNDS if len(scales) else 0):
         before, spread = scales, 0.0
@@ -287,9 +288,11 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
             tried = np.repeat(scales[None], len(SCALES), axis=0)
             tried[:, k] = problem.candidates[k].widths
             logs, found = _evidence(problem, tried, variance)
+            logs = logs - priors[:, k] - (held.sum() - held[k])
             by_scale = logs + LOG_SCALE_WEIGHTS
             best = int(np.argmax(by_scale))
             scales, now, variance = tried[best], float(logs[best]), float(found[best])
+            held[k] = priors[best, k]
             every = np.logaddexp.reduce(by_scale)
             spread += float(every - by_scale[best] + LOG_SCALE_WEIGHTS[best])
         if (scales == before).all():
@@ -308,11 +311,14 @@ def stated(problem: JointProblem, state: Sequence[SelectedTerm]) -> float:
     told = np.array([np.ptp(term.widths) > 0.0 for term in own.candidates])
     widths = np.interp(np.log(scales[0]), np.log(SCALES), LOG_SCALE_WEIGHTS)[told].sum()
     evidence = float(_evidence(own, scales, variance)[0][0])
+    evidence -= float(_within_priors(own, scales[0])[1].sum())
     return evidence + float(widths) + own.log_prior(range(len(state)))
 
 
 def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Array, Array]:
     """Log evidence (S,) of all terms against none, and the noise that they leave (S,).
+
+    The share of their priors within their limits is left out: see :func:`_within_priors`.
 
     Args:
         problem: The terms (C), of its linear problem's columns one after the other.
@@ -339,8 +345,23 @@ def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Ar
         inverse = np.stack([dtrtri(one, lower=1)[0] for one in lower])
         mean = s * np.einsum("skj,sk->sj", inverse, hidden)
         std = s * np.sqrt(v[:, None] * np.sum(inverse**2, axis=1))
-        log = log + (log_within(limits, mean, std) - log_within(limits, 0.0, s)).sum(axis=1)
+        log = log + log_within(limits, mean, std).sum(axis=1)
     return log, v
+
+
+def _within_priors(problem: JointProblem, scales: Array) -> tuple[Array, Array]:
+    """Log of the share of every term's prior within its limits, at its widths (S, C) and a scale.
+
+    The latter are (C,).
+    """
+    if not len(scales):
+        return np.empty((len(SCALES), 0)), scales
+    owner, limits = problem.laid_out
+    widths = np.array([term.widths for term in problem.candidates]).T
+    each = log_within(limits, 0.0, np.vstack([widths, scales])[:, owner])
+    starts = np.searchsorted(owner, np.arange(len(scales)))
+    found = np.add.reduceat(each, starts, axis=1)
+    return found[:-1], found[-1]
 
 
 def _factors(G: Array, b: Array, tt: float, variance: Array) -> tuple[Array, Array]:
