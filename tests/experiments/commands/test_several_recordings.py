@@ -15,6 +15,7 @@ from plumbline.experiments.report.writing import report_html
 from plumbline.optim.diagnosis.of_recordings import Carries
 from plumbline.optim.diagnosis.several import transfer
 from plumbline.optim.diagnosis.several.transfer import Each, transfers
+from tests.few_effects import FEW_EFFECTS
 from tests.several import recorded, written
 
 RIPPLE, GAIN, SLIP = 2e-3, 1.5e-3, (1e-3, 0.0, 0.0)
@@ -47,7 +48,7 @@ def tips():
 
 @pytest.fixture(scope="module")
 def answer(tips):
-    return plumbline.diagnose(tips)
+    return plumbline.diagnose(tips, FEW_EFFECTS)
 
 
 def test_a_cause_that_all_share_is_fitted_to_all_rows(answer):
@@ -146,8 +147,8 @@ def test_the_verdict_tells_recordings_and_transfer_in_json_page_and_store(answer
 
 def test_a_single_recording_is_a_session_of_one():
     encoders = recorded("joint_position", 4, rippled, rows=30)
-    alone = plumbline.diagnose(encoders)
-    assert plumbline.diagnose([encoders]).to_dict() == alone.to_dict()
+    alone = plumbline.diagnose(encoders, FEW_EFFECTS)
+    assert plumbline.diagnose([encoders], FEW_EFFECTS).to_dict() == alone.to_dict()
     assert not {"recordings", "transfer"} & set(alone.to_dict())
 
 
@@ -156,9 +157,9 @@ def test_what_each_alone_doubts_all_together_tell():
     tips = recorded("tip_position", 45, stretched, scale=1e-3, reach=0.3, rows=50)
     encoders = recorded("joint_position", 48, stretched, reach=0.3, rows=24)
     truth = {"joint_scale": GAIN, "sensor_scale": 1e-3}
-    alone = {c.effect: c.probability for c in plumbline.diagnose(tips).causes}
+    alone = {c.effect: c.probability for c in plumbline.diagnose(tips, FEW_EFFECTS).causes}
     assert alone.get("joint_scale", 0.0) < 0.5, "the case is told by tips alone: take another"
-    found = plumbline.diagnose([tips, encoders])
+    found = plumbline.diagnose([tips, encoders], FEW_EFFECTS)
     assert {c.effect for c in found.causes} == set(truth)
     assert {c.effect: c.probability for c in found.causes}["joint_scale"] > 0.9
     for cause in found.causes:
@@ -173,7 +174,7 @@ def test_a_recording_that_states_too_little_noise_misleads_no_other():
     """Its rows weigh what its own fit leaves, and what it states is held against that."""
     calm = recorded("tip_position", 120, rippled, rows=30)
     loud = replace(recorded("tip_position", 121, rippled, rows=30), noise_std=1e-5)
-    found = plumbline.diagnose([calm, loud])
+    found = plumbline.diagnose([calm, loud], FEW_EFFECTS)
     assert {(c.effect, c.element) for c in found.causes} == {("transmission_ripple", 2)}
     assert found.verdict.verdict == "partly-explained"
     said = (found.verdict.outside_depends_on, *found.verdict.notes)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.effects.payload import Payload
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -29,8 +30,8 @@ def missing(verdict):
     return list(no_numbers(content))
 
 
-def diagnosed(recording):
-    verdict = diagnose(recording, DiagnosisOptions(force=True)).verdict
+def diagnosed(recording, options=None):
+    verdict = diagnose(recording, replace(options or DiagnosisOptions(), force=True)).verdict
     assert missing(verdict) == []
     return verdict
 
@@ -58,7 +59,9 @@ def test_a_tiny_noise_of_few_rows_is_no_error():
     q = readings(SMALL.chain(), 6)
     recording = bench(SMALL, "tip_position", q=q, columns=("payload",), noise_std=1e-15)
     off = np.random.default_rng(0).normal(0.0, 0.01, recording.measured.shape)
-    diagnosed(replace(recording, measured=recording.measured + off))
+    diagnosed(
+        replace(recording, measured=recording.measured + off), DiagnosisOptions(library=(Payload,))
+    )
 
 
 def test_a_part_of_a_cause_that_is_not_there_bounds_nothing():

@@ -19,9 +19,11 @@ from plumbline.optim.diagnosis.prior import UNLISTED
 from plumbline.optim.diagnosis.verdict.terms import _fitted, begins_of
 from tests.benches import bench, measured, readings
 from tests.explained import searched
+from tests.few_effects import few_and
 
 NOISE = 5e-5  # [m]
 WAY = 2.0  # of the joint that errs [rad]
+GEARS = few_and("gear_ripple", "hysteresis", "joint_coupling")
 
 
 def twelve_orders(x):
@@ -55,14 +57,13 @@ def gear(verdict):
 
 @pytest.mark.parametrize("every", [1, 2])
 def test_many_small_orders_are_one_cause_however_many_rows_find_them(every):
-    verdict = diagnose(recording(twelve_orders, 1.0, every=every)).verdict
+    verdict = diagnose(recording(twelve_orders, 1.0, every=every), GEARS).verdict
     assert gear(verdict) > 0.95
     assert verdict.causes[0].label == "gear_ripple of joint 2"
 
 
 OTHERWISE = {
     "a bend": lambda x: x**2,
-    "a dead zone": lambda x: np.where(np.abs(x) < 0.5, 0.0, x - 0.5 * np.sign(x)),
     "a kink": lambda x: np.abs(x - 0.4),
     "a step": lambda x: np.sign(x - 0.2),
     "a bump": lambda x: np.exp(-0.5 * ((x - 0.1) / 0.06) ** 2),
@@ -71,7 +72,7 @@ OTHERWISE = {
 
 @pytest.mark.parametrize("error", OTHERWISE.values(), ids=OTHERWISE)
 def test_what_errs_otherwise_over_a_short_way_is_no_gear(error):
-    verdict = diagnose(recording(error, 3.0, rows=120)).verdict
+    verdict = diagnose(recording(error, 3.0, rows=120), GEARS).verdict
     assert gear(verdict) < 0.05
     assert verdict.outside_probability > 0.9
 
@@ -106,7 +107,7 @@ def test_over_a_short_way_neighbouring_orders_are_few_functions():
 @pytest.fixture(scope="module")
 def found():
     """Where a search ended on twelve orders of joint 2, and the alternatives there."""
-    selected, _ = searched(recording(twelve_orders, 3.0))
+    selected, _ = searched(recording(twelve_orders, 3.0), GEARS.library)
     return selected, alternatives(selected.pool, selected.chosen, UNLISTED, 0)
 
 
