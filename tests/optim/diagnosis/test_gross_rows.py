@@ -103,19 +103,19 @@ def test_more_than_a_fifth_of_the_rows_are_never_distrusted():
 
 
 @pytest.mark.parametrize(
-    ("columns", "seed"), [(slice(0, 3), 3), (slice(0, 3), 4), (slice(3, 6), 4), (slice(0, 6), 3)]
+    ("columns", "seed"), [(slice(0, 3), 3), (slice(3, 6), 4), (slice(0, 6), 3)]
 )
 def test_a_pose_may_be_wrong_in_place_alone_or_in_its_turn(columns, seed, tmp_path):
     """With one prior for both, two wrong places cost less as one shift of the tool: told at .97."""
-    recording, _ = recorded(faultless(rows=120, seed=seed, observation="pose"), tmp_path)
+    recording, _ = recorded(faultless(rows=60, seed=seed, observation="pose"), tmp_path)
     rng = np.random.default_rng(seed)
     push = np.zeros((2, 6))
     push[:, columns] = rng.normal(size=(2, 6))[:, columns]
     push *= np.array([[48.0], [39.0]]) / np.linalg.norm(push, axis=1, keepdims=True)
-    found = diagnose(spoilt(recording, [40, 90], push), FEW_EFFECTS)
+    found = diagnose(spoilt(recording, [20, 45], push), FEW_EFFECTS)
     assert found.verdict.verdict == Outcome.NO_GAP
     assert found.outside_probability < 0.1
-    assert list(np.flatnonzero(~found.trusted)) == [40, 90]
+    assert list(np.flatnonzero(~found.trusted)) == [20, 45]
 
 
 def spoilt(recording, rows, push):

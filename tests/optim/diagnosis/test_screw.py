@@ -9,8 +9,10 @@ from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.measurement.observation import scope_of
 from tests.benches import T_DEVICE_BASE, bench
+from tests.few_effects import few_and
 
 NOISE = 5e-5
+SCREWS = few_and("screw_ripple", "gear_ripple", "joint_coupling")
 
 
 def recorded(error, seed, kind="tip_position", rows=90):
@@ -35,7 +37,8 @@ def recorded(error, seed, kind="tip_position", rows=90):
     ],
 )
 def test_a_screw_is_named_with_its_lead(lead, size, kind):
-    found = diagnose(recorded(lambda q: size * np.sin(2 * np.pi * q / lead + 1.0), 1, kind)).verdict
+    error = recorded(lambda q: size * np.sin(2 * np.pi * q / lead + 1.0), 1, kind)
+    found = diagnose(error, SCREWS).verdict
     [cause] = found.causes
     assert (cause.effect, cause.element) == ("screw_ripple", 7)
     assert cause.probability > 0.9
@@ -48,7 +51,7 @@ def test_a_screw_is_named_with_its_lead(lead, size, kind):
 
 def test_a_screw_and_a_scale_of_one_joint_are_two_causes():
     error = recorded(lambda q: 3e-4 * np.sin(2 * np.pi * q / 4e-3 + 1.0) + 4e-3 * q, 2)
-    causes = {(c.effect, c.element) for c in diagnose(error).verdict.causes}
+    causes = {(c.effect, c.element) for c in diagnose(error, SCREWS).verdict.causes}
     assert causes == {("screw_ripple", 7), ("joint_scale", 7)}
 
 
@@ -74,6 +77,6 @@ def test_an_arm_without_slides_is_not_told_of_screws(arm, joints):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_noise_is_no_screw(seed):
-    found = diagnose(recorded(np.zeros_like, seed)).verdict
+    found = diagnose(recorded(np.zeros_like, seed), SCREWS).verdict
     assert not found.causes
     assert found.outside_probability < 0.1

@@ -9,7 +9,6 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Outcome
-from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.prior import JITTERS
@@ -117,7 +116,7 @@ def test_rows_tell_a_speed_up_to_a_seventh_of_a_sine_from_one_to_the_next(radian
 @pytest.mark.parametrize("observation", ["tip_position", "joint_position"])
 def test_a_clock_that_jitters_is_noise_and_its_size_is_told(observation):
     recording = on_its_way(observation=observation)
-    found = diagnose(recording, DiagnosisOptions(force=True))
+    found = diagnose(recording, replace(FEW_EFFECTS, force=True))
     assert found.verdict.verdict == Outcome.NO_GAP
     assert found.recording.jitter * found.verdict.noise.sigma == pytest.approx(TAU, rel=0.25)
     assert any("grows with the speed" in note for note in found.verdict.notes)
@@ -140,6 +139,6 @@ def test_of_rows_without_a_time_the_same_is_told_in_rows():
 
 
 def test_of_a_clock_that_is_right_nothing_is_said():
-    found = diagnose(on_its_way(jitter=0.0), DiagnosisOptions(force=True))
+    found = diagnose(on_its_way(jitter=0.0), replace(FEW_EFFECTS, force=True))
     assert found.recording.jitter == 0.0
     assert found.verdict.verdict == Outcome.NO_GAP
