@@ -254,8 +254,10 @@ def _judged(recording: Recording, found: Explained, evaluation: Evaluation) -> V
         _lacking(found, noise),
     )  # fmt: skip
     verdict = replace(verdict, next=suggestions(selected, verdict, options.seed))
-    if recording.element is not None:
-        untold = left_open(selected.nominal, noise.sigma)
+    if recording.element is not None or recording.kind.device:
+        turned = "flange more, and to planes that face other ways"
+        turned = "tool more" if recording.element is None else turned
+        untold = left_open(selected.nominal, noise.sigma, turned)
         verdict = replace(verdict, notes=(*verdict.notes, *untold))
     verdict = replace(verdict, unmet=unmet(recording), unjudged=recording.unjudged)
     return in_own_unit(verdict, recording, evaluation)

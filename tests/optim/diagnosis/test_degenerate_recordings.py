@@ -14,8 +14,10 @@ from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.linear import cholesky
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.recording.building import build_recording
 from tests.benches import bench, every_column, readings
 from tests.degenerate_recordings import degenerate, no_numbers
+from tests.few_effects import FEW_EFFECTS
 from tests.random_trees import Tree
 
 SMALL = Robot.from_urdf(Tree(3, ("revolute",) * 3).urdf())
@@ -127,3 +129,20 @@ def test_a_factor_of_a_good_matrix_is_numpy_s_own():
     A = np.random.default_rng(0).normal(size=(6, 4))
     G = A.T @ A
     assert np.array_equal(cholesky(G, np.diag(G)), np.linalg.cholesky(G))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_tool_that_kept_one_orientation_is_said_to_be_open_with_the_frame(turned):
+    """Of a gantry: where the tip sits and where the device stands are one."""
+    slide = {"kind": "prismatic", "d": 0.1, "lower": -1.0, "upper": 1.0}
+    rows = [{**slide, "alpha": np.pi / 2}, {**slide, "alpha": np.pi / 2}, slide]
+    robot = Robot.from_dh([*rows, {"a": 0.1, "alpha": 1.0}, {"a": 0.1}] if turned else rows)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-0.3, 0.3, (30, len(robot.chain().lower)))
+    tips = robot.chain().tips(q, [0.01, 0.02, 0.1]) + rng.normal(0.0, 1e-4, (30, 3))
+    recording = build_recording(
+        observation="tip_position", robot=robot, q=q, measured=tips, noise_std=1e-4
+    )
+    notes = " ".join(diagnose(recording, FEW_EFFECTS).verdict.notes)
+    assert ("3 of 9 unknowns" in notes and "turn the tool more" in notes) is not turned
+    assert ("left open" in notes) is not turned

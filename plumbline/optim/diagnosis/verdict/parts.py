@@ -46,12 +46,13 @@ def nuisances_of_parts(observation: str, fit: FitEnd) -> dict[str, Estimate]:
     return {name: Estimate(v, s, unit, doc=doc) for (name, unit, doc), v, s in pairs}
 
 
-def left_open(fit: Solution, sigma: float) -> tuple[str, ...]:
+def left_open(fit: Solution, sigma: float, turned: str) -> tuple[str, ...]:
     """A note on what the rows do not tell of what is always fitted; none where they tell it all.
 
     Args:
         fit: The fit without causes.
         sigma: Noise of a reading [m].
+        turned: What to turn so that they tell it, in words.
     """
     size = fit.problem.scale
     values, vectors = np.linalg.eigh(fit.gram.matrix * np.outer(size, size))
@@ -62,8 +63,7 @@ def left_open(fit: Solution, sigma: float) -> tuple[str, ...]:
     named = ", ".join(dict.fromkeys(fit.problem.names[k] for k in np.sort(most)))
     return (
         f"{int(loose.sum())} of {len(size)} unknowns that are always fitted are left open by these "
-        f"rows, {named} among them: what goes with them cannot be told; turn the flange more, and "
-        "to planes that face other ways",
+        f"rows, {named} among them: what goes with them cannot be told; turn the {turned}",
     )
 
 
