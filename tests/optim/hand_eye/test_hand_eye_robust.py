@@ -109,7 +109,6 @@ def without(readings, row, *, pose):
     [
         (0.1, False, "ranges a row earlier"),
         (0.3, True, "ranges a row later"),
-        (0.48, False, "the first half alone"),
         (0.48, True, "the first half alone"),
     ],
 )
