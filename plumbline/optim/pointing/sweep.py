@@ -14,6 +14,7 @@ from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import JudgedByResidual, Judgement, Solution
 from plumbline.optim.core.judged import judged as judged_path
 from plumbline.optim.core.problem import Array, Flags
+from plumbline.optim.core.quantities import counted
 from plumbline.optim.pointing.aim import Aim, checked_angles, tip_and_top
 from plumbline.optim.pointing.between import (
     Between,
@@ -105,7 +106,7 @@ class Sweep(Answer):
     def __repr__(self) -> str:
         off = self.rcm_error[np.isfinite(self.rcm_error)]
         kept = f"off the lesion by {1e3 * off.max():.2g} mm" if off.size else "no path through all"
-        return f"<Sweep of {len(self)} angles: {int(self.safe.sum())} safe; {kept}>"
+        return f"<Sweep of {counted(len(self), 'angle')}: {int(self.safe.sum())} safe; {kept}>"
 
 
 def plan_sweep(
