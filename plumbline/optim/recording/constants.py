@@ -157,12 +157,15 @@ WINDOWS = 40  # of successive rows, one of which meets the model as it is (cost 
 # Rows next to a part that is right that make a slip, not gross errors: a frame that is known leaves
 # a tenth of three axes' misfit by chance in one of 1e3 rows (test_from_a_row_on.py fails at 1, 7).
 FEWEST_MENDED = 4
-# Share of such rows that a frame of their own meets: others may be gross (fails at 0.5 and 0.95).
+# Share [1] of such rows that a frame of their own meets: a fifth may be gross, as many as are ever
+# distrusted (MOST_GROSS_SHARE of a diagnosis; test_from_a_row_on.py fails at 0.5 and 0.95).
 WHOLE = 0.8
-# Mean length on the unit circle of what a joint is off by, 1 where it is the same in all rows: 0.9
-# is 26 degrees of scatter, by hand; what reads at random has 0.1 in 100 rows (fails at 0).
+# Mean length [1] on the unit circle of what a joint is off by: exp(-s^2 / 2) of angles that scatter
+# by s, wrapped normal (Mardia and Jupp 2000, Directional Statistics), 26 degrees; what is random
+# has 0.1 in 100 rows (test_from_a_row_on.py fails at 0.8 and 0.97).
 ONE_ANGLE = 0.9
-# Rows by which measurements of a part may be late or early, by hand (fails at 2 and 4).
+# [rows] by which measurements of a part may be late or early: by hand, what loggers drop at once or
+# one leaves out; more are two recordings (test_from_a_row_on.py fails at 2 and 4).
 ROWS_OFF = 3
 IN_A_SOCKET = 4  # rows, at least: k-means then left a fifth of 300 drawn scatters at the least
 SOCKET_STARTS = 20  # of k-means

@@ -8,7 +8,7 @@ import numpy as np
 
 from plumbline.optim.recording.table import Array, Flags
 
-# What quarters of a turn are called, by their number.
+# Words, no measure: what quarters of a turn (90 degrees each) are called, by their number from 0.
 QUARTERS = ("", "90 degrees", "180 degrees", "-90 degrees")
 
 

@@ -261,6 +261,17 @@ def test_a_joint_that_is_held_and_yields_is_no_slip():
     assert wrong_set_up(told(given, q=q, measured=measured)) is None
 
 
+@pytest.mark.parametrize(("scatter", "named"), [(0.3, True), (0.6, False)])
+def test_a_joint_counts_from_elsewhere_where_it_does_so_by_nearly_one_angle(scatter, named):
+    """To 0.46 rad (1 sigma): a mean length on the unit circle of exp(-sigma^2 / 2) = 0.9."""
+    given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
+    noise = np.random.default_rng(3).normal(0.0, 1.0, ROWS)
+    noise[rest] = (noise[rest] - noise[rest].mean()) / noise[rest].std()
+    off = (0.8 + scatter * noise)[:, None]
+    found = wrong_set_up(told(spoilt(given, rest, q=moved(given["q"], 3, off))))
+    assert (found is not None and "added to q3" in found.change) is named
+
+
 def test_a_joint_that_reads_anything_is_not_said_to_count_from_elsewhere():
     given, rest = room("tip_position", rows=ROWS), np.arange(ROWS) >= BROKEN
     anything = np.random.default_rng(2).uniform(-2.0, 2.0, (ROWS, 1))
