@@ -45,9 +45,10 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.declared import Positive, Range, expect_fields
+from plumbline.declared import Range, expect_fields
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import Segment, length_of
+from plumbline.optim.capsule_mpc import settings
 from plumbline.optim.capsule_mpc.constants import (
     A_MAX,
     CONE,
@@ -149,9 +150,9 @@ class Body(Protocol):
 class _Shaft(Body, Protocol):
     """What instruments share: bounds that hold along all coordinates, and no pairs of their own."""
 
-    v_max: Positive
-    a_max: Positive
-    j_max: Positive
+    v_max: settings.Speed
+    a_max: settings.Acceleration
+    j_max: settings.Jerk
 
     def __post_init__(self) -> None:
         expect_fields(self)
@@ -184,13 +185,13 @@ class TipInstrument(_Shaft):
     trocar: Point  # the point that the shaft passes through [m]
     length: Length = 0.25  # from the tip to the other end of the shaft [m]
     radius: Thickness = 0.0025  # of the shaft [m]
-    v_max: Positive = 0.06  # largest speed of the tip [m/s]
+    v_max: settings.Speed = 0.06  # largest speed of the tip [m/s]
     # least and most depth of the tip behind the trocar [m]; the direction of the shaft is
     # undefined at the trocar itself
     depths: tuple[Depth, Depth] = (0.015, 0.23)
-    a_max: Positive = A_MAX  # largest acceleration of the tip [m/s^2]
-    j_max: Positive = J_MAX  # largest jerk of the tip [m/s^3]
-    v_outer: Positive = V_OUTER  # largest speed of the other end [m/s]
+    a_max: settings.Acceleration = A_MAX  # largest acceleration of the tip [m/s^2]
+    j_max: settings.Jerk = J_MAX  # largest jerk of the tip [m/s^3]
+    v_outer: settings.Speed = V_OUTER  # largest speed of the other end [m/s]
     inward: Point = (0.0, 0.0, -1.0)  # direction into the body through the trocar's plane
     # largest angle between the shaft and that direction [degrees], below 90: the tip stays inside
     # of the body
@@ -274,11 +275,11 @@ class EndsInstrument(_Shaft):
 
     length: Length = 0.25  # of the shaft [m]
     radius: Thickness = 0.0025  # of the shaft [m]
-    v_max: Positive = 0.06  # largest speed of either end [m/s]
+    v_max: settings.Speed = 0.06  # largest speed of either end [m/s]
     # the point that the shaft passes through [m]; None for a free capsule
     trocar: Point | None = None
-    a_max: Positive = A_MAX  # largest acceleration of either end [m/s^2]
-    j_max: Positive = J_MAX  # largest jerk of either end [m/s^3]
+    a_max: settings.Acceleration = A_MAX  # largest acceleration of either end [m/s^2]
+    j_max: settings.Jerk = J_MAX  # largest jerk of either end [m/s^3]
 
     size: int = field(default=6, init=False)
     groups: tuple[int, ...] = field(default=(3, 3), init=False)

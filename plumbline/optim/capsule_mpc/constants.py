@@ -9,6 +9,11 @@ MM = 1e3  # [mm/m]: SI units at the door, mm inside
 # No instrument of an operating room is longer or farther off, no shaft, clearance or error larger;
 # in millimetres each of them is.
 LONGEST, WIDEST = 5.0, 0.1  # [m]
+# No drive waits or lags so long, no tip or outer end is faster, speeds up or jerks more, no tracker
+# errs by more; in ms, mm/s, and mm each does.
+SLOWEST = 1.0  # [s]
+BRISKEST = 2.0, 50.0, 5000.0  # [m/s], [m/s^2], [m/s^3]
+ROUGHEST = 0.01  # [m]
 OBSTACLE = 10  # numbers of an obstacle: both ends, the radius, and its motion in a step or a second
 FAR = 1e6  # [mm] where obstacles are that are not there
 STILL = (0.0, 0.0, 0.0)  # [m/s]
@@ -105,6 +110,14 @@ STANDARD = 3.0  # sigmas within which a lateness may be true
 # [largest speed] below which dry friction that nobody told may hold a drive: 1 to 4 of 60 mm/s in
 # the plants that are learnt (docs/howto/capsule_mpc.md; test_underway.py fails on either side).
 HELD = 0.1
+# Of the way that an axis is sent beyond what friction may hold, the least that it does: drives with
+# a gain 0.4 too low do 0.6, a reading of something else does nothing, a drive turned round less
+# (test_obeying.py fails on either side).
+OBEYED = 0.5
+ASTRAY = 2.0  # [mm, or units] that may be short of it: the usual d_s
+# [s] over which that is looked at, and between two looks: what is 0.2 s late is known by 0.5 s, and
+# a reading that leaps for less than the second is one look's.
+WATCHED, BETWEEN_LOOKS = 1.0, 0.1
 NO_SEAT = 1e6  # [mm] of gap where there is nothing
 
 # What a smooth command and its horizon are tuned to

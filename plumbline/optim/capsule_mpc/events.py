@@ -28,7 +28,8 @@ import numpy as np
 from plumbline.kinematics.capsules import nearest
 from plumbline.optim.capsule_mpc.bodies import Obstacle, foreseen
 from plumbline.optim.capsule_mpc.compiled import Compiled
-from plumbline.optim.capsule_mpc.constants import KEPT, MM, NO_SEAT, OFF, SLACK
+from plumbline.optim.capsule_mpc.constants import KEPT, MM, NO_SEAT, OBEYED, OFF, SLACK
+from plumbline.optim.capsule_mpc.obeying import Astray
 from plumbline.optim.capsule_mpc.planning import Plan
 from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array
@@ -251,6 +252,17 @@ def unseen(k: int, way: float, steps: int) -> Event:
         "it is seen elsewhere, or reset()"
     )
     return Event(Trouble.BAD_MEASUREMENT, words, way / MM)
+
+
+def astray(k: int, unit: float, one: Astray) -> Event:
+    """An axis of a body, from 0, that does not go where it is sent."""
+    way, name = unit * float(one.sent.max()), "mm" if unit == 1 / MM else "mrad"
+    words = (
+        f"instrument {k + 1}: sent {MM * way:.1f} {name} within {one.seconds:.1f} s, not seen to "
+        f"go {100 * OBEYED:.0f} % of it: it is held, turned round, or another thing is seen; "
+        "stopped until it is seen there, or reset()"
+    )
+    return Event(Trouble.BAD_MEASUREMENT, words, way)
 
 
 def not_evaded(k: int, overlap: float) -> Event:

@@ -60,11 +60,14 @@ from plumbline.declared import Among, AtLeastOne, Count, Declared, NotNegative, 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc.constants import (
+    BRISKEST,
     CREEP,
     DAMPING,
     LONGEST,
     MM,
+    ROUGHEST,
     SEEN,
+    SLOWEST,
     SMOOTHING,
     WIDEST,
 )
@@ -89,6 +92,10 @@ Length = Annotated[float, Range(1e-3, LONGEST, mend="state it in m")]
 Thickness = Annotated[float, Range(1e-4, WIDEST, mend="state it in m")]
 Depth = Annotated[float, Range(0.0, LONGEST, "(", "state it in m")]
 Near = Annotated[float, Range(0.0, WIDEST, mend="give it in m")]
+Rough = Annotated[float, Range(0.0, ROUGHEST, mend="give it in m")]
+Speed = Annotated[float, Range(0.0, BRISKEST[0], "(", "state it in m/s")]
+Acceleration = Annotated[float, Range(0.0, BRISKEST[1], "(", "state it in m/s^2")]
+Jerk = Annotated[float, Range(0.0, BRISKEST[2], "(", "state it in m/s^3")]
 
 
 @dataclass(frozen=True)
@@ -122,8 +129,8 @@ class Confidence(Declared):
 class Noise(Declared):
     """The stated noise of the plant."""
 
-    measured: Near = 0.0  #: 1 sigma per axis of a measured point [m]
-    step: Near = 0.0  #: 1 sigma per axis that every step adds [m]
+    measured: Rough = 0.0  #: 1 sigma per axis of a measured point [m]
+    step: Rough = 0.0  #: 1 sigma per axis that every step adds [m]
     #: probability that one pair at one step is nearer than it should be
     epsilon: Annotated[float, Range(0.0, 0.5, "(")] = 1e-3
     feedback: Count = 3  #: steps after which feedback has seen an error
@@ -188,6 +195,16 @@ FIELDS = {
 }
 
 
+# Least and most that a field may be, and what it is counted in.
+RANGES = (
+    ("delay", 0.0, SLOWEST, "in s"),
+    ("lag", 0.0, SLOWEST, "in s"),
+    ("gain", -0.99, 1.0, "as a share, not in percent"),
+    ("offset", -BRISKEST[0], BRISKEST[0], "in m/s"),
+    ("band", 0.0, BRISKEST[0], "in m/s"),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Plant(Declared):
     """How each axis of the state (n) carries out rates; one number for all, or one each."""
@@ -202,11 +219,12 @@ class Plant(Declared):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, least in (("delay", 0.0), ("lag", 0.0), ("band", 0.0), ("gain", -0.99)):
-            values = np.asarray(getattr(self, name), dtype=float)
-            if not (np.isfinite(values).all() and (values >= least).all()):
+        for name, least, most, unit in RANGES:
+            values = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
+            wrong = values[(values < least) | (values > most)]
+            if len(wrong):
                 raise PlumblineError(
-                    f"{name}: found {values.min():.4g}, expected at least {least}; use the default"
+                    f"{name}: found {wrong[0]:.4g}, expected {least:g} to {most:g}; give it {unit}"
                 )
 
     @classmethod

@@ -39,7 +39,8 @@ from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
-from plumbline.optim.capsule_mpc.events import Event, acts_late, unseen
+from plumbline.optim.capsule_mpc.events import Event, acts_late, astray, unseen
+from plumbline.optim.capsule_mpc.obeying import Obeying
 from plumbline.optim.capsule_mpc.planning import tracked_function
 from plumbline.optim.capsule_mpc.settings import Plant
 from plumbline.optim.capsule_mpc.statement import Statement
@@ -76,6 +77,7 @@ class Underway:
         self._kept, self._stays = -lag * np.expm1(-self._into / lag), np.exp(-dt / lag)
         self._measured = (constants.MM * noise.measured) ** 2 + constants.SEEN_FROM**2
         self._wanders = ((constants.MM * noise.step) ** 2 + constants.SEEN_FROM**2) / self._measured
+        self._obeying = Obeying(statement, constants.MM * noise.measured)
         self.reset()
 
     def reset(self) -> None:
@@ -98,6 +100,8 @@ class Underway:
         self._latest = np.full(len(self._parts), count - 1)
         self._left = np.zeros(n)
         self._unseen: dict[int, Event] = {}
+        self._steps = 0
+        self._obeying.reset()
         self._weigh()
 
     @property
@@ -107,6 +111,7 @@ class Underway:
 
     def sent(self, rate: Array) -> None:
         """One step on, at whose beginning a rate (n,) was sent."""
+        self._steps += 1
         speed = rate + (self._past[0, 2] - rate) * self._stays
         self._sent = self._sent + self.dt * rate
         fresh = np.stack([rate, self._sent - self._lag * speed, speed])
@@ -118,6 +123,7 @@ class Underway:
     def seen(self, state: Array) -> None:
         """The state (n,) as it was measured."""
         self._compare(state)
+        self._obeying.look(state, self._then, self._steps)
         now = np.concatenate([state[None], self._then])
         if self._origin is None:
             self._origin, self._spread = now, 1.0 + self._wanders
@@ -151,11 +157,13 @@ class Underway:
             self._left[part] = self._then[self._latest[b], part]
 
     def unseen(self) -> list[Event]:
-        """Bodies that are seen in one place though, for certain, they were sent on."""
+        """Bodies that, for certain, are not seen to go where they were sent."""
         for b in np.flatnonzero(self._still).tolist():
             if b in self._unseen or self._sent_on(b) > constants.MM * self.statement.settings.safe:
                 self._unseen[b] = unseen(b, self._sent_on(b), int(self._still[b]))
-        return [self._unseen[b] for b in sorted(self._unseen)]
+        found = self._obeying.astray.items()
+        off = [astray(int(self._owner[j]), self.statement.unit[j], one) for j, one in found]
+        return [*(self._unseen[b] for b in sorted(self._unseen)), *off]
 
     def _sent_on(self, b: int) -> float:
         """How far the tip of a body, from 0, was sent since it was last seen elsewhere [mm]."""

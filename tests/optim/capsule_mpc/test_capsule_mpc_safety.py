@@ -245,6 +245,8 @@ def test_a_goal_is_judged_at_rest_whatever_lateness_was_learnt():
         ({"length": 250.0}, "length: found 250"), ({"depths": (15.0, 230.0)}, "state it in m"),
         ({"depths": (0.23, 0.015)}, "expected least < most"), ({"cone": 120.0}, "between 0 and 90"),
         ({"trocar": (-40.0, 0.0, 0.0)}, "in m, not in mm"), ({"trocar": (0.0, NAN, 0.0)}, "trocar"),
+        ({"v_max": 60.0}, "at most 2; state it in m/s"), ({"a_max": 1000.0}, "at most 50; state"),
+        ({"j_max": 50000.0}, "at most 5000; state it"), ({"v_outer": 250.0}, "state it in m/s"),
         ({"trocar": (0.0, 0.0)}, "expected 3 items"), ({"inward": (0.0, 0.0, 0.0)}, "no direction"),
     ],
 )  # fmt: skip
@@ -257,8 +259,8 @@ def test_an_instrument_that_is_none_or_in_mm_is_refused_in_a_line(change, said):
 def test_a_clearance_and_a_noise_in_mm_are_refused():
     with pytest.raises(PlumblineError, match=r"safe: found 2, expected 0 to 0\.1"):
         Settings(safe=2.0)
-    with pytest.raises(PlumblineError, match=r"measured: found 0.3, expected 0 to 0\.1"):
-        Noise(measured=0.3)
+    with pytest.raises(PlumblineError, match=r"measured: found 0.05, expected 0 to 0\.01"):
+        Noise(measured=0.05)
 
 
 def test_what_a_loop_gives_in_mm_is_never_taken_as_metres():

@@ -250,10 +250,20 @@ def test_later_points_of_a_path_are_led_and_a_single_goal_stays():
     assert np.array_equal(own.then(path[0], 8), path[0])
 
 
-@pytest.mark.parametrize("field", ["delay", "lag", "band", "gain"])
-def test_a_plant_that_cannot_be_is_refused(field):
-    with pytest.raises(PlumblineError, match=f"{field}: found -1, expected at least"):
-        Plant(**{field: -1.0})
+@pytest.mark.parametrize(
+    ("field", "wrong", "words"),
+    [
+        ("delay", -1.0, "0 to 1; give it in s"), ("lag", -1.0, "0 to 1; give it in s"),
+        ("band", -1.0, "0 to 2; give it in m/s"), ("gain", -1.0, "-0.99 to 1; give it as a share"),
+        ("delay", 40.0, "in s"), ("lag", [0.04, 30.0], "in s"), ("band", 3.0, "in m/s"),
+        ("offset", -4.0, "in m/s"), ("gain", 5.0, "not in percent"),
+    ],
+)  # fmt: skip
+def test_a_plant_that_cannot_be_or_in_ms_or_mm_is_refused_in_a_line(field, wrong, words):
+    with pytest.raises(PlumblineError, match=words) as told:
+        Plant(**{field: wrong})
+    assert f"{field}: found {np.ravel(wrong)[-1]:g}, expected" in str(told.value)
+    assert len(str(told.value).splitlines()) == 1
 
 
 def test_a_short_or_ragged_recording_is_refused():
