@@ -170,7 +170,10 @@ STAND = {
         "MOST_SIGNS": 7, "ONE_SET_UP": 0.001, "IN_A_SOCKET": 4, "SOCKET_STARTS": 20,
         "WINDOWS": 40, "ROWS_OFF": 3, "FEWEST_MENDED": 4, "WHOLE": 0.8, "ONE_ANGLE": 0.9,
         "LISTED_SET_UPS": 3, "LEVER": 0.3, "FRAME_STEPS": 8, "HARDLY_TOLD": 0.001, "MOST_NAMED": 30,
-        "AGAIN": 6, "BELIED": 3.0,
+        "AGAIN": 6, "BELIED": 3.0, "MEDIAN": 0.6745, "SURELY": 3.0, "FLAT": 1.5,
+        "SURELY_ENDS": 20.0, "SURELY_FILTERED": 3.0, "FINER": 9, "FORGOTTEN": 3,
+        "BEYOND_ENDS": (0.005, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5),
+        "FILTERS": (0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2),
         "SLIDE": 0.3333333333333333,
     },
     "registration": {

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import casadi as cs
@@ -31,9 +30,11 @@ from plumbline.kinematics.tree import dynamics_of_chain, laden
 from plumbline.optim.core.quantities import counted, quantity
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
+from plumbline.optim.recording.filtered_efforts import Channel
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by, likeliest
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
-from plumbline.optim.recording.table import Array, Origin
+from plumbline.optim.recording.sensor_end import without_saturated
+from plumbline.optim.recording.table import Array, Flags, Origin
 from plumbline.optim.rigid import some_of
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def with_motion(r: Recording, origin: Origin) -> Recording:
         r, velocity=smooth, acceleration=acceleration, turning=turning(smooth, slow), notes=notes,
         always=always, measured_joints=tuple(range(r.chain.n)),
     )  # fmt: skip
-    r = without_saturated(in_time(r, placed, slow))
+    r = efforts_within_ends(in_time(r, placed, slow))
     refuse_strange(r, origin)
     noise, said = _scattered(r, _noise_by_joint(r, shaken, origin))
     stated = r.noise_by_joint is not None or r.noise_std is not None
@@ -107,6 +108,9 @@ def in_time(r: Recording, placed: Array | None, slow: Array) -> Recording:
         r = _taken_back(r, RATES, late, said, slow)
         time = r.time if r.time is not None else time
     late = late_by(time, r.measured, lambda rows: _designs(r, rows))
+    if late > 0.0:  # as what passes a filter is
+        r = _unfiltered(r, late, slow)
+        late = late_by(time, r.measured, lambda rows: _designs(r, rows))
     for _ in range(constants.AGAIN if late else 0):  # what a row blurs is sharper from near by
         near = _taken_back(r, ("q", *RATES), -late, "", slow)
         clock = time if near.time is None else near.time
@@ -116,35 +120,48 @@ def in_time(r: Recording, placed: Array | None, slow: Array) -> Recording:
     return _taken_back(r, ("q", *RATES), -late, said, slow)
 
 
+def _unfiltered(r: Recording, late: float, slow: Array) -> Recording:
+    """With efforts that are so late [s] as they were before a filter, if they surely passed one."""
+    assert r.time is not None
+
+    def columns(rows: NDArray[np.integer], less: float, late: float) -> list[Array]:
+        return _columns(_moved(r, ("q", *RATES), less - late, slow)[0], rows)
+
+    T, own, stated = 0.0, r.noise_by_joint, r.noise_std
+    for _ in range(2):  # what a row blurs is sharper from near by
+        channel = Channel(r.time, r.measured, partial(columns, late=late))
+        if not (T := channel.filter_time()):
+            return r
+        late += channel.off(T)
+    read, louder = channel.before(T)
+    note = f"efforts passed a filter of first order, of {1e3 * T:.3g} ms: undone"
+    return replace(
+        r, measured=read, noise_by_joint=None if own is None else louder * own,
+        noise_std=None if stated is None else louder * stated, notes=(*r.notes, note),
+    )  # fmt: skip
+
+
 def _taken_back(r: Recording, names: Sequence[str], by: float, said: str, slow: Array) -> Recording:
     """With columns of so much later [s], in rows that have any."""
     if not by or r.time is None:
         return r
-    moved = {name: at_other_time(r.time, getattr(r, name), by) for name in names}
+    found, there = _moved(r, names, by, slow)
     note = f"{said}: taken back by as much"
+    return replace(found, notes=(*r.notes, note)).select(there)
+
+
+def _moved(r: Recording, names: Sequence[str], by: float, slow: Array) -> tuple[Recording, Flags]:
+    """The same in all rows, and which of them (N,) have any."""
+    assert r.time is not None
+    moved = {name: at_other_time(r.time, getattr(r, name), by) for name in names}
     columns: dict[str, Any] = {name: found for name, (found, _) in moved.items()}
-    r = replace(r, notes=(*r.notes, note), **columns).select(moved[names[0]][1])
-    return replace(r, turning=turning(motion_of(r)[0], slow))
+    r = replace(r, **columns)
+    return replace(r, turning=turning(motion_of(r)[0], slow)), moved[names[0]][1]
 
 
-def without_saturated(r: Recording) -> Recording:
-    """Without rows in which a sensor reads its end: of what was there they only say that much more.
-
-    One that holds a load reads the same for long, too: there the model's effort is one as well.
-    """
-    model, beyond, notes = nominal_efforts(r), np.zeros(len(r), bool), []
-    for (j, read), side in product(enumerate(r.measured.T), (1.0, -1.0)):
-        values, counts = np.unique(side * read, return_counts=True)
-        end, step = values[-1], np.diff(values).min(initial=np.inf)
-        near = counts[values >= end - constants.ENDS_WITHIN * step].sum() - counts[-1]
-        at = side * read == end
-        spread = np.ptp(model[at, j])
-        ends = len(values) > 1 and counts[-1] >= max(constants.AT_ITS_END, 2 * near + 1)
-        if ends and spread > constants.ENDS_OFF * abs(end):
-            beyond |= at
-            said = f"efforts of joint {j + 1} end at {shown(float(side * end))}"
-            notes.append(f"{said} in {counted(int(counts[-1]), 'row')}, left aside: a sensor's end")
-    return replace(r, notes=(*r.notes, *notes)).select(~beyond) if notes else r
+def efforts_within_ends(r: Recording) -> Recording:
+    """Without rows in which a sensor reads its end."""
+    return without_saturated(r, nominal_efforts(r), partial(_columns, r))
 
 
 def nominal_efforts(r: Recording, gravity: tuple[float, ...] | None = None) -> Array:
@@ -341,6 +358,11 @@ def _shaken_torques(r: Recording, shaken: Array) -> Array:
 
 def _designs(r: Recording, rows: NDArray[np.integer]) -> list[Array]:
     """Orthonormal columns (k, p) of all that each joint's effort may depend on."""
+    return [basis_of(X) for X in _columns(r, rows)]
+
+
+def _columns(r: Recording, rows: NDArray[np.integer]) -> list[Array]:
+    """These columns (k, P) as they are."""
     v, a = (part[rows] for part in motion_of(r))
     assert r.turning is not None
     sense, q = r.turning[rows], r.q[rows]
@@ -351,7 +373,7 @@ def _designs(r: Recording, rows: NDArray[np.integer]) -> list[Array]:
         turned, carried = sense[:, j], model[:, j]
         speed = np.sqrt(np.abs(v[:, j]))
         own = [turned, v[:, j], speed * turned, np.abs(carried) * turned, a[:, j], q[:, j], carried]
-        found.append(basis_of(np.column_stack([Y[:, :, j], *own, np.ones(len(q))])))
+        found.append(np.column_stack([Y[:, :, j], *own, np.ones(len(q))]))
     return found
 
 

@@ -14,6 +14,7 @@ memory.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -41,17 +42,33 @@ def likeliest(time: Array, read: Array, designs: Designs) -> tuple[float, float]
     """The same [s], sure or not, and how much more probable that is without whom it is most to."""
     step = usual_step(time)
     most = round(constants.LATEST / step)
-    parts = [s[most : len(s) - most] for s in stretches(time, step)]
-    rows = np.concatenate(parts)
-    rows = rows[some_of(len(rows), constants.EFFORT_ROWS)]
+    rows = rows_asked(time, most)
     if most < 1 or len(rows) < constants.FEWEST_EFFORTS:
         return 0.0, 0.0
-    late, gain = _rows_late(read, rows, designs(rows), most)
-    return step * late, gain
+    found = best_place(read, rows, designs(rows), most)
+    gains = found.effective / 2.0 * np.log(found.unmoved / found.square)
+    return step * found.rows, float(gains.sum() - gains.max())
 
 
-def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> tuple[float, float]:
-    """The same in rows, so many at most."""
+def rows_asked(time: Array, most: int) -> Rows:
+    """Rows (k,) that have so many others of their run on either side."""
+    parts = [s[most : len(s) - most] for s in stretches(time, usual_step(time))]
+    rows = np.concatenate(parts)
+    return rows[some_of(len(rows), constants.EFFORT_ROWS)]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a channel runs with its designs the best, of all that are tried."""
+
+    rows: float  # so many later
+    square: Array  # mean square of what is left there of each joint's readings (n,)
+    unmoved: Array  # the same in its own place (n,)
+    effective: Array  # rows that count as independent (n,)
+
+
+def best_place(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> Place:
+    """The place in rows, so many at most either way, and between them."""
     shifts = np.arange(-most, most + 1)
     left = np.array([_left(read[rows + k], designs) for k in shifts])
     past = left[np.argmin(np.log(left[..., 0]).sum(axis=-1)), :, 1]
@@ -61,10 +78,9 @@ def _rows_late(read: Array, rows: Rows, designs: Sequence[Array], most: int) -> 
     before, there, after = left[best - 1 : best + 2, :, 0]
     off = np.linspace(-1.0, 1.0, constants.FINE)[:, None]
     between = there + off * (after - before) / 2.0 + off**2 * (before - 2.0 * there + after) / 2.0
-    log = np.log(np.maximum(between, 1e-300)) * effective / 2.0
-    found = int(np.argmin(log.sum(axis=1)))
-    gains = np.log(left[most, :, 0]) * effective / 2.0 - log[found]
-    return float(shifts[best] + off[found, 0]), float(gains.sum() - gains.max())
+    between = np.maximum(between, 1e-300)
+    found = int(np.argmin(np.log(between) @ effective))
+    return Place(float(shifts[best] + off[found, 0]), between[found], left[most, :, 0], effective)
 
 
 def at_other_time(time: Array, columns: Array, by: float) -> tuple[Array, Flags]:

@@ -12,7 +12,7 @@ from plumbline.kinematics.tree import tree_of
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import AT_ITS_END, BELIED, ENDS_OFF, ENDS_WITHIN, LATEST
-from plumbline.optim.recording.efforts import nominal_efforts, without_saturated
+from plumbline.optim.recording.efforts import efforts_within_ends, nominal_efforts
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.table import Origin
 from tests.answer_contract import contradicts_nothing
@@ -179,7 +179,7 @@ def test_what_reads_one_value_throughout_has_no_end(robot):
     rec = recorded(robot)
     read = rec.measured.copy()
     read[:, 1] = 3.0
-    assert len(without_saturated(replace(rec, measured=read))) == len(rec)
+    assert len(efforts_within_ends(replace(rec, measured=read))) == len(rec)
 
 
 @pytest.mark.parametrize("step", [0.2, 1.0])
@@ -201,7 +201,7 @@ def test_where_the_model_hardly_changes_a_load_is_held(robot, share, left):
     at[np.argmin(np.abs(model - middle - spread / 2))] = True
     read = rec.measured.copy()
     read[at, 1] = end
-    found = without_saturated(replace(rec, measured=read))
+    found = efforts_within_ends(replace(rec, measured=read))
     assert (len(found) < len(rec)) is left
 
 
