@@ -335,7 +335,8 @@ static double improve(const Data *d, double mu, const Work *v)
         for (int i = 0; i < K; i++)
             ahead += (v->T[i] + length * v->dT[i]) * (v->L[i] + length * v->dL[i]);
         const double ratio = ahead / K / mu;
-        target = ratio * ratio * ratio * mu;
+        /* Its cube, which centres less, goes round between two points for ever, once in a thousand. */
+        target = ratio * ratio * mu;
     }
     return length < 1.0 ? 0.99 * length : length;
 }

@@ -290,4 +290,5 @@ class _OneStepReady:
         step = within_norms(found.x[0] - x0, qp.first, qp.groups)
         ahead = np.tile(x0 + step, (len(stages), 1))
         solved = found.solved and bool(np.isfinite(found.x).all())
-        return Plan(ahead, solved, slack, found.iterations, "one step", slack)
+        status = "one step" if solved else "one step: not converged"
+        return Plan(ahead, solved, slack, found.iterations, status, slack)
