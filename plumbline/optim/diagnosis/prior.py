@@ -98,7 +98,6 @@ REACHES = (0.25, 0.6, 1.5)
 FULLEST = 15  # columns of a family, its leading ones (cost only)
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
-FEATURES = 24  # random Fourier features (Rahimi and Recht 2007; cost only)
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
 SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
 COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before

@@ -57,7 +57,7 @@ def place(tmp_path_factory):
 @pytest.fixture(scope="module")
 def asked(place):
     """What may be at work there."""
-    return alternatives(place.pool, place.chosen, UNLISTED, 0)
+    return alternatives(place.pool, place.chosen, UNLISTED)
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def offered(place):
     rows = rows_compared(pool)
     ports = Ports.about(pool.model, pool.x, rows, pool.always)
     recording = pool.model.recording.select(rows)
-    found = [f for f in dependences(recording, ports, 0) if f.columns.any()]
+    found = [f for f in dependences(recording, ports) if f.columns.any()]
     found += _shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports)
     return ports, found
 
@@ -98,7 +98,7 @@ def unlisted_priors(asked):
 @pytest.mark.parametrize("unlisted", [0.02, 0.6])
 def test_what_the_library_lacks_has_the_share_that_is_stated(unlisted, place, asked, monkeypatch):
     monkeypatch.setattr(design, "MOST_FAMILIES", 1)
-    other = alternatives(place.pool, place.chosen, unlisted, 0)
+    other = alternatives(place.pool, place.chosen, unlisted)
     library = np.exp(place.pool.selection.log_priors)
     ours = np.exp(other.problem.log_priors[: asked.library])
     np.testing.assert_allclose(ours, library * (1 - unlisted))
@@ -437,7 +437,7 @@ def test_families_that_go_on_include_the_best(tmp_path, monkeypatch):
     recording, _ = recorded(with_fault(faultless(rows=60, seed=2), fault), tmp_path)
     selected = searched(recording, [ModelledScale])[0]
     monkeypatch.setattr(design, "MOST_FAMILIES", 1)
-    found = alternatives(selected.pool, selected.chosen, UNLISTED, 0)
+    found = alternatives(selected.pool, selected.chosen, UNLISTED)
     [only] = [t.family for t in found.problem.candidates if of_none(t)]
     assert only.words == "joint 2's error depends on joint 3's angle"
 

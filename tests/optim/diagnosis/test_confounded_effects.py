@@ -251,7 +251,7 @@ def test_every_dependence_has_columns_words_and_one_share_a_question(observation
     recording = bench("ur5", observation)
     model, best = fitted(recording)
     ports = Ports.about(model, best.x, np.arange(len(recording)))
-    found = list(dependences(recording, ports, 0))
+    found = list(dependences(recording, ports))
     shares: dict[tuple[str, str, int | None], float] = {}
     for f in found:
         of = (f.on, f.stage, f.element)

@@ -108,7 +108,7 @@ def test_over_a_short_way_neighbouring_orders_are_few_functions():
 def found():
     """Where a search ended on twelve orders of joint 2, and the alternatives there."""
     selected, _ = searched(recording(twelve_orders, 3.0), GEARS.library)
-    return selected, alternatives(selected.pool, selected.chosen, UNLISTED, 0)
+    return selected, alternatives(selected.pool, selected.chosen, UNLISTED)
 
 
 def of_gear(alt, state):

@@ -10,7 +10,7 @@ import pytest
 
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.optim.diagnosis.discrepancy import part_dependences
-from plumbline.optim.diagnosis.discrepancy.functions import nearness, plays, spots, waves
+from plumbline.optim.diagnosis.discrepancy.functions import nearness, plays, smooth, spots, waves
 from plumbline.optim.diagnosis.prior import REACHES
 
 N = 600
@@ -25,7 +25,7 @@ def left(functions, target):
 
 
 @pytest.mark.parametrize(
-    ("orders", "held"), [((6, 3), True), ((5, 2), True), ((8, 2), False), ((2, 4), False)]
+    ("orders", "held"), [((6, 3), True), ((5, -2), True), ((8, 2), False), ((2, 4), False)]
 )
 def test_of_two_angles_six_turns_of_one_and_three_of_the_other_are_a_family(orders, held):
     angles = RNG.uniform(-np.pi, np.pi, (N, 2))
@@ -57,6 +57,16 @@ def test_what_is_smooth_errs_alike_over_a_quarter_to_one_and_a_half_of_a_radian(
     features = nearness(np.linspace(0.0, 3.0, 61), reach)
     alike = features.T @ features
     assert np.interp(near, np.linspace(0.0, 3.0, 61), alike[0]) == pytest.approx(0.61, abs=0.03)
+
+
+@pytest.mark.parametrize(("rows", "left"), [(12, 0), (200, 1)])
+def test_what_is_smooth_of_several_inputs_is_its_fifteen_leading_functions(rows, left):
+    """No other fifteen leave less of what rows that are near have in common."""
+    inputs = RNG.normal(size=(rows, 3))
+    alike = np.exp(-0.5 * np.sum((inputs[:, None] - inputs) ** 2, axis=2) / 0.6**2)
+    features = smooth(inputs, 0.6)
+    rest = np.linalg.eigvalsh(alike - features.T @ features)
+    assert rest.max() == pytest.approx(left * np.sort(np.linalg.eigvalsh(alike))[-16:][0], abs=1e-9)
 
 
 def offered(**given):

@@ -38,7 +38,7 @@ def plain(folder):
     recording = load_to_diagnose(folder)
     model = build_model(recording)
     ports = Ports.about(model, model.start, np.arange(len(recording)))
-    offered = part_dependences(recording, ports, np.random.default_rng(0))
+    offered = part_dependences(recording, ports)
     return recording, ports, [f for f in offered if len(f.columns) == 1]
 
 

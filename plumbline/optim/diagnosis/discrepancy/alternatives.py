@@ -138,21 +138,18 @@ class Alternatives:
         return found
 
 
-def alternatives(
-    pool: Pool, chosen: Sequence[SelectedTerm], unlisted: float, seed: int
-) -> Alternatives:
+def alternatives(pool: Pool, chosen: Sequence[SelectedTerm], unlisted: float) -> Alternatives:
     """Everything that may be at work, about the fit of a pool.
 
     Args:
         pool: The candidates of the library, linearised.
         chosen: Those that a search has chosen: what unlisted mechanisms are tried with.
         unlisted: Prior probability that a term is of no effect of the library.
-        seed: Of the random features.
     """
     rows = rows_compared(pool)
     ports = Ports.about(pool.model, pool.x, rows, pool.always)
     recording = pool.model.recording.select(rows)
-    found = _families(pool, recording, ports, seed)
+    found = _families(pool, recording, ports)
     shares = _log_shares(found)
     design = _design(pool, chosen, ports, rows, found, shares + np.log(unlisted))
     listed = resembled(pool, looks(pool, chosen))
@@ -182,9 +179,9 @@ def alternatives(
     return Alternatives(problem, *names, len(pool.candidates), rows, *asked, design.spread, orders)
 
 
-def _families(pool: Pool, recording: Recording, ports: Ports, seed: int) -> list[Dependence]:
+def _families(pool: Pool, recording: Recording, ports: Ports) -> list[Dependence]:
     """What the library may lack: functions at every port, but those that are a listed effect."""
-    found = [f for f in dependences(recording, ports, seed) if f.columns.any()]
+    found = [f for f in dependences(recording, ports) if f.columns.any()]
     if recording.element is None:
         found += list(_shared_shift(recording.chain.placement(recording.q)[:, :3, :3], ports))
     return not_listed(pool, ports, found)

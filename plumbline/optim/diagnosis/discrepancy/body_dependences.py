@@ -35,7 +35,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     on_tip,
     overturning,
     polynomials,
-    random_features,
+    smooth,
     spots,
     steps,
     weights,
@@ -49,15 +49,13 @@ TIP: Place = ("tool", None)
 BASE: Place = ("base", None)
 
 
-def body_dependences(
-    recording: Recording, ports: Ports, rng: np.random.Generator
-) -> Iterator[Dependence]:
+def body_dependences(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Of the tip's place and posture, and of every body but a joint's own."""
     kind = recording.kind
     if not (kind.encoders or kind.sockets or kind.ranges):
-        yield from _of_place(recording, ports, rng)
+        yield from _of_place(recording, ports)
     if not kind.encoders:
-        posture = random_features(normal(recording.q), prior.REACHES[-1], rng)
+        posture = smooth(normal(recording.q), prior.REACHES[-1])
         yield acting("the posture", "posture", "link", None, posture, ports.shift)
     yield from _of_links(recording, ports)
     if not kind.encoders:
@@ -65,14 +63,14 @@ def body_dependences(
         yield from _of_base_load(recording, ports)
 
 
-def _of_place(recording: Recording, ports: Ports, rng: np.random.Generator) -> Iterator[Dependence]:
+def _of_place(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """The tip's place, as a whole and around one spot.
 
     Not of a tip that rests in sockets: there the place holds the very error that is looked for.
     """
     place = recording.chain.placement(recording.q)[:, :3, 3]
     words, on = "the place of the tip, locally", "place, locally"
-    local = [random_features(normal(place), prior.REACHES[0], rng)]
+    local = [smooth(normal(place), prior.REACHES[0])]
     local += [form for bump in spots(place) for form in (bump[:1], bump)]
     yield from one_of(acting(words, on, "sensor", None, form, ports.shift) for form in local)
     forms = [(polynomials(normal(place), degree), ports.shift) for degree in (1, 2, 3)]

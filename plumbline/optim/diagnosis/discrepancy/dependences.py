@@ -8,8 +8,8 @@ a dependence spans
           w_{kp} \sim N(0, s^2)
 
 a Gaussian process in its weights' view (Rasmussen and Williams 2006, sec. 2.1): harmonics of an
-angle, cosines and steps of time, polynomials and random Fourier features of several inputs (Rahimi
-and Recht 2007), play operators of a path (Brokate and Sprekels 1996, eq. 2.1.3).
+angle, cosines and steps of time, polynomials and leading features of several inputs (ibid., sec.
+4.3), play operators of a path (Brokate and Sprekels 1996, eq. 2.1.3).
 """
 
 from __future__ import annotations
@@ -54,25 +54,23 @@ from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
 
-def dependences(recording: Recording, ports: Ports, seed: int) -> Iterator[Dependence]:
+def dependences(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """All that an unknown effect may depend on, given what the recording holds.
 
     Args:
         recording: N rows.
         ports: Its ports on these rows.
-        seed: Of the random features.
     """
     if recording.kind.efforts:
         for words, on, j, own in torque_functions(recording):
             port = ports.joint[[j]]
             yield from one_of(acting(words, on, "actuation", j + 1, form, port) for form in own)
         return
-    rng = np.random.default_rng(seed)
     if recording.element is not None:
-        yield from part_dependences(recording, ports, rng)
+        yield from part_dependences(recording, ports)
     if recording.stand_in:
         return
-    yield from body_dependences(recording, ports, rng)
+    yield from body_dependences(recording, ports)
     yield from _of_angles(recording, ports)
     yield from _of_load(recording, ports)
     yield from _of_mounting(recording, ports)

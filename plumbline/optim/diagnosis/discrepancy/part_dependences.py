@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     jumps,
     normal,
     polynomials,
-    random_features,
+    smooth,
     spots,
     steps,
 )
@@ -35,21 +35,19 @@ FINDER: Place = ("sensor", None)
 MARKERS: Place = ("registration", None)
 
 
-def part_dependences(
-    recording: Recording, ports: Ports, rng: np.random.Generator
-) -> Iterator[Dependence]:
+def part_dependences(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Of what was recorded that ranges or fiducials may follow."""
     if recording.kind.ranges:
-        yield from _of_ranges(recording, ports, rng)
+        yield from _of_ranges(recording, ports)
     else:
-        yield from _of_fiducials(recording, ports, rng)
+        yield from _of_fiducials(recording, ports)
 
 
-def _of_ranges(r: Recording, ports: Ports, rng: np.random.Generator) -> Iterator[Dependence]:
+def _of_ranges(r: Recording, ports: Ports) -> Iterator[Dependence]:
     assert r.element is not None
     cosine, slopes = cosines_at_start(r)
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    wide = [random_features(normal(slopes), reach, rng) for reach in REACHES[1:]]
+    wide = [smooth(normal(slopes), reach) for reach in REACHES[1:]]
     slanted = [cosines(angle, COSINES), *wide]
     yield from _one("the incidence of the beam", "incidence", FINDER, ports, slanted)
     yield from _one("the range", "range", FINDER, ports, [cosines(r.measured[:, 0], COSINES)])
@@ -57,21 +55,21 @@ def _of_ranges(r: Recording, ports: Ports, rng: np.random.Generator) -> Iterator
     for k in range(1, len(r.elements) + 1):
         mine = r.element == k
         flat = np.column_stack([places, np.zeros(len(places))])
-        local = random_features(normal(places[mine]), REACHES[1], rng)
+        local = smooth(normal(places[mine]), REACHES[1])
         forms = [_only(local, mine), *(_only(one, mine) for one in spots(flat[mine]))]
         yield from _one(f"the place on plane {k}", "place", ("sensor", k), ports, forms)
     if r.stand_in:
-        posture = random_features(normal(r.q), REACHES[-1], rng)
+        posture = smooth(normal(r.q), REACHES[-1])
         yield from _one("the pose of the flange", "posture", ("link", None), ports, [posture])
     if r.motion is not None and 1 < len(np.unique(r.motion)) <= MOST_MOTIONS:
         yield from _one("the motion", "motion", FINDER, ports, [_each(r.motion)])
     yield from _of_time(r, "plane", ports)
 
 
-def _of_fiducials(r: Recording, ports: Ports, rng: np.random.Generator) -> Iterator[Dependence]:
+def _of_fiducials(r: Recording, ports: Ports) -> Iterator[Dependence]:
     assert r.element is not None
     place, words = normal(r.q), "the place in CT"
-    forms = [random_features(place, reach, rng) for reach in REACHES[1:]]
+    forms = [smooth(place, reach) for reach in REACHES[1:]]
     forms += [polynomials(place, degree) for degree in (1, 2, 3)]
     any_way = (acting(words, "place", *MARKERS, form, ports.shift) for form in forms)
     yield from one_of(any_way, (_along(words, one) for one in _shears(place, ports)))

@@ -143,10 +143,10 @@ def explain(selected: SelectedModel, seed: int, unlisted: float = UNLISTED) -> E
 
     Args:
         selected: Where the search ended.
-        seed: Of random features and chains.
+        seed: Of the chains.
         unlisted: Prior probability that a term is of no effect of the library.
     """
-    alt = alternatives(selected.pool, selected.chosen, unlisted, seed)
+    alt = alternatives(selected.pool, selected.chosen, unlisted)
     many = len(selected.selection.keys(selected.chosen)) > MANY_CAUSES
     state, told = (_one_by_one if many else _by_chains)(selected, alt, seed)
     rows, recording = len(alt.rows), selected.pool.model.recording

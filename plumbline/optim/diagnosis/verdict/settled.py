@@ -37,7 +37,7 @@ def settled(
         task: What was searched: its rows (N) are fitted again.
         selected: Where the search ended.
         bad: Which rows are taken for gross errors (N,).
-        seed: Of random features and chains.
+        seed: Of the chains.
         unlisted: Prior probability that a term is of no effect of the library.
     """
     before, about = np.inf, selected
