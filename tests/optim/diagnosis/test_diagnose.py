@@ -25,7 +25,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.verdict.causes import always_words
+from plumbline.optim.diagnosis.verdict.causes import _std_by_rows, always_words
 from plumbline.optim.diagnosis.verdict.words import estimate_words, gap_words, shrink_words
 from plumbline.optim.model import apply
 from plumbline.optim.recording.building import build_recording
@@ -70,12 +70,15 @@ def test_the_form_that_was_found_is_said(tmp_path):
 def test_a_value_that_the_rows_do_not_tell_is_not_given_as_one(tmp_path):
     """The offset d along the first axis is the frame's height by another name."""
     bent = planted(tmp_path, LinkGeometry(0.0, 1, (0.0, 0.3, 1.0)), gap=6.0, rows=90, seed=5)
-    [cause] = diagnose(bent, FEW_EFFECTS).verdict.causes
+    found = diagnose(bent, FEW_EFFECTS)
+    [cause] = found.causes
     told = {name: estimate.determined for name, estimate in cause.parameters.items()}
     assert (cause.effect, cause.element) == ("link_geometry", 1)
     assert told == {"d": False, "a": True, "alpha": True}
     assert estimate_words(cause.parameters["d"]).startswith("not determined")
     assert "not determined" not in estimate_words(cause.parameters["alpha"])
+    by_rows = _std_by_rows(found.selected, bent.noise_std)[found.stated.terms[-1].columns]
+    assert by_rows[0] > 1e3 * found.stated.problem.scale[-3]  # whatever is known beforehand
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,14 @@ def test_where_no_noise_is_stated_no_floor_is_claimed(ripple):
     assert "floor" not in said
     assert "noise alone" not in said.lower()
     assert "leaves to remove" not in said
+
+
+@pytest.mark.parametrize("kind", [Outcome.NO_GAP, Outcome.PARTLY])
+def test_without_a_known_noise_what_is_left_is_told_by_how_it_looks(kind, diagnosis):
+    verdict = replace(diagnosis.verdict, verdict=kind, outside_probability=0.9)
+    unknown = replace(verdict, noise=replace(verdict.noise, source="fit"))
+    assert "look like noise" in unknown.meaning
+    assert "look like" not in verdict.meaning
 
 
 def test_what_no_effect_shrinks_is_not_said_to_shrink_by_nothing(diagnosis):
@@ -137,12 +148,6 @@ def test_the_same_recording_gives_the_same_verdict_whatever_its_name(ripple, dia
     assert replace(renamed, recording=ripple.name).to_dict() == diagnosis.verdict.to_dict()
 
 
-def test_the_place_of_the_device_does_not_matter(ripple, diagnosis):
-    turn = Rotation.from_euler("xyz", [1.0, -2.0, 0.5])
-    moved = turn.apply(np.array(ripple.measured)) + np.array([3.0, -7.0, 0.4])
-    assert_same_verdict(diagnose(replace(ripple, measured=moved), FEW_EFFECTS), diagnosis)
-
-
 def bare(recording, rows=slice(None)):
     """Joint readings and tips alone, without time or any way to tell which row came first."""
     return build_recording(
@@ -165,8 +170,9 @@ def test_where_the_device_stands_changes_nothing(ripple):
 
 
 def test_the_order_of_postures_does_not_matter(ripple):
-    mixed = np.random.default_rng(1).permutation(len(ripple))
-    straight, other = (diagnose(bare(ripple, rows), FEW_EFFECTS) for rows in (slice(None), mixed))
+    """Sorted by the joint that errs, what it does runs smoothly from row to row."""
+    orders = slice(None), np.argsort(ripple.q[:, 2])
+    straight, other = (diagnose(bare(ripple, rows), FEW_EFFECTS) for rows in orders)
     assert causes(straight) == [("transmission_ripple", 3)]
     assert_same_verdict(other, straight)
 
@@ -249,7 +255,7 @@ def test_a_planted_offset_has_its_value_within_its_error(tmp_path):
     [cause] = diagnose(recorded(case, tmp_path)[0], FEW_EFFECTS).verdict.causes
     estimate = cause.parameters["offset"]
     assert abs(estimate.value - case.effects[0].size) < 4 * estimate.std
-    assert estimate.std < 0.2 * abs(estimate.value)
+    assert estimate.std < 0.05 * abs(estimate.value)
 
 
 def test_without_a_gap_nothing_is_blamed(tmp_path):
@@ -337,10 +343,10 @@ def test_of_poses_the_gap_says_how_far_the_tool_is_turned():
     T = robot.chain().placement(q)
     places = T[:, :3, 3] + T[:, :3, :3] @ tool + rng.normal(0.0, 1e-4, (60, 3))
     turns = Rotation.from_matrix(T[:, :3, :3])
-    turns = turns * Rotation.from_rotvec([[0.0, 0.0, 1e-3 * np.sin(a)] for a in q[:, 5]])
-    turns = turns * Rotation.from_rotvec(rng.normal(0.0, 1e-4, (60, 3)))
+    turns = turns * Rotation.from_rotvec([[0.0, 0.0, 2e-3 * np.sin(a)] for a in q[:, 5]])
+    turns = turns * Rotation.from_rotvec(rng.normal(0.0, 2e-4, (60, 3)))
     read = np.hstack([places, turns.as_quat(scalar_first=True)])
-    noise = {"noise_std": 1e-4, "noise_std_rotation": 1e-4}
+    noise = {"noise_std": 1e-4, "noise_std_rotation": 2e-4}
     given = {"observation": "pose", "robot": robot, "q": q, "measured": read, "tool_offset": tool}
     verdict = diagnose(build_recording(**given, **noise), FEW_EFFECTS).verdict
     assert verdict.causes[0].element == 6
@@ -348,7 +354,7 @@ def test_of_poses_the_gap_says_how_far_the_tool_is_turned():
     rotation = verdict.gap.rotation
     assert rotation.before > 3.0 * rotation.after
     assert rotation.after < 1.2 * rotation.noise_floor
-    assert rotation.noise_floor == pytest.approx(1e-4 * np.sqrt(3.0))
+    assert rotation.noise_floor == pytest.approx(2e-4 * np.sqrt(3.0))
     assert "the tool is turned by" in shrink_words(verdict)
 
 

@@ -164,7 +164,6 @@ def test_the_exact_form_is_sure_once_it_stands_out_and_another_never_is(beside):
     assert straight[0] < 0.98
     assert straight[-1] > 0.99
     bent = posterior(beside, 3.0, lambda q: q + 0.5 * np.sin(2.0 * q))
-    print(bent)
     assert bent[0] < 0.2
     assert bent[1] > 0.8
 
