@@ -69,17 +69,19 @@ def test_the_factored_form_is_the_same_elimination(seed):
     X, t = drawn(seed)
     out, precision = np.array([0, 5]), np.array([1.5, 0.2])
     linear = statistics(X, t)
-    _, root, hidden, tt, n = linear.given(out, precision)
+    _, root, hidden, tt, n = linear.given(out, precision, np.arange(len(linear.b)))
     found = (linear.G - root @ root.T, linear.b - root @ hidden, tt, n)
     assert_same(found, marginal(X, t, out, precision))
+    some = np.array([1, 4])
+    np.testing.assert_array_equal(linear.given(out, precision, some)[1], root[some])
 
 
 def test_eliminating_nuisances_first_is_eliminating_all_at_once():
     X, t = drawn(3)
     a, b = np.array([0, 3]), np.array([2, 7])
     prior = np.array([1e-9, 1e-9, 2.0, 4.0])
-    twice = statistics(X, t).without(a, prior[:2]).given(b, prior[2:])
-    once = statistics(X, t).given(np.concatenate([a, b]), prior)
+    twice = statistics(X, t).without(a, prior[:2]).given(b, prior[2:], b)
+    once = statistics(X, t).given(np.concatenate([a, b]), prior, b)
     assert_same(twice[3:], once[3:])
 
 

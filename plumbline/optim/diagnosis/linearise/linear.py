@@ -58,15 +58,18 @@ class Linear:
         used = np.trace(solved(A, self.G[np.ix_(columns, columns)]))
         return Linear(G, b, max(float(tt), 0.0), self.n - float(used))
 
-    def given(self, columns: Columns, precision: Array) -> tuple[Array, Array, Array, float, float]:
+    def given(
+        self, columns: Columns, precision: Array, asked: Columns
+    ) -> tuple[Array, Array, Array, float, float]:
         r"""What is left given some columns, in factored form, without working out all of it.
 
-        The inverse of their Cholesky factor L (K, K); :math:`R = G_{\cdot B} L^{-T}` (P, K) and
-        :math:`h = L^{-1} b_B` (K,), such that :math:`G' = G - R R^T` and :math:`b' = b - R h`; the
-        target's square, and equations.
+        The inverse of their Cholesky factor L (K, K); of the columns a that are asked (R,)
+        :math:`R = G_{aB} L^{-T}` (R, K), and :math:`h = L^{-1} b_B` (K,), such that
+        :math:`G'_{aa} = G_{aa} - R R^T` and :math:`b'_a = b_a - R h`; the target's square, and
+        equations.
         """
         unit, hidden, tt, n = self._factored(columns, precision)
-        return unit, self.G[columns].T @ unit.T, hidden, tt, n
+        return unit, self.G[np.ix_(columns, asked)].T @ unit.T, hidden, tt, n
 
     def left(self, columns: Columns, precision: Array) -> tuple[float, float]:
         """Square of the target, and equations, that some columns leave."""

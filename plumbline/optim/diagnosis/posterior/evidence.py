@@ -76,13 +76,13 @@ class NoisePrior:
 
         Args:
             left: Residual sum of squares, and equations left, of the fit at a noise variance.
-            start: The guess.
+            start: The guess, above or below.
             ratio: Of two rounds' variances, from which on they have settled.
         """
         variance = np.asarray(start)
         for _ in range(VARIANCE_ROUNDS):
             before, variance = variance, np.asarray(self.variance(*left(variance)))
-            if np.all(variance >= ratio * before):
+            if np.all((variance >= ratio * before) & (before >= ratio * variance)):
                 break
         return variance
 

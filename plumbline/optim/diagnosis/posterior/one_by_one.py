@@ -129,7 +129,8 @@ def _redrawn(
     drawn = int(np.searchsorted(np.cumsum(shares_of(log_odds)), rng.random()))
     new = [SelectedTerm(k, float(scale[k])) for k in range(len(scale))[drawn:][:1]]
     if list(old) != new:  # worked out anew: errors of one update after the other grow
-        reduced = problem.reduce([*(t for t in reduced.chosen if t not in old), *new])
+        kept = [t for t in reduced.chosen if t not in old]
+        reduced = problem.reduce([*kept, *new], near=reduced)
     return log_odds, reduced
 
 

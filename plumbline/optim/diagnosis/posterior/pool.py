@@ -19,7 +19,7 @@ from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem
 from plumbline.optim.diagnosis.posterior.shortlists import nearby, shortlists
-from plumbline.optim.diagnosis.prior import IN_ONE, LOG_SCALE_WEIGHTS, SCALES
+from plumbline.optim.diagnosis.prior import IN_ONE, LOG_SCALE_WEIGHTS, MANY_ROWS, SCALES
 from plumbline.optim.measurement.observation import MeasurementModel, build_model
 from plumbline.optim.measurement.refit import candidates_of, scope_for
 
@@ -75,7 +75,9 @@ class Pool:
 
     @cached_property
     def whole(self) -> Linear:
-        """The linear problem of all rows."""
+        """The linear problem of all rows: of few its folds are left for when they are asked for."""
+        if len(self.fold_of_row) > MANY_ROWS:  # going over them twice would take longer
+            return self._about(sum(self.grams, start=self.shared))
         return self._about(Mapped(self.model.problem).gram(self.x, self.fold_of_row))
 
     @cached_property

@@ -55,8 +55,9 @@ class Reduced:
     variance: float  # of the noise that weighs their priors
     precision: Array  # prior precisions of the terms' columns (K,)
     inverse: Array  # :math:`A^{-1}` (K, K)
+    asked: Columns  # the batches' columns, each once (R,)
     blocks: tuple[Array, ...]  # the batches' Gram blocks, given the terms
-    b: Array  # correlation with the target (P,), given the terms
+    b: Array  # correlation with the target (P,), given the terms; NaN of columns not asked
     tt: float  # square of the target, given the terms
     n: float  # equations left
 
@@ -71,12 +72,12 @@ class Reduced:
     ) -> Reduced:
         """Given these terms, none or more, at this noise variance."""
         columns, precision = stack(candidates, chosen, variance)
-        unit, root, hidden, tt, n = linear.given(columns, precision)
-        blocks, b = tuple(batch.blocks for batch in gathered), linear.b - root @ hidden
-        terms, inverse = tuple(chosen), unit.T @ unit
-        nothing = cls(
-            linear, gathered, candidates, terms, variance, precision, inverse, blocks, b, tt, n
-        )
+        asked = np.unique(np.concatenate([columns[:0], *(g.columns.ravel() for g in gathered)]))
+        unit, root, hidden, tt, n = linear.given(columns, precision, asked)
+        blocks, b = tuple(batch.blocks for batch in gathered), np.full(len(linear.b), np.nan)
+        b[asked] = linear.b[asked] - root @ hidden
+        terms, found = tuple(chosen), (unit.T @ unit, asked, blocks, b, tt, n)
+        nothing = cls(linear, gathered, candidates, terms, variance, precision, *found)
         return replace(nothing, blocks=nothing._moved(root, -1.0))
 
     def without(self, term: SelectedTerm) -> Reduced:
@@ -88,14 +89,15 @@ class Reduced:
         gone, rest = own @ lower, np.delete(np.arange(len(own)), part)
         inverse = self.inverse[np.ix_(rest, rest)] - gone[rest] @ gone[rest].T
         hidden, precision = gone.T @ self.linear.b[self._columns], self.precision[rest]
-        root = self.linear.G[self._columns].T @ gone
+        root, b = self.linear.G[np.ix_(self._columns, self.asked)].T @ gone, self.b.copy()
+        b[self.asked] += root @ hidden
         return replace(
             self,
             chosen=tuple(c for c in self.chosen if c.index != term.index),
             precision=precision,
             inverse=inverse,
             blocks=self._moved(root, 1.0),
-            b=self.b + root @ hidden,
+            b=b,
             tt=self.tt + float(hidden @ hidden),
             n=self.linear.n - (len(precision) - float(precision @ np.diag(inverse))),
         )
@@ -133,7 +135,7 @@ class Reduced:
         return dict(zip((c.index for c in self.chosen), spans, strict=True))
 
     def _moved(self, root: Array, sign: float) -> tuple[Array, ...]:
-        """The blocks with what a root (P, K) spans added, or taken away."""
-        seen = [root[batch.columns] for batch in self.gathered]
+        """The blocks with what a root (R, K) spans added, or taken away."""
+        seen = [root[np.searchsorted(self.asked, batch.columns)] for batch in self.gathered]
         pairs = zip(self.blocks, seen, strict=True)
         return tuple(block + sign * (own @ own.transpose(0, 2, 1)) for block, own in pairs)

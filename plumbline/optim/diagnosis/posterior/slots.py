@@ -67,27 +67,34 @@ class TermProblem(ABC):
         """The terms, ready to be scanned."""
         return batches(self.linear, self.candidates, self.asked)
 
-    def variance(self, chosen: Sequence[SelectedTerm]) -> float:
+    def variance(self, chosen: Sequence[SelectedTerm], near: Reduced | None = None) -> float:
         """Noise variance that these terms leave, whose priors are weighed by it."""
+        start = near.variance if near else self.noise.variance(self.linear.tt, self.linear.n)
         return float(
             self.noise.settled(
-                lambda v: self.linear.left(*stack(self.candidates, chosen, float(v))),
-                self.noise.variance(self.linear.tt, self.linear.n),
+                lambda v: self.linear.left(*stack(self.candidates, chosen, float(v))), start
             )
         )
 
-    def reduce(self, chosen: Sequence[SelectedTerm], asked: Sequence[int] | None = None) -> Reduced:
+    def reduce(
+        self,
+        chosen: Sequence[SelectedTerm],
+        asked: Sequence[int] | None = None,
+        near: Reduced | None = None,
+    ) -> Reduced:
         """The problem that is left given these terms, at the noise that they leave.
 
         Args:
             chosen: The terms.
             asked: Numbers of those that are asked next; all that may be if not given.
+            near: What nearly the same terms leave, whose noise saves rounds; nothing is known of
+                it if not given.
         """
         gathered = self.gathered
         if asked is not None:
             own = np.array(asked) if self.asked is None else np.intersect1d(asked, self.asked)
             gathered = batches(self.linear, self.candidates, own)
-        variance = self.variance(chosen)
+        variance = self.variance(chosen, near)
         return Reduced.given(self.linear, gathered, self.candidates, chosen, variance)
 
     def slots(self, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
@@ -176,7 +183,8 @@ def extended(problem: TermProblem, chosen: Sequence[SelectedTerm]) -> list[Selec
         if not len(log_odds) or np.logaddexp.reduce(log_odds) <= 0.0:
             break
         best = problem.best(log_odds)
-        reduced = problem.reduce([*reduced.chosen, SelectedTerm(best, float(scores.scale[best]))])
+        more = SelectedTerm(best, float(scores.scale[best]))
+        reduced = problem.reduce([*reduced.chosen, more], near=reduced)
     return list(reduced.chosen)
 
 
@@ -196,7 +204,7 @@ def asked_again(problem: TermProblem, chosen: Sequence[SelectedTerm]) -> list[Se
         filled = np.logaddexp.reduce(log_odds) > 0.0
         found[at : at + 1] = [SelectedTerm(best, float(scores.scale[best]))] if filled else []
         if best != index or not filled:
-            reduced = problem.reduce(found)
+            reduced = problem.reduce(found, near=reduced)
     return found
 
 
