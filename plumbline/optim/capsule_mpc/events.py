@@ -276,8 +276,8 @@ class AtGoal:
 
     def __init__(self, statement: Statement) -> None:
         """Judges goals that are states, as those of instruments by their tips are, no others."""
-        x, tracked = statement.symbols[0], statement.tracked
-        self._states = tracked.numel() == x.numel() and (tracked - x).is_zero()
+        x = statement.symbols[0]
+        self._states = statement.by_states
         # At rest nothing is under way, and lateness takes nothing.
         self._rest = slice(-statement.n - 2, -statement.n), statement.stepped
         self._tight = statement.blank[self._rest[0]]

@@ -41,6 +41,7 @@ from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
 from plumbline.optim.capsule_mpc.pairs import Pair
+from plumbline.optim.capsule_mpc.paths import path_function
 from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array, Flags, Indices
 
@@ -221,9 +222,21 @@ class Linearised:
         stages[:, own.stepped] = steps
         most, turn = self._bounds(before, steps, stages)
         H, g, G, h = self._stages(path, x0, stages)
-        made = H.reshape(p, n, n), g.reshape(p, n), G.reshape(p, -1, n), h.reshape(p, -1)
+        g = g.reshape(p, n) + self._led(stages[:, : own.goals])
+        made = H.reshape(p, n, n), g, G.reshape(p, -1, n), h.reshape(p, -1)
         costs = constants.MM * s.penalty, *s.weights
         return StageQp(*made, x0, most, *costs, stages[0, own.moved], turn, own.groups)
+
+    def _led(self, path: Array) -> Array | float:
+        """What the own steps of a path (p, g) that is to be followed add to g (p, n)."""
+        effort, smooth = self.statement.settings.weights
+        if not (effort or smooth) or (path == path[0]).all():
+            return 0.0
+        steps, changes = (v.full().T for v in path_function(self.statement.shape)(path.T))
+        # Each counts in the terms of its own stage, and of the one or two after it.
+        return np.asarray(
+            -2 * effort * _less_next(steps) - 2 * smooth * _less_next(_less_next(changes))
+        )
 
     def _bounds(self, before: Array, steps: Array, stages: Array) -> tuple[Array, Array | None]:
         """Sides (p, n) of the boxes that steps stay in, and their turns (p, n, n)."""
@@ -234,6 +247,11 @@ class Linearised:
         p, n = before.shape
         turned = turn.reshape(p, n, n) if max(own.groups) > 1 else None
         return most * sides.reshape(before.shape), turned
+
+
+def _less_next(values: Array) -> Array:
+    """Values (p, n) less those of the next stage; behind the last there is none."""
+    return -np.diff(values, axis=0, append=np.zeros_like(values[:1]))
 
 
 def within_norms(step: Array, most: Array, groups: tuple[int, ...]) -> Array:

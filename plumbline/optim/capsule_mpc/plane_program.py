@@ -29,6 +29,7 @@ from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.constants import MM, REGULAR, TURN
 from plumbline.optim.capsule_mpc.linearised import frozen_normal
+from plumbline.optim.capsule_mpc.paths import path_function
 from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array, Indices, Problem
 
@@ -169,6 +170,7 @@ def build(statement: Statement, limits: bool, stages_meet_in_states: bool = Fals
     stages, charts = parameters[: statement.width, :], parameters[statement.width :, :]
     turns = 2 * count if s.form == "planes" else 0
     made, f, before = _Builder(), cs.MX(0), stages[statement.moved, 0]
+    led, turned = path_function(statement.shape)(stages[: statement.goals, :])
     steps, alpha = step_limits(statement), s.confidence.along(p)
     kept = n if stages_meet_in_states else 0
     x = made.add("x", n, -np.inf, np.inf)
@@ -185,7 +187,8 @@ def build(statement: Statement, limits: bool, stages_meet_in_states: bool = Fals
         if k < p:
             d = made.add("d", n, -statement.step[k], statement.step[k])
             effort, smooth = s.weights
-            f += (effort + REGULAR) * cs.sumsqr(d) + smooth * cs.sumsqr(d - before)
+            f += REGULAR * cs.sumsqr(d) + effort * cs.sumsqr(d - led[:, k])
+            f += smooth * cs.sumsqr(d - before - turned[:, k])
             room = steps(x, d, before, alpha[k], stages[:, max(k - 1, 0)])
             ahead = cs.vertcat(x + d, d[:kept])
             x, y = made.add("x", n, -np.inf, np.inf), made.add("y", kept, -np.inf, np.inf)

@@ -1,14 +1,16 @@
 r"""The control problem, stated once in symbols; every solver takes it from here.
 
 .. math:: \min_u\ \sum_{i=1}^{p} |y_{des} - y(x(k+i|k))|^2
-          + dt^2 \sum_{i=0}^{p-1} \big(e\, |u(i)|^2 + c\, |u(i) - u(i-1)|^2\big) \quad\text{s.t.}
+          + dt^2 \sum_{i=0}^{p-1} \big(e\, |w(i)|^2 + c\, |w(i) - w(i-1)|^2\big) \quad\text{s.t.}
 
           x(i+1) = x(i) + dt\, u(i), \quad |u(i)| \le \alpha(i)\, v_{max}, \quad
           |u(i) - u(i-1)| \le dt\, a_{max}, \quad d_{rj},\, d_{rh} \ge d_s \ \text{at all times}
 
-with the Euclidean norm for each tip. The first sum is the patent's cost. The second, in which
-u(-1) is the rate that was last commanded, keeps commands smooth; its weights are ``effort`` and
-``smooth`` of the settings, and may be 0.
+with the Euclidean norm for each tip. The first sum is the patent's cost. The second keeps commands
+smooth; its weights are ``effort`` and ``smooth`` of the settings, and may be 0. In it w is the rate
+u beyond that of the path that is to be followed, if there is one and it is one of states: what the
+path itself asks for is no effort, or a smooth command would stay behind it (:mod:`.paths`). The
+rate that was last commanded is u(-1).
 Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
 what is held, the limits, and the pairs of capsules with the distance that each must keep. The
 stages differ by their parameters only. Between two stages a pair keeps its distance because at both
@@ -178,6 +180,12 @@ class Statement:
         """What the cost is the sum of squares of (g,) [mm]."""
         tracked = self.tracked
         return tracked - self.symbols[2][: tracked.numel()]
+
+    @cached_property
+    def by_states(self) -> bool:
+        """Whether goals are states, as those of instruments by their tips are."""
+        x, tracked = self.symbols[0], self.tracked
+        return bool(tracked.numel() == x.numel() and (tracked - x).is_zero())
 
     @cached_property
     def held(self) -> cs.SX:
