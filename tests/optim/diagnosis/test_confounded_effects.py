@@ -135,7 +135,7 @@ def test_a_joint_that_two_others_drag_tells_them_apart(tmp_path):
 def test_a_breath_that_dwells_is_a_breath(tmp_path):
     case = faultless(rows=90, seed=10)
     breath = Respiration(0.0, (0.6, 0.0, 0.8), 4.2, 0.7, 3)
-    recording, _ = recorded(with_fault(case, breath), tmp_path)
+    recording, _ = recorded(with_fault(case, breath, gap=12.0), tmp_path)
     diagnosis = diagnose(recording, few_and("respiration"))
     assert causes(diagnosis) == [("respiration", None)]
     assert len(diagnosis.effects) == 1  # not two breaths, one twice as fast

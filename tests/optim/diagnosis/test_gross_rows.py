@@ -90,7 +90,7 @@ def test_rows_off_by_a_hundred_times_the_noise_leave_the_noise_of_the_others_as_
 def test_many_rows_are_judged_by_the_median_of_all():
     rng = np.random.default_rng(8)
     residuals = rng.normal(0.0, 1e-4, (5000, 3))
-    rows = [17, 1234, 4999]
+    rows = np.arange(17, 5000, 7)
     residuals[rows] += 1.5e-3
     np.testing.assert_array_equal(np.flatnonzero(distrusted_by_fit(residuals)), rows)
     np.testing.assert_array_equal(np.flatnonzero(distrusted_by_fit(1e3 * residuals)), rows)

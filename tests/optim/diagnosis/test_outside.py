@@ -154,15 +154,16 @@ def test_an_axis_that_runs_out_as_it_turns_is_its_joint_s(joint, tmp_path):
     assert found.named == frozenset()
 
 
-class AxialFloat(Mechanism):
-    """A link moves along its joint's axis as that turns: a bearing without a stop."""
+class AxisFloat(Mechanism):
+    """A link moves along its joint's axis as that turns, or across it: a bearing without a stop."""
 
     joint: int = 2
-    effect = "axial_float"
+    way: int = 2  # of the joint's frame, from 0
+    effect = "axis_float"
 
     def body(self, scene):
         along = np.zeros((scene.session.rows, 6))
-        along[:, 2] = self.size * np.sin(scene.session.q[:, self.joint - 1] + 1.0)
+        along[:, self.way] = self.size * np.sin(scene.session.q[:, self.joint - 1] + 1.0)
         return scene.flexed(self.joint - 2, along)
 
 
@@ -175,10 +176,10 @@ class WarmZero(JointMechanism):
         return -self.size * np.expm1(-5.0 * scene.session.progress)
 
 
-@pytest.mark.parametrize("joint", [2, 4])
-def test_an_axis_that_floats_as_it_turns_is_its_joint_s(joint, tmp_path):
+@pytest.mark.parametrize(("joint", "way"), [(2, 2), (4, 0)])
+def test_an_axis_that_floats_as_it_turns_is_its_joint_s(joint, way, tmp_path):
     recording, _ = recorded(
-        with_fault(faultless(rows=70, seed=4), AxialFloat(0.0, joint), gap=2.0), tmp_path
+        with_fault(faultless(rows=70, seed=4), AxisFloat(0.0, joint, way), gap=2.0), tmp_path
     )
     assert told(recording, OF_BODIES).lacked_at["joint", joint] > 0.95
 
@@ -264,7 +265,7 @@ def test_play_that_changes_sides_with_the_load_may_be_a_drive_that_is_soft_near_
 def test_a_link_that_bends_is_told_as_the_link_not_as_the_joint_before_it(tmp_path):
     """It bends about its middle under the weights beyond it, in one measure."""
     recording, _ = recorded(
-        with_fault(faultless(rows=60, seed=8), LinkFlex(0.0, 3), gap=2.5), tmp_path
+        with_fault(faultless(rows=60, seed=8), LinkFlex(0.0, 3), gap=1.0), tmp_path
     )
     library = few_and(*OF_LOADS, "link_thermal", without="link_flex").library
     assert told(recording, library).lacked_at == {("link", 3): 1.0}
@@ -363,15 +364,15 @@ def test_without_the_true_effect_in_the_library_it_is_never_named(tmp_path):
     assert "joint_offset" in named
 
 
-@pytest.mark.parametrize("stiffening", [0.0, 0.7])
+@pytest.mark.parametrize(("stiffening", "gap"), [(0.0, 2.0), (0.7, 1.7)])
 def test_an_effect_left_out_is_told_by_its_joint_as_simply_as_if_it_was_listed(
-    stiffening, tmp_path
+    stiffening, gap, tmp_path
 ):
     """No freedom that it does not use hides it: else all joints' loads together stand for it.
 
     Nor does that it stiffens with its load: else play and another joint's tilt do.
     """
-    case = with_fault(faultless(rows=40, seed=8), JointCompliance(0.0, 3, stiffening), gap=2.0)
+    case = with_fault(faultless(rows=40, seed=8), JointCompliance(0.0, 3, stiffening), gap=gap)
     library = few_and(*OF_LOADS, without="joint_compliance").library
     found = told(recorded(case, tmp_path)[0], library)
     assert found.unlisted > 0.95

@@ -10,7 +10,6 @@ import pytest
 
 from plumbline.experiments.reality.body_effects import LinkThermal
 from plumbline.experiments.reality.end_effects import SensorScale
-from plumbline.experiments.reality.joint_effects import Latency
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.kinematics.effects.joint_offset import JointOffset
@@ -291,27 +290,15 @@ def test_a_zero_and_a_soft_drive_of_one_joint_are_two_causes_not_one_unlisted(se
     ), FEW_EFFECTS).verdict  # fmt: skip
     named = {(c.effect, c.element) for c in verdict.causes}
     assert named == {("joint_offset", j + 1), ("joint_compliance", j + 1)}
-    assert min(c.probability for c in verdict.causes) > 0.8
+    assert min(c.probability for c in verdict.causes) > 0.97
 
 
-STRETCHED = few_and("latency", "link_thermal", "sensor_distortion")
-
-
-@pytest.mark.parametrize(
-    ("faults", "gaps", "plan", "seed"),
-    [
-        ((Latency(1.0), SensorScale(1.0)), (2.5, 2.5), {"moving": 1.0}, 3),
-        ((LinkThermal(0.0), SensorScale(1.0)), (1.5, 4.0), {}, 6),
-    ],
-)
-def test_a_device_s_scale_is_a_cause_of_its_own_and_no_deviation_of_another(
-    tmp_path, faults, gaps, plan, seed
-):
-    """Neither a late clock that lengthens, nor links that were too long before they were warm."""
-    case = faultless(100, seed, **plan)
+def test_a_device_s_scale_is_a_cause_of_its_own_and_no_deviation_of_warm_links(tmp_path):
+    """No links that were too long before they were warm."""
+    case, faults, gaps = faultless(100, 6), (LinkThermal(0.0), SensorScale(1.0)), (1.5, 4.0)
     sized = [with_fault(case, f, gap=g).effects[0] for f, g in zip(faults, gaps, strict=True)]
     case = replace(case, kind="pair", effects=tuple(sized), gap_to_noise=gaps)
-    verdict = diagnose(recorded(case, tmp_path)[0], STRETCHED).verdict
+    verdict = diagnose(recorded(case, tmp_path)[0], few_and("link_thermal")).verdict
     assert verdict.outside_probability < 0.1
     assert {c.effect for c in verdict.causes} == {f.effect for f in faults}
     assert min(c.probability for c in verdict.causes) > 0.9

@@ -71,6 +71,8 @@ def test_rates_are_those_of_the_residuals_along_the_way(observation):
     np.testing.assert_allclose(v[11, :3], step / np.ptp(recording.time[10:13]))
     edge = recording.measured[29, :3] - recording.measured[28, :3]
     np.testing.assert_allclose(v[29, :3], edge / np.ptp(recording.time[28:30]))
+    edge = recording.measured[31, :3] - recording.measured[30, :3]
+    np.testing.assert_allclose(v[30, :3], edge / np.ptp(recording.time[30:32]))
     part = recording.select(np.arange(0, 60, 7))
     np.testing.assert_allclose(rates(part, 0.3), v[::7])
 
