@@ -214,12 +214,8 @@ class Controller:
             events += shortfalls(plan)
         gap, slack = float(gaps.min()) / constants.MM, plan.slack / constants.MM if plan else 0.0
         ahead = plan.x * self.statement.unit if plan else None
-        sent, seconds = self._sent(rate), perf_counter() - begun
+        sent, seconds = self._underway.out(rate), perf_counter() - begun
         return Command(sent, mode, tuple(events), gap, slack, seconds, ahead)
-
-    def _sent(self, rate: Array) -> Array:
-        """What to send [m/s, or rad/s] so that a rate is carried out."""
-        return self.safety.plant.rate(rate * self.statement.unit)
 
     def _measured(self, measured: ArrayLike, events: list[Event]) -> Array | None:
         values = np.array(measured, dtype=float).ravel()
@@ -392,7 +388,9 @@ class Controller:
         self._tail = np.concatenate([self._tail[1:], 0.0 * self._tail[-1:]])
         self._path = None
         seconds = perf_counter() - begun
-        return Command(self._sent(rate), Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
+        return Command(
+            self._underway.out(rate), Mode.STOP, tuple(events), np.nan, 0.0, seconds, None
+        )
 
 
 @lru_cache(maxsize=16)

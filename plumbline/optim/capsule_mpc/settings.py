@@ -192,6 +192,7 @@ FIELDS = {
     "actuation_gain": "gain",
     "actuation_offset": "offset",
     "actuation_deadband": "band",
+    "actuation_play": "play",
 }
 
 
@@ -202,6 +203,7 @@ RANGES = (
     ("gain", -0.99, 1.0, "as a share, not in percent"),
     ("offset", -BRISKEST[0], BRISKEST[0], "in m/s"),
     ("band", 0.0, BRISKEST[0], "in m/s"),
+    ("play", 0.0, WIDEST, "in m"),
 )
 
 
@@ -216,6 +218,7 @@ class Plant(Declared):
     band: Numbers = 0.0  # rates below this are not carried out [m/s]
     # whether rates beyond the band are less by it (1), or whole from twice the band on (0)
     less: Numbers = 0.0
+    play: Numbers = 0.0  # half the play, or by how much friction stops a position loop short [m]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -229,7 +232,7 @@ class Plant(Declared):
 
     @classmethod
     def of(cls, answer: MotionDiagnosis) -> Plant:
-        """The plant that a diagnosed ``tracking`` recording shows; play is not inverted."""
+        """The plant that a diagnosed ``tracking`` recording shows."""
         if answer.recording.unit != "m":
             raise PlumblineError(
                 f"{answer.recording.name}: a diagnosis of joints, of a tip expected; record "
@@ -254,13 +257,24 @@ class Plant(Declared):
         sent = np.sign(meant) * (size + slow * (across - size))
         return np.asarray((sent - np.asarray(self.offset)) / (1.0 + np.asarray(self.gain)))
 
+    def taken_up(self, meant: Array, side: Array) -> Array:
+        r"""Where in its play each axis (n,) is to be after a way that is meant (n,) [m].
+
+        The drive goes ahead, :math:`s \to \operatorname{clip}(s + 10\, \Delta, \pm b)`: a tenth of
+        the play crosses it, and less does not.
+        """
+        play = np.asarray(self.play, dtype=float)
+        return np.clip(side + meant / CREEP, -play, play)
+
     def bias(self, speed: float, acceleration: float) -> float:
         r"""By how much a tip of such a speed and acceleration may stray [m]: ``Noise.bias``.
 
-        A lag cuts corners by :math:`T^2 a / 2`, and axes that are not equally late turn the way.
+        A lag cuts corners by :math:`T^2 a / 2`, axes that are not equally late turn the way, and
+        play that is crossed where there is none moves the tip by it.
         """
         late = np.asarray(self.delay) + np.asarray(self.lag)
-        return float(np.max(self.lag) ** 2 * acceleration / 2 + speed * (late.max() - late.min()))
+        turned = speed * float(late.max() - late.min())
+        return float(np.max(self.lag) ** 2 * acceleration / 2 + turned + np.max(self.play))
 
 
 @dataclass(frozen=True)

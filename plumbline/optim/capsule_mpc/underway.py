@@ -52,7 +52,7 @@ class Underway:
 
     def __init__(self, plant: Plant, statement: Statement) -> None:
         """For what a statement moves."""
-        self.statement, self._parts = statement, statement.parts
+        self.statement, self._parts, self.plant = statement, statement.parts, plant
         n, parts, noise = statement.n, statement.parts, statement.settings.noise
         self.dt = dt = statement.settings.dt
         self._tracked = Compiled(tracked_function(statement.shape), False)
@@ -84,6 +84,7 @@ class Underway:
         """Nothing was sent, and nothing seen."""
         n, count = len(self._lag), len(self._later)
         self._sent = np.zeros(n)
+        self._side = np.zeros(n)  # of its play, where each axis is [m]
         # Rate, and place and speed through the lag after it, of every step; newest first.
         self._past = np.zeros((int(self._whole.max()) + 2, 3, n))
         self._then = np.zeros((count, n))
@@ -119,6 +120,13 @@ class Underway:
         rates = self._past[self._whole, 0, self._axes]
         places, speeds = (self._past[self._whole + 1, k, self._axes] for k in (1, 2))
         self._then = places + rates * (self._into - self._kept) + speeds * self._kept
+
+    def out(self, rate: Array) -> Array:
+        """What to send [m/s, or rad/s] so that a rate (n,) is carried out."""
+        meant = rate * self.statement.unit
+        side = self.plant.taken_up(self.dt * meant, self._side)
+        across, self._side = (side - self._side) / self.dt, side
+        return self.plant.rate(meant + across)
 
     def seen(self, state: Array) -> None:
         """The state (n,) as it was measured."""

@@ -256,7 +256,7 @@ def test_later_points_of_a_path_are_led_and_a_single_goal_stays():
         ("delay", -1.0, "0 to 1; give it in s"), ("lag", -1.0, "0 to 1; give it in s"),
         ("band", -1.0, "0 to 2; give it in m/s"), ("gain", -1.0, "-0.99 to 1; give it as a share"),
         ("delay", 40.0, "in s"), ("lag", [0.04, 30.0], "in s"), ("band", 3.0, "in m/s"),
-        ("offset", -4.0, "in m/s"), ("gain", 5.0, "not in percent"),
+        ("play", 0.3, "in m"), ("offset", -4.0, "in m/s"), ("gain", 5.0, "not in percent"),
     ],
 )  # fmt: skip
 def test_a_plant_that_cannot_be_or_in_ms_or_mm_is_refused_in_a_line(field, wrong, words):
