@@ -178,3 +178,12 @@ def test_a_delay_by_a_part_of_a_row_is_exact_beside_a_lag_under_straight_command
     assert values["actuation_delay"] == pytest.approx(0.032 - half, abs=1e-4)
     assert values["actuation_lag"] == pytest.approx(0.05, abs=1e-4)
     assert not any("smoothly between rows" in note for note in answer.verdict.notes)
+
+
+def test_what_a_joint_carries_is_worked_out_where_it_is_however_fast_it_swings():
+    """Cubics over 0.3 s had taken 4 % of a swing of 2 Hz away, and its droop was something else."""
+    t = np.arange(0.0, 12.0, DT)
+    q = 0.5 * np.sin(2 * np.pi * np.array([2.0, 1.3]) * t[:, None])
+    signals = signals_of(build_motion(robot=arm(), time=t, command=q, q=q))
+    inner = slice(15, -15)
+    assert np.abs(signals.posture - q)[inner].max() < 0.5 * 0.005

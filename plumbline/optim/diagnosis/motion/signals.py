@@ -21,6 +21,7 @@ from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.kinematics.oracle import pin
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
+    CUBIC,
     LEAST_INERTIA,
     LEAST_WINDOWS,
     LENGTH,
@@ -31,6 +32,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     MOST_STATES,
     MOST_WINDOWS,
     POSTURE,
+    QUINTIC,
     SETTLE,
     SMOOTH,
     SMOOTHED,
@@ -341,10 +343,12 @@ def _between(t: Array, values: Array, at: Array) -> Array:
 
 
 def _derivative(q: Array, dt: float, order: int, seconds: float) -> Array:
+    """What polynomials have it be (M, n), by least squares over so long about each sample."""
     width = max(2 * round(seconds / dt / 2) + 1, 5)
     if len(q) < width:
         return np.zeros_like(q) if order else q
-    return np.asarray(scipy.signal.savgol_filter(q, width, 3, deriv=order, delta=dt, axis=0))
+    power = CUBIC if order else min(QUINTIC, width - 2)  # speeds would be 2.5 times as noisy
+    return np.asarray(scipy.signal.savgol_filter(q, width, power, deriv=order, delta=dt, axis=0))
 
 
 def spread(starts: Integers, most: float) -> Integers:
