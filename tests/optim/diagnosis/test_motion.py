@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from plumbline import Verdict, diagnose, load
 from plumbline.errors import PlumblineError
@@ -17,7 +18,7 @@ from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL
-from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.findings import NoiseLevel, Outcome
 from plumbline.optim.diagnosis.motion import diagnose as motion_module
 from plumbline.optim.diagnosis.motion import signals as signals_module
 from plumbline.optim.diagnosis.motion.constants import WIDE
@@ -40,6 +41,7 @@ from plumbline.optim.diagnosis.motion.rollout import roll_out
 from plumbline.optim.diagnosis.motion.search import _with_parts, errors_of
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals, own_past
+from plumbline.optim.diagnosis.motion.verdict import _outside_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
 from tests.answer_contract import contradicts_nothing, keeps_the_contract
@@ -508,6 +510,20 @@ def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():
     play, band = (found[name, 1] for name in alike)
     assert play == pytest.approx(band, abs=1e-6)  # beside what is unlisted, too
     assert 0.4 < play + band < 0.95
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.25, False), (0.35, True)])
+@pytest.mark.parametrize("source", ["fit", "given"])
+def test_without_a_known_noise_what_neighbours_share_is_unlisted(share, told, source):
+    white = np.random.default_rng(0).normal(size=(1, 200_000))
+    r = scipy.signal.lfilter([1.0], [1.0, -share], white)
+    joint = SimpleNamespace(mechanisms={}, outside=0.1, fit=SimpleNamespace(square=1.0, residual=r))
+    p, words = _outside_of(joint, NoiseLevel(1.0, source, 1.0))
+    if told and source == "fit":
+        assert words == "its own past"
+        assert p == pytest.approx(1 - 0.3 / 0.35 * 0.5, abs=0.01)
+    else:
+        assert (p, words) == (0.1, "")
 
 
 def test_what_is_held_out_is_never_fitted():

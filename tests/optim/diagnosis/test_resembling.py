@@ -18,7 +18,12 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Unlisted
 from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence
-from plumbline.optim.diagnosis.discrepancy.resembling import _modulated, _words, resembling
+from plumbline.optim.diagnosis.discrepancy.resembling import (
+    _modulated,
+    _words,
+    resembled,
+    resembling,
+)
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
@@ -29,7 +34,7 @@ from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.kinds import KINDS
-from tests.designs import statistics
+from tests.designs import selection, statistics
 from tests.few_effects import FEW_EFFECTS, few_and
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -254,6 +259,14 @@ def test_a_resemblance_speaks_of_nothing_that_is_not_there(stage, element, on, w
     assert words in _words(stage, element, on, "x")
 
 
+def test_at_each_look_a_handful_of_effects_is_resembled_the_likeliest():
+    X = 10.0 * np.linalg.qr(np.random.default_rng(0).normal(size=(N, 9)))[0]
+    asked = selection(X, X @ np.linspace(0.2, 1.8, 9), SIGMA)
+    found = resembled(SimpleNamespace(selection=asked, candidates=asked.candidates), [[]])
+    assert 3 <= len(found) <= 6
+    assert [c.effect.joint for c in found] == list(range(9, 9 - len(found), -1))
+
+
 def test_a_zero_and_an_eccentric_wheel_of_one_joint_are_two_causes_not_one_unlisted():
     """What is unlisted is about its mean: a joint's mean is its zero, which is listed."""
     rng = np.random.default_rng(0)
@@ -304,10 +317,18 @@ def test_a_device_s_scale_is_a_cause_of_its_own_and_no_deviation_of_warm_links(t
     assert min(c.probability for c in verdict.causes) > 0.9
 
 
-def test_links_that_are_right_at_another_temperature_are_no_scale_of_the_device(tmp_path):
-    """Nobody knows to a kelvin at what temperature a model's lengths hold."""
-    case = with_fault(faultless(100, 4), LinkThermal(0.0, 23.0), gap=4.0)
-    verdict = diagnose(recorded(case, tmp_path)[0]).verdict
+@pytest.mark.parametrize(
+    ("seed", "options"), [(4, None), (5, few_and("link_thermal", "sensor_distortion"))]
+)
+def test_links_that_are_right_at_another_temperature_are_no_scale_of_the_device(
+    seed, options, tmp_path
+):
+    """Nobody knows to a kelvin at what temperature a model's lengths hold.
+
+    At ten times of what is known of that the first is another, at a tenth the second.
+    """
+    case = with_fault(faultless(100, seed), LinkThermal(0.0, 23.0), gap=4.0)
+    verdict = diagnose(recorded(case, tmp_path)[0], options).verdict
     [cause] = verdict.causes
     assert cause.effect == "link_thermal"
     assert cause.probability > 0.95
