@@ -12,8 +12,9 @@ the same weight sizes tell which is which, too: with :math:`s = |a_i| / |b_j|` c
 .. math:: d_{ij} = \tfrac12 \frac{|a_i - b_j|^2}{|a_i|\,|b_j|}
           = 1 - c_{ij} + \tfrac12 \left(s + \tfrac1s\right) - 1
 
-Late by half a period a joint runs against one sine as well, so a sign is told only where no delay
-does as much.
+Each cosine is that of the delay at which it is largest: what obeys fast motions late hardly runs
+with them as it stands. Late by half a period a joint runs against one sine as well, so a sign is
+told only where no delay does as much.
 
 Logs that repeat their last reading while joints are under way: rows that nobody measured.
 """
@@ -35,16 +36,13 @@ def refuse_mixed_up(
     What each joint was told, or its model foretells, and what was read of it are (N, n);
     ``letters`` are what their columns are called, and readings may follow ``latest`` rows late.
     """
-    c = _cosines(expected, read)
     told, name = letters
+    c, turned = _cosines(expected, read, latest)
     for j in range(len(c)):
-        if not 1.0 - c[j, j] >= MIXED_UP * (1.0 + c[j, j]):
-            continue
-        if latest_cosine(expected[:, j], read[:, j], latest) >= -(1.0 - ROUNDING) * c[j, j]:
-            continue
-        found = f"{name}{j + 1} against {told}{j + 1} (cosine {c[j, j]:.2f})"
-        mend = "turn the sign of this column"
-        raise fault(origin.at(f"{name}{j + 1}"), found, "columns that run together", mend)
+        if 1.0 - c[j, j] >= max(MIXED_UP * (1.0 - turned[j, j]), ROUNDING):
+            found = f"{name}{j + 1} against {told}{j + 1} (cosine {-turned[j, j]:.2f})"
+            mend = "turn the sign of this column"
+            raise fault(origin.at(f"{name}{j + 1}"), found, "columns that run together", mend)
     off = _apart(expected, read, c)
     for i, j in combinations(range(len(c)), 2):
         crossed = max(off[i, j], off[j, i])
@@ -64,17 +62,24 @@ def _apart(expected: Array, read: Array, c: Array) -> Array:
 
 def latest_cosine(expected: Array, read: Array, latest: int) -> float:
     """The largest cosine of what was read (N,) with what was told, so many rows late or fewer."""
-    rows = len(read)
-    spectrum = np.fft.rfft(read, 2 * rows) * np.fft.rfft(expected, 2 * rows).conj()
-    late = np.fft.irfft(spectrum, 2 * rows)[: min(latest + 1, rows)]
-    late *= rows / (rows - np.arange(len(late)))  # as many as meet
-    return float(late.max() / max(np.linalg.norm(expected) * np.linalg.norm(read), 1e-300))
+    return float(_cosines(expected[:, None], read[:, None], latest)[0][0, 0])
 
 
-def _cosines(expected: Array, read: Array) -> Array:
-    """Cosines (n, n) of columns; zero where a column is zero throughout."""
-    a, b = (x / np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (expected, read))
-    return np.asarray(a.T @ b)
+def _cosines(expected: Array, read: Array, latest: int) -> tuple[Array, Array]:
+    """Largest cosines (n, n) of columns, so many rows late or fewer, and of turned ones.
+
+    Zero where a column is zero throughout.
+    """
+    rows, kept = len(read), min(latest + 1, len(read))
+    told, seen = (np.fft.rfft(x, 2 * rows, axis=0) for x in (expected, read))
+    meet = rows / (rows - np.arange(kept))[:, None]  # as many as meet
+    late = [np.fft.irfft(seen * a.conj()[:, None], 2 * rows, axis=0)[:kept] * meet for a in told.T]
+    size = np.outer(*(np.linalg.norm(x, axis=0) for x in (expected, read)))
+    ends = (
+        np.array([(x.max(axis=0), -x.min(axis=0)) for x in late])
+        / np.maximum(size, 1e-300)[:, None]
+    )
+    return np.minimum(ends[:, 0], 1.0), np.minimum(ends[:, 1], 1.0)
 
 
 def refuse_repeated(told: Array, read: Array, letter: str, origin: Origin) -> None:

@@ -54,6 +54,23 @@ def test_joints_that_do_the_same_are_not_exchanged():
     refuse(ramps, ramps * np.array([0.1, 3.0, 1.1]))
 
 
+def test_what_obeys_fast_motions_late_is_held_against_its_commands_as_late_as_it_is():
+    """120 ms late it ran with and against them by 0.5, and neither sign nor names were told."""
+    rng = np.random.default_rng(0)
+    t = np.arange(600) / 50
+    sines = np.sin(
+        2 * np.pi * t[:, None, None] * rng.uniform(0.2, 2.0, (4, 3)) + rng.uniform(0, 6, (4, 3))
+    )
+    told = sines.sum(axis=1)
+    read = np.roll(told, 6, axis=0) + rng.normal(0.0, 0.05, told.shape)
+    refuse(told, read)
+    assert abs(np.corrcoef(told[:, 1], read[:, 1])[0, 1]) < 0.6
+    with pytest.raises(PlumblineError, match=r"q2 against u2 .*turn the sign"):
+        refuse(told * [1.0, -1.0, 1.0], read)
+    with pytest.raises(PlumblineError, match=r"q1 with u2, and q2 with u1.*exchange these columns"):
+        refuse(told[:, [1, 0, 2]], read)
+
+
 def test_a_sine_late_by_half_its_period_is_not_taken_for_a_turned_sign():
     t = np.arange(ROWS) / 50
     told = np.sin(2 * np.pi * t)[:, None]
