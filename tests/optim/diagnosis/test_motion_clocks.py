@@ -12,6 +12,7 @@ from plumbline.optim.diagnosis.motion import diagnose as module
 from plumbline.optim.diagnosis.motion.constants import ROUNDED, SMOOTHER
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.recording.constants import SPEEDS_UP, USUAL
+from plumbline.optim.recording.derivatives import elsewhere
 from tests.motions import FINE, arm, multisine, servo
 
 NOISE, DT = 2e-4, 0.02
@@ -62,6 +63,13 @@ def test_only_what_no_joint_moves_by_is_a_log_s_end(share, apart):
     u[half:] += u[half - 1] - u[half] + jump
     assert (made(t, u, u).group is not None) is apart
     assert made(t, u, np.cumsum(DT * u, axis=0), kind="velocity").group is None  # told, not there
+
+
+@pytest.mark.parametrize(("leaps", "ends"), [(15, 15), (40, 0)])
+def test_what_leaps_more_often_than_each_fifty_rows_is_no_motion(leaps, ends):
+    step = np.full(1000, 1e-3)
+    step[np.linspace(10, 990, leaps).astype(int)] = 1.0
+    assert elsewhere(np.cumsum(step)[:, None]).sum() == ends
 
 
 def test_steps_are_no_ends_of_a_log_and_nor_are_readings_that_leap():
