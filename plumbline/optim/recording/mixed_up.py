@@ -62,24 +62,33 @@ def _apart(expected: Array, read: Array, c: Array) -> Array:
 
 def latest_cosine(expected: Array, read: Array, latest: int) -> float:
     """The largest cosine of what was read (N,) with what was told, so many rows late or fewer."""
-    return float(_cosines(expected[:, None], read[:, None], latest)[0][0, 0])
+    rows = len(read)
+    spectrum = np.fft.rfft(read, 2 * rows) * np.fft.rfft(expected, 2 * rows).conj()
+    late = np.fft.irfft(spectrum, 2 * rows)[: min(latest + 1, rows)]
+    late *= rows / (rows - np.arange(len(late)))  # as many as meet
+    return float(late.max() / max(np.linalg.norm(expected) * np.linalg.norm(read), 1e-300))
 
 
 def _cosines(expected: Array, read: Array, latest: int) -> tuple[Array, Array]:
     """Largest cosines (n, n) of columns, so many rows late or fewer, and of turned ones.
 
-    Zero where a column is zero throughout.
+    Of the rows that meet, about their means where they may be late; zero where a column is.
     """
-    rows, kept = len(read), min(latest + 1, len(read))
+    rows, kept = len(read), min(latest, len(read) // 2) + 1
+    meet = (rows - np.arange(kept))[:, None]
+    first, last = expected, read[::-1]  # of which as many are left as rows meet
+    sums = [np.cumsum(x, axis=0)[meet[:, 0] - 1] * (latest > 0) for x in (first, last)]
+    squares = [np.cumsum(x * x, axis=0)[meet[:, 0] - 1] for x in (first, last)]
     told, seen = (np.fft.rfft(x, 2 * rows, axis=0) for x in (expected, read))
-    meet = rows / (rows - np.arange(kept))[:, None]  # as many as meet
-    late = [np.fft.irfft(seen * a.conj()[:, None], 2 * rows, axis=0)[:kept] * meet for a in told.T]
-    size = np.outer(*(np.linalg.norm(x, axis=0) for x in (expected, read)))
-    ends = (
-        np.array([(x.max(axis=0), -x.min(axis=0)) for x in late])
-        / np.maximum(size, 1e-300)[:, None]
-    )
-    return np.minimum(ends[:, 0], 1.0), np.minimum(ends[:, 1], 1.0)
+    sizes = [np.maximum(q - m * m / meet, 0.0) ** 0.5 for q, m in zip(squares, sums, strict=True)]
+    ends = []
+    for i, a in enumerate(told.T):
+        both = np.fft.irfft(seen * a.conj()[:, None], 2 * rows, axis=0)[:kept]
+        both -= sums[0][:, [i]] * sums[1] / meet
+        late = both / np.maximum(sizes[0][:, [i]] * sizes[1], 1e-300)
+        ends.append((late.max(axis=0), -late.min(axis=0)))
+    found = np.clip(np.array(ends), -1.0, 1.0)
+    return found[:, 0], found[:, 1]
 
 
 def refuse_repeated(told: Array, read: Array, letter: str, origin: Origin) -> None:

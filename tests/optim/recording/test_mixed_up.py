@@ -71,6 +71,13 @@ def test_what_obeys_fast_motions_late_is_held_against_its_commands_as_late_as_it
         refuse(told[:, [1, 0, 2]], read)
 
 
+def test_the_few_rows_of_a_ramp_that_meet_late_tell_no_sign():
+    """Its first third is below its mean and its last above, and more so the fewer rows meet."""
+    ramp = np.linspace(-1.0, 1.0, 72)[:, None] * [1.0, 0.9]
+    read = ramp + 0.2 * np.sin(np.arange(72) / 8.0)[:, None]
+    refuse(ramp - ramp.mean(axis=0), read - read.mean(axis=0))
+
+
 def test_a_sine_late_by_half_its_period_is_not_taken_for_a_turned_sign():
     t = np.arange(ROWS) / 50
     told = np.sin(2 * np.pi * t)[:, None]
