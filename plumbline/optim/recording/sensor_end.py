@@ -77,8 +77,10 @@ def _within_noise(r: Recording, model: Array, columns: Columns) -> Iterator[End]
             if (found := _end_of(read, model[rows, j], basis)) is None:
                 continue
             end, least, within = found
-            theta = np.linalg.lstsq(X[within], read[within], rcond=1e-6)[0]
-            yield j, side * end, columns(np.arange(len(r)))[j] @ theta > least
+            size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+            theta = np.linalg.lstsq(X[within] / size, read[within], rcond=1e-6)[0]
+            beyond = columns(np.arange(len(r)))[j] / size @ theta > least
+            yield j, side * end, beyond & (side * r.measured[:, j] > least)
 
 
 def _end_of(read: Array, model: Array, basis: Array) -> tuple[float, float, Flags] | None:
