@@ -66,17 +66,27 @@ class Obeying:
         if gone:
             self._looks.clear()
         if len(self._looks) > 1:
-            self._compare(read, then, steps)
+            # What obeys one lateness obeys: of the others most steps need to know nothing.
+            middle = len(then) // 2
+            if (self._short(read, then, steps, slice(middle, middle + 1))[0].sum(axis=0) > 1).any():
+                self._compare(read, then, steps)
         if not self._looks or steps - self._looks[-1][0] >= self._every:
             self._looks = [*self._looks[-self._most + 1 :], (steps, read.copy(), then.copy())]
 
+    def _short(self, read: Array, then: Array, now: int, late: slice) -> tuple[Array, Array, Array]:
+        """By some latenesses: which axes fall short since each look (A, n), ways, those beyond."""
+        ages = now - np.array([k for k, _, _ in self._looks])
+        sent = then[late] - np.array([at[late] for _, _, at in self._looks])  # (A, T, n)
+        beyond = np.maximum(np.abs(sent) - (ages[:, None] * self._slow)[:, None], 0.0)
+        way = read - np.array([place for _, place, _ in self._looks])
+        gone = np.maximum(way[:, None] * np.sign(sent), 0.0)
+        short = (constants.OBEYED * beyond - gone).min(axis=1) > self.least
+        return np.asarray(short), sent, beyond
+
     def _compare(self, read: Array, then: Array, now: int) -> None:
+        short, sent, beyond = self._short(read, then, now, slice(None))
         steps = now - np.array([k for k, _, _ in self._looks])
         places = np.array([place for _, place, _ in self._looks])
-        sent = then - np.array([at for _, _, at in self._looks])  # (A, T, n)
-        beyond = np.maximum(np.abs(sent) - (steps[:, None] * self._slow)[:, None], 0.0)
-        gone = np.maximum((read - places)[:, None] * np.sign(sent), 0.0)
-        short = (constants.OBEYED * beyond - gone).min(axis=1) > self.least  # (A, n)
         for j in np.flatnonzero(short.sum(axis=0) > 1).tolist():
             if j not in self.astray:
                 since = short[:, j]
