@@ -36,7 +36,7 @@ VARIED = ("seed", "held_out", "without", "rows")
 class Case:
     """The options of one diagnosis."""
 
-    seed: int = 0  # of folds, bootstrap, random features and the rows drawn
+    seed: int = 0  # of folds, bootstrap, chains and the rows drawn
     held_out: str = "auto"  # what is left out together
     without: tuple[str, ...] = ()  # effects taken out of the library
     rows: int | None = None  # how many rows are drawn from those that may be fitted; None for all

@@ -23,7 +23,7 @@ class DiagnosisOptions(Declared):
     Attributes:
         held_out: What is left out together: ``"groups"``, ``"time"``, ``"workspace"``, ``"rows"``,
             or ``"auto"``, see :func:`plumbline.optim.diagnosis.predict.folds.fold_of_rows`.
-        seed: Of folds, bootstrap and random features; the same input gives the same verdict.
+        seed: Of folds, bootstrap and chains; the same input gives the same verdict.
         without: Names of effects that are left out of the library.
         library: Effects to consider.
         solver: What fits.
