@@ -1,9 +1,9 @@
 r"""The models of one joint's drive that were fitted so far, and the climb over them.
 
-Effects go in one by one while the evidence grows, from nothing and from the best pair; then every
-neighbour of where that ends (one effect less, one more, one exchanged) is fitted too, and the
-search moves on if one is better. All this looks at a few windows on a coarse clock. What may win
-there is fitted to all windows, from where those fits ended.
+Effects go in one by one while the evidence grows; then every neighbour of where that ends (one
+effect less, one more, one exchanged) is fitted too, and the search moves on if one is better. All
+this looks at a few windows on a coarse clock. What may win there is fitted to all windows, from
+where those fits ended.
 """
 
 from __future__ import annotations
@@ -148,25 +148,12 @@ class Models:
             yield gone.name, new.name, other
 
     def climb(self) -> Key:
-        """Add effects one by one while that pays, from nothing and from the best pair.
-
-        Of two that are worth little alone, a lag and a droop that makes up for what it takes, the
-        first to be added would be something else.
-        """
-        ends = [self._climbed(frozenset()), self._climbed(self._best(frozenset(), self.pairs())[0])]
-        time = self.time
-        return max(ends, key=lambda key: self.score(key, time))
-
-    def _climbed(self, here: Key) -> Key:
-        moved = True
-        while moved:
+        """Add effects one by one while that pays."""
+        here: Key = frozenset()
+        while True:
             here, moved = self._best(here, self.with_one_more(here))
-        return here
-
-    def pairs(self) -> list[Key]:
-        """Two effects each, but those whose ways are planned: their fits cost ten times as much."""
-        cheap = [e for e in self.library if not e.plans]
-        return [frozenset(pair) for pair in combinations(cheap, 2)]
+            if not moved:
+                return here
 
     def settle(self, here: Key) -> Key:
         """Exchange, add and drop while that pays, at last in other forms too."""
