@@ -56,7 +56,7 @@ def test_a_step_across_that_of_the_path_has_half_of_its_length():
     ready = OneStep(compiled=False).ready(statement)
     x, move = START[:3], np.array([1.2, 0.0, 0.0])
     plan = ready.plan(x, statement.stages(x + np.array([0.0, 50.0, 0.0]), [], move), x[None])
-    assert plan.x[0, 1] - x[1] == pytest.approx(0.5 * 1.2, rel=1e-3)
+    assert plan.x[0, 1] - x[1] == pytest.approx(0.5 * 1.2, abs=1e-3)  # [mm]
 
 
 def scenes(count):
