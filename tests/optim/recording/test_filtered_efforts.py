@@ -9,6 +9,8 @@ from plumbline.kinematics.tree import tree_of
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.efforts import nominal_efforts
+from plumbline.optim.recording.late import basis_of
+from plumbline.optim.recording.sensor_end import _end_of
 from tests.random_trees import Tree
 
 TIME = np.arange(-2.0, 12.0, 0.001)  # [s], of what the filter sees; logged are every tenth from 0
@@ -99,3 +101,14 @@ def test_without_an_end_no_row_is_left_aside(robot):
     """Dry friction of a light joint reads one effort either way."""
     for rubs in (0.0, 0.3, 3.0):
         assert ends(logged(robot, lambda tau: tau, rubs=rubs)) == []
+
+
+@pytest.mark.parametrize(("rows", "seen"), [(12, False), (40, True)])
+def test_an_end_is_told_where_enough_rows_read_it(rows, seen):
+    """Of 400 efforts so many are cut off; a dozen may be a slow crest."""
+    t = np.linspace(0.0, 20.0, 400)
+    X = np.column_stack([np.sin(t), np.cos(1.7 * t), np.ones(len(t))])
+    wanted = X @ [3.0, 1.0, 0.5]
+    noise = 0.05 * np.random.default_rng(0).normal(size=len(t))
+    read = np.minimum(wanted, np.quantile(wanted, 1.0 - rows / len(t))) + noise
+    assert (_end_of(read, wanted, basis_of(X)) is not None) == seen
