@@ -110,7 +110,7 @@ STANDARD = 3.0  # sigmas within which a lateness may be true
 # [largest speed] below which dry friction that nobody told may hold a drive: 1 to 4 of 60 mm/s in
 # the plants that are learnt (docs/howto/capsule_mpc.md; test_underway.py fails on either side).
 HELD = 0.1
-# Of the way that an axis is sent beyond what friction may hold, the least that it does: drives with
+# [way that an axis is sent beyond what friction may hold], the least that it does: drives with
 # a gain 0.4 too low do 0.6, a reading of something else does nothing, a drive turned round less
 # (test_obeying.py fails on either side).
 OBEYED = 0.5

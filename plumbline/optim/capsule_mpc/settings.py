@@ -196,7 +196,8 @@ FIELDS = {
 }
 
 
-# Least and most that a field may be, and what it is counted in.
+# Least and most that a field may be, as constants.py tells why, and what it is counted in; a gain
+# of -1 stands still, and one of 1 doubles every rate.
 RANGES = (
     ("delay", 0.0, SLOWEST, "in s"),
     ("lag", 0.0, SLOWEST, "in s"),

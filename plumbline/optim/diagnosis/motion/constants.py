@@ -40,7 +40,8 @@ MOST_SAMPLES = 500  # of a window: faster clocks are thinned, no drive of a join
 SMOOTH = 0.1  # [s] over which speeds and accelerations are smoothed (Savitzky and Golay 1964)
 CUBIC = 3  # their polynomials
 POSTURE = 0.3  # [s] the same of the places at which loads are worked out: bodies swing slower
-# Polynomials of those places: of a swing of 2 Hz cubics take 4 % away, these 0.1 %.
+# [degree] of the polynomials of those places: of a swing of 2 Hz cubics take 4 % away, these 0.1 %
+# (Savitzky and Golay 1964; test_motion_clocks.py fails at 3).
 QUINTIC = 5
 SMOOTHED = (0.3, 0.2, 0.1, 0.05)  # [s], the same where accelerations of neighbours are loads
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
