@@ -125,8 +125,8 @@ LATEST = 0.2  # [s]: filters of drives and loggers' queues take less
 SURELY_LATE = 10.0
 LEAST = 0.05  # of a row: less is of the smoothing and of the parabola
 AGAIN = 6  # times that a place is found from one nearer, each half as far off
-# [nats] of likelihood by which a filter must beat a queue: as strong evidence (Jeffreys 1961). Queues
-# alone gave 0 in 11 of 12 draws (test_filtered_efforts.py fails at 0 and 30).
+# [nats] of likelihood by which a filter must beat a queue: as strong evidence (Jeffreys 1961).
+# Queues alone gave 0 in 11 of 12 draws (test_filtered_efforts.py fails at 0 and 30).
 SURELY_FILTERED = 3.0
 # [s] of filters that are tried, by hand, a half more each: some rows of usual logs to the latest
 # (test_filtered_efforts.py fails with the last alone).
