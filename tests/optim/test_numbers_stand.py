@@ -50,7 +50,9 @@ STAND = {
         "PATIENCE": 300.0, "MOMENT": 20.0, "IPOPT_TOLERANCE": 0.0001, "FATROP_TOLERANCE": 0.05,
         "ARRIVED": 1e-08, "EASED": 0.001, "STRIDE": 10.0, "INSIDE": 0.001, "COMES": 7.0, "ROD": 8.0,
         "THERE": 3.0, "STALL": 25, "PROGRESS": 1.0, "EXTRA": 1.5, "BACK": 35.0, "DEEP": 0.5,
-        "AT_REST": 1e-18, "BESIDE": (0.5, 0.25, 0.75, 0.0, 1.0),
+        "AT_REST": 1e-18, "BESIDE": (0.5, 0.25, 0.75, 0.0, 1.0), "PASSED": 1.05, "OVER": 0.5,
+        "ROWS": 5000, "STEPS": 3, "TELLS": 0.05, "SHARE": 2e-3, "ACROSS_AXES": 0.05,
+        "MEDIAN": 1.4826, "FINEST": 1e-7, "NO_LAG": 1e-4,
     },
     "core": {
         "NO_CURVATURE": 1e-13, "LOST": 1e-06, "HOPELESS": 100000000.0,

@@ -26,9 +26,9 @@ from plumbline.optim.capsule_mpc.planning import Plan as Plan
 from plumbline.optim.capsule_mpc.planning import Planner as Planner
 from plumbline.optim.capsule_mpc.planning import RealTime as RealTime
 from plumbline.optim.capsule_mpc.planning import shifted as shifted
+from plumbline.optim.capsule_mpc.plant import Plant as Plant
 from plumbline.optim.capsule_mpc.settings import Confidence as Confidence
 from plumbline.optim.capsule_mpc.settings import Noise as Noise
-from plumbline.optim.capsule_mpc.settings import Plant as Plant
 from plumbline.optim.capsule_mpc.settings import Safety as Safety
 from plumbline.optim.capsule_mpc.settings import Settings as Settings
 from plumbline.optim.capsule_mpc.statement import Statement as Statement

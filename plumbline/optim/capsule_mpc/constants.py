@@ -98,7 +98,30 @@ MOST_OF_A_STOP = 60  # steps that a stop may take at most
 AT_REST = 1e-18  # [(mm/s)^2, (mm/s^2)^2] keeps the slope of a length finite at rest; rounding
 NO_WAY = 1e-30  # below which a squared way is none; rounding
 EXACT = 1e-6  # [mm, or of a shaft] to which what is held is, and a way's ends are; rounding
-CREEP = 0.1  # of the band: a rate below that gets its share of the way across it, against chatter
+CREEP = 0.1  # of friction: a rate below that gets its share of what it takes, against chatter
+# [edge of a dead band] that is asked for so that it is passed: so finely it is scanned.
+PASSED = 1.05
+# A plant from a log
+OVER = 0.5  # [s] over which places are compared: 0.02 of 15 mm/s is twice a noise of 0.05 mm
+ROWS = 5000  # of a log, at most; effort
+STEPS = 3  # of Gauss and Newton's after a scan; effort
+# [m/s] by which dead bands are wider, coarsely and then finely.
+EDGES = tuple(1e-3 * k for k in range(-12, 13)), tuple(1e-4 * k for k in range(-9, 10))
+TELLS = 0.05  # of the square of what is off, that a dead band takes away at least
+# Fields that are fitted: a step of a difference and 1 sigma about what was diagnosed, as far
+# as what axes take of each other, or friction in turned axes, had taken it.
+FITTED = {
+    "delay": (1e-3, 0.02),  # [s]
+    "lag": (1e-3, 0.02),  # [s]
+    "dry": (2e-4, 3e-3),  # [m/s]
+    "play": (2e-5, 3e-4),  # [m]
+    "offset": (1e-4, 1e-3),  # [m/s]
+}
+SHARE = 2e-3  # step of a difference of what axes take; rounding
+ACROSS_AXES = 0.05  # 1 sigma of what an axis takes of another
+MEDIAN = 1.4826  # 1 sigma of a normal deviate, in median sizes
+FINEST = 1e-7  # [m] of what is off, below which nothing is told; rounding
+NO_LAG = 1e-4  # [s] of a lag that is none; rounding
 # How late rates act beyond what is told
 GRAIN = 0.01  # [s] between two latenesses that are tried; at 60 mm/s a parabola leaves 0.1 mm
 LATEST = 0.2  # [s] that are looked for beyond what is told: what waits longer is no servo loop

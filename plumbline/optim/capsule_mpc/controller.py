@@ -208,13 +208,13 @@ class Controller:
         rate = self._chosen(plan, x0, stages[0], here, events)
         # A plan that is refused as a whole is none to start the next one from.
         refused = any(event.trouble is Trouble.HELD_BACK for event in events)
-        self._remember(plan if mode is Mode.PLAN and not refused else None, x0, rate)
+        sent = self._remember(plan if mode is Mode.PLAN and not refused else None, x0, rate)
         events += self._impossible
         if mode is Mode.PLAN and plan:
             events += shortfalls(plan)
         gap, slack = float(gaps.min()) / constants.MM, plan.slack / constants.MM if plan else 0.0
         ahead = plan.x * self.statement.unit if plan else None
-        sent, seconds = self._underway.out(rate), perf_counter() - begun
+        seconds = perf_counter() - begun
         return Command(sent, mode, tuple(events), gap, slack, seconds, ahead)
 
     def _measured(self, measured: ArrayLike, events: list[Event]) -> Array | None:
@@ -368,29 +368,30 @@ class Controller:
             rate = self._limited(constants.SHORTER * right / max(excess, 1.0), x0, stage)
         return rate
 
-    def _remember(self, plan: Plan | None, x0: Array, rate: Array) -> None:
+    def _remember(self, plan: Plan | None, x0: Array, rate: Array) -> Array:
+        """Keeps what the next step begins with; what is to be sent (n,) [m/s, or rad/s]."""
         dt = self.statement.settings.dt
         ahead = x0 + dt * rate
         self._path = shifted(plan.x) if plan else np.tile(ahead, (self.statement.settings.p, 1))
-        self._underway.sent(rate)
+        sent = self._underway.sent(rate)
         self._present = ahead - self._underway.way()
         self._rates = np.stack([rate, self._rates[0]])
+        return sent
 
     def _stopped(self, begun: float, events: list[Event]) -> Command:
         """The stop at hand; where nothing is known of the state, nothing else is known to be."""
         events.append(Event(Trouble.STOPPED, "motion stops; it resumes with usable inputs"))
         rate = self._tail[0]
+        sent = rate * self.statement.unit
         if self._present is not None:
             x0 = self._present + self._underway.way()
             if self._stage is not None and rate.any():
                 rate = self._held(rate, x0, self._stage)
-            self._remember(None, x0, rate)
+            sent = self._remember(None, x0, rate)
         self._tail = np.concatenate([self._tail[1:], 0.0 * self._tail[-1:]])
         self._path = None
         seconds = perf_counter() - begun
-        return Command(
-            self._underway.out(rate), Mode.STOP, tuple(events), np.nan, 0.0, seconds, None
-        )
+        return Command(sent, Mode.STOP, tuple(events), np.nan, 0.0, seconds, None)
 
 
 @lru_cache(maxsize=16)

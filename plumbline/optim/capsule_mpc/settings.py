@@ -28,54 +28,31 @@ poles :math:`c\, s^4 - e\, s^2 + 1 = 0`, so a command settles with the time cons
 default time constant is :math:`\tau` = 0.106 s, less where the horizon would not see two of them,
 which ends in overshoot, and the default damping 0.7. They were chosen on random tasks, the smallest
 at which commands are no rougher than those of one step on barrier functions.
-
-A plant that is known: what becomes of the rates that are sent, and how to allow for it.
-
-An axis obeys its rates u late by d, in proportion 1 + g, with a zero o, not at all within a band w,
-and with a lag T:
-
-.. math:: T \dot v = \operatorname{zone}_w((1 + g)\, u(t - d) + o) - v, \qquad \dot x = v
-
-With the inverse of the static part, :math:`u = (\operatorname{zone}_w^{-1}(r) - o) / (1 + g)`, what
-is meant, r, is what is done, later. And the place at which everything under way has come to rest,
-
-.. math:: z = x + T v + \int_{t-d}^{t} r\, ds, \qquad z_{k+1} = z_k + dt\, r_k,
-
-is an integrator without delay or lag, whatever d and T are (Smith 1957, Chem. Eng. Progress 53(5);
-Artstein 1982, IEEE TAC 27(4)): the controller plans with z, on a goal and obstacles as they will be
-d + T later, and the tip follows z that much later but for curvature, :math:`T^2 \ddot r / 2`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.declared import Among, AtLeastOne, Count, Declared, NotNegative, Portion, Range
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.constants import TINY
 from plumbline.optim.capsule_mpc.constants import (
     BRISKEST,
-    CREEP,
     DAMPING,
     LONGEST,
     MM,
     ROUGHEST,
     SEEN,
-    SLOWEST,
     SMOOTHING,
     WIDEST,
 )
+from plumbline.optim.capsule_mpc.plant import Plant as Plant
 from plumbline.optim.core.problem import Array
-
-if TYPE_CHECKING:
-    from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
-
 
 NEAR = f"finite, within {LONGEST:g} m"
 
@@ -181,101 +158,6 @@ class Settings(Declared):
     def apart(self) -> Array:
         """What two bodies, and a body and an obstacle, are to keep a step ahead (2,) [mm]."""
         return MM * self.safe + self.noise.tightening(1)[0]
-
-
-Numbers = float | Sequence[float] | Array  # one for all axes, or one each
-
-# Which field an effect fills.
-FIELDS = {
-    "actuation_delay": "delay",
-    "actuation_lag": "lag",
-    "actuation_gain": "gain",
-    "actuation_offset": "offset",
-    "actuation_deadband": "band",
-    "actuation_play": "play",
-}
-
-
-# Least and most that a field may be, as constants.py tells why, and what it is counted in; a gain
-# of -1 stands still, and one of 1 doubles every rate.
-RANGES = (
-    ("delay", 0.0, SLOWEST, "in s"),
-    ("lag", 0.0, SLOWEST, "in s"),
-    ("gain", -0.99, 1.0, "as a share, not in percent"),
-    ("offset", -BRISKEST[0], BRISKEST[0], "in m/s"),
-    ("band", 0.0, BRISKEST[0], "in m/s"),
-    ("play", 0.0, WIDEST, "in m"),
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Plant(Declared):
-    """How each axis of the state (n) carries out rates; one number for all, or one each."""
-
-    delay: Numbers = 0.0  # time until a rate acts [s]
-    lag: Numbers = 0.0  # time constant [s]
-    gain: Numbers = 0.0  # share by which rates are exceeded
-    offset: Numbers = 0.0  # rate at which it moves when told to rest [m/s]
-    band: Numbers = 0.0  # rates below this are not carried out [m/s]
-    # whether rates beyond the band are less by it (1), or whole from twice the band on (0)
-    less: Numbers = 0.0
-    play: Numbers = 0.0  # half the play, or by how much friction stops a position loop short [m]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, least, most, unit in RANGES:
-            values = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
-            wrong = values[(values < least) | (values > most)]
-            if len(wrong):
-                raise PlumblineError(
-                    f"{name}: found {wrong[0]:.4g}, expected {least:g} to {most:g}; give it {unit}"
-                )
-
-    @classmethod
-    def of(cls, answer: MotionDiagnosis) -> Plant:
-        """The plant that a diagnosed ``tracking`` recording shows."""
-        if answer.recording.unit != "m":
-            raise PlumblineError(
-                f"{answer.recording.name}: a diagnosis of joints, of a tip expected; record "
-                "'tracking' with the tip's axes"
-            )
-        found: dict[str, Any] = {n: np.zeros(answer.recording.n) for n in cls.__annotations__}
-        for number, fit in answer.fits.items():
-            for effect, value in zip(fit.effects, fit.theta, strict=True):
-                if effect.name in FIELDS:
-                    field = FIELDS[effect.name]
-                    # a log's, not a plant's
-                    value = max(value, 0.0) if field == "delay" else value
-                    found[field][number - 1] = value
-                    found["less"][number - 1] += float(getattr(effect, "less", False))
-        return cls(**found)
-
-    def rate(self, meant: Array) -> Array:
-        """The rates (n,) to send so that those that are meant (n,) are carried out [m/s]."""
-        size, band = np.abs(meant), np.asarray(self.band, dtype=float)
-        across = np.where(np.asarray(self.less) > 0, size + band, np.maximum(size, band + size / 2))
-        slow = np.minimum(1.0, size / np.maximum(CREEP * band, TINY))
-        sent = np.sign(meant) * (size + slow * (across - size))
-        return np.asarray((sent - np.asarray(self.offset)) / (1.0 + np.asarray(self.gain)))
-
-    def taken_up(self, meant: Array, side: Array) -> Array:
-        r"""Where in its play each axis (n,) is to be after a way that is meant (n,) [m].
-
-        The drive goes ahead, :math:`s \to \operatorname{clip}(s + 10\, \Delta, \pm b)`: a tenth of
-        the play crosses it, and less does not.
-        """
-        play = np.asarray(self.play, dtype=float)
-        return np.clip(side + meant / CREEP, -play, play)
-
-    def bias(self, speed: float, acceleration: float) -> float:
-        r"""By how much a tip of such a speed and acceleration may stray [m]: ``Noise.bias``.
-
-        A lag cuts corners by :math:`T^2 a / 2`, axes that are not equally late turn the way, and
-        play that is crossed where there is none moves the tip by it.
-        """
-        late = np.asarray(self.delay) + np.asarray(self.lag)
-        turned = speed * float(late.max() - late.min())
-        return float(np.max(self.lag) ** 2 * acceleration / 2 + turned + np.max(self.play))
 
 
 @dataclass(frozen=True)

@@ -40,9 +40,10 @@ from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle
 from plumbline.optim.capsule_mpc.compiled import Compiled
 from plumbline.optim.capsule_mpc.events import Event, acts_late, astray, unseen
+from plumbline.optim.capsule_mpc.linearised import norms
 from plumbline.optim.capsule_mpc.obeying import Obeying
 from plumbline.optim.capsule_mpc.planning import tracked_function
-from plumbline.optim.capsule_mpc.settings import Plant
+from plumbline.optim.capsule_mpc.plant import Plant
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 
@@ -58,10 +59,11 @@ class Underway:
         self._tracked = Compiled(tracked_function(statement.shape), False)
         self._owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
         for name, value in vars(plant).items():
-            if np.shape(value) not in ((), (n,)):
-                found = f"plant {name}: found shape {np.shape(value)}"
+            shape = (n, n) if name == "across" else (n,)
+            if np.shape(value) not in ((), shape):
                 raise PlumblineError(
-                    f"{found}, expected a number or ({n},); give one for each axis"
+                    f"plant {name}: found shape {np.shape(value)}, expected a number or "
+                    f"{str(shape).replace(' ', '')}; give one for each axis"
                 )
         delay, self._lag = (np.broadcast_to(np.asarray(v), n) for v in (plant.delay, plant.lag))
         sooner = int(delay.min() / constants.GRAIN + constants.ROUNDING)
@@ -77,6 +79,7 @@ class Underway:
         self._kept, self._stays = -lag * np.expm1(-self._into / lag), np.exp(-dt / lag)
         self._measured = (constants.MM * noise.measured) ** 2 + constants.SEEN_FROM**2
         self._wanders = ((constants.MM * noise.step) ** 2 + constants.SEEN_FROM**2) / self._measured
+        self._band = constants.PASSED * np.asarray(plant.band) / statement.unit
         self._obeying = Obeying(statement, constants.MM * noise.measured)
         self.reset()
 
@@ -85,6 +88,7 @@ class Underway:
         n, count = len(self._lag), len(self._later)
         self._sent = np.zeros(n)
         self._side = np.zeros(n)  # of its play, where each axis is [m]
+        self._owed = np.zeros(n)  # of what was meant, what a dead band has not done yet
         # Rate, and place and speed through the lag after it, of every step; newest first.
         self._past = np.zeros((int(self._whole.max()) + 2, 3, n))
         self._then = np.zeros((count, n))
@@ -110,9 +114,10 @@ class Underway:
         """How late (n,) rates act [s]."""
         return np.asarray(self._known + self.later[self._owner])
 
-    def sent(self, rate: Array) -> None:
-        """One step on, at whose beginning a rate (n,) was sent."""
+    def sent(self, rate: Array) -> Array:
+        """One step on, at whose beginning a rate (n,) is meant; what to send [m/s, or rad/s]."""
         self._steps += 1
+        rate = self._done(rate)
         speed = rate + (self._past[0, 2] - rate) * self._stays
         self._sent = self._sent + self.dt * rate
         fresh = np.stack([rate, self._sent - self._lag * speed, speed])
@@ -120,13 +125,33 @@ class Underway:
         rates = self._past[self._whole, 0, self._axes]
         places, speeds = (self._past[self._whole + 1, k, self._axes] for k in (1, 2))
         self._then = places + rates * (self._into - self._kept) + speeds * self._kept
+        return self._out(rate)
 
-    def out(self, rate: Array) -> Array:
-        """What to send [m/s, or rad/s] so that a rate (n,) is carried out."""
-        meant = rate * self.statement.unit
-        side = self.plant.taken_up(self.dt * meant, self._side)
-        across, self._side = (side - self._side) / self.dt, side
-        return self.plant.rate(meant + across)
+    def _done(self, meant: Array) -> Array:
+        """Of a rate (n,), what a dead band lets be done: its edge, or nothing, and what is owed."""
+        wanted = self._within(meant, np.where(meant == 0.0, 0.0, self._owed / self.dt))
+        size = np.abs(wanted)
+        edge = np.where(size > self._band / 2, np.sign(wanted) * self._band, 0.0)
+        done = np.where(size < self._band, edge, wanted)
+        self._owed = self._owed + self.dt * (meant - done)
+        return np.asarray(done)
+
+    def _within(self, rate: Array, more: Array) -> Array:
+        """A rate (n,) and as much of another as leaves it no faster than it may be, or it is."""
+        own, groups = self.statement, self.statement.groups
+        fast = np.maximum(own.speed, norms(rate, groups)) ** 2
+        a, c = (norms(v, groups) ** 2 for v in (more, rate))
+        b = (norms(rate + more, groups) ** 2 - a - c) / 2
+        root = np.sqrt(np.maximum(b * b + a * (fast - c), 0.0))
+        return np.asarray(rate + np.clip((root - b) / np.maximum(a, TINY), 0.0, 1.0) * more)
+
+    def _out(self, rate: Array) -> Array:
+        """What to send [m/s, or rad/s] so that a rate (n,) is carried out, across its play."""
+        unit, dt = self.statement.unit, self.dt
+        across = (self.plant.taken_up(dt * rate * unit, self._side) - self._side) / dt
+        both = self._within(rate, across / unit)
+        self._side = self._side + dt * (both - rate) * unit
+        return self.plant.rate(both * unit)
 
     def seen(self, state: Array) -> None:
         """The state (n,) as it was measured."""
@@ -205,7 +230,8 @@ class Underway:
         at = self.later[self._owner] / constants.GRAIN + self._told
         k = np.minimum(at.astype(int), len(self._later) - 2)
         ways = self._ways()
-        return np.asarray(ways[k, self._axes] * (1 - at + k) + ways[k + 1, self._axes] * (at - k))
+        way = ways[k, self._axes] * (1 - at + k) + ways[k + 1, self._axes] * (at - k)
+        return np.asarray(way + self._owed)
 
     def said(self) -> list[Event]:
         """Bodies that are for certain later or sooner than told by more than a bias stated."""
@@ -241,7 +267,7 @@ class Underway:
 
     def moved(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
         """Obstacles as they will be by then."""
-        late = float(self.late.max())
+        late = float(self.late.max() + self.late.min()) / 2  # Plant.bias counts from there
         return [_later(o, late) if late and o.usable and any(o.velocity) else o for o in obstacles]
 
 

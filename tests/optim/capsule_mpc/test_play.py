@@ -64,7 +64,7 @@ def test_what_is_sent_crosses_the_play_where_the_motion_turns():
     for k in range(300):
         rate = 20.0 * np.cos(np.linspace(1.0, 2.0, 6) * DT * k)
         meant = meant + DT * rate
-        reality.move(1e3 * own.out(rate))
+        reality.move(1e3 * own.sent(rate))
         blind.move(rate)
         if k > 20:
             both = (reality.tips - meant, blind.tips - meant)
@@ -74,12 +74,25 @@ def test_what_is_sent_crosses_the_play_where_the_motion_turns():
 
 def test_nothing_is_sent_at_rest_and_a_tenth_of_the_play_crosses_it():
     plant, rest = Plant(play=1e-3), np.zeros(1)
-    assert not Underway(Plant(play=1e-3), STATEMENT).out(np.zeros(6)).any()
+    assert not Underway(Plant(play=1e-3), STATEMENT).sent(np.zeros(6)).any()
     assert plant.taken_up(rest, np.array([4e-4])) == pytest.approx(4e-4)
     assert plant.taken_up(np.array([0.9e-4]), rest) == pytest.approx(0.9e-3)
     assert plant.taken_up(np.array([1.1e-4]), rest) == pytest.approx(1e-3)
     assert plant.taken_up(np.array([-2.1e-4]), np.array([1e-3])) == pytest.approx(-1e-3)
     assert Plant(play=1e-3).bias(0.06, 0.6) == pytest.approx(1e-3)
+
+
+def test_a_play_that_is_not_there_moves_a_tip_no_faster_than_it_may_be():
+    """In one tick a play of 3 mm had been 150 mm/s."""
+    own, crossed = Underway(Plant(play=[3e-3] * 6), STATEMENT), np.zeros(6)
+    for k in range(60):
+        rate = np.array([58.0, 10.0, 0.0, -3.0, 20.0, 30.0]) * (1 if k < 20 else -1)
+        sent = 1e3 * own.sent(rate)
+        assert np.linalg.norm(sent.reshape(2, 3), axis=1).max() < 60.0 + 1e-9
+        crossed += DT * (sent - rate)
+        if k in (19, 59):  # all the same it is crossed
+            way = np.sign(rate[3:]) * 3.0
+            np.testing.assert_allclose(crossed[3:], way, atol=1e-9)
 
 
 def test_a_play_is_read_off_a_diagnosis():

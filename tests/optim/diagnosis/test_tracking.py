@@ -81,7 +81,8 @@ def test_a_plant_is_read_off_the_diagnosis(found):
     plant = Plant.of(found)
     assert plant.delay == pytest.approx(np.full(2, 0.05), abs=4e-3)
     assert plant.delay + plant.lag == pytest.approx(np.full(2, 0.09), abs=3e-3)
-    assert plant.band == pytest.approx(1e-3 * WRONG.band[:2], abs=3e-4)
+    assert plant.dry == pytest.approx(1e-3 * WRONG.band[:2], abs=3e-4)
+    assert not plant.band.any()
     assert plant.gain == pytest.approx(WRONG.gain[:2], abs=5e-3)
     joints = diagnose(recorded([{}, {}], seconds=8.0))
     with pytest.raises(PlumblineError, match="a diagnosis of joints, of a tip expected"):
@@ -203,14 +204,28 @@ def test_friction_acts_against_what_lags_and_not_against_its_command(law):
     np.testing.assert_array_equal(*alone)
 
 
-@pytest.mark.parametrize("less", [0.0, 1.0])
-def test_what_is_sent_is_carried_out_as_it_was_meant(less):
-    plant = Plant(gain=0.1, offset=0.002, band=0.003, less=less)
-    meant = np.linspace(-0.06, 0.06, 41)
-    asked = 1.1 * plant.rate(meant) + 0.002
-    size = np.abs(asked)
-    done = np.maximum(size - 0.003, 0.0) if less else np.clip(2 * (size - 0.003), 0.0, size)
-    assert np.abs(np.sign(asked) * done - meant).max() < 1e-12
+def test_what_is_sent_is_carried_out_as_it_was_meant():
+    across = np.array([[0.0, 0.05, 0.0], [-0.02, 0.0, 0.03], [0.0, 0.01, 0.0]])
+    for taken in (0.0, across):
+        plant = Plant(gain=0.1, offset=0.002, dry=0.003, across=taken)
+        for meant in np.random.default_rng(0).uniform(-0.06, 0.06, (40, 3)):
+            asked = (1.1 * np.eye(3) + taken) @ plant.rate(meant) + 0.002
+            done = np.sign(asked) * np.maximum(np.abs(asked) - 0.003, 0.0)
+            moves = np.abs(meant) > 0.0003  # slower ones get a share, against chatter
+            assert np.abs(done - meant)[moves].max() < 1e-12
+
+
+def test_within_a_dead_band_what_is_meant_is_done_on_average_and_not_at_rest():
+    own, way, meant = Underway(Plant(band=0.006), ONE), np.zeros(3), np.zeros(3)
+    for k in range(300):
+        rate = np.array([1.0, -4.0, 9.0 * np.sin(k / 20)])
+        sent = 1e3 * own.sent(rate)
+        assert ((sent == 0.0) | (np.abs(sent) > 6.0)).all()
+        way, meant = way + DT * sent, meant + DT * rate
+        # A step of half of the edge.
+        assert np.abs(way - meant).max() <= DT * 1.05 * 6.0 / 2 + 1e-9
+        np.testing.assert_allclose(own._owed, meant - way, atol=1e-9)
+    assert not own.sent(np.zeros(3)).any()
 
 
 def test_the_way_that_is_left_is_what_the_plant_still_goes():
@@ -230,7 +245,7 @@ def test_the_way_that_is_left_is_what_the_plant_still_goes():
 
 def test_a_controller_follows_as_if_nothing_were_wrong_told_or_not():
     wrong = Slides(delay=0.06, lag=0.04, gain=-0.05, band=3.0, measured=0.02)
-    told = Plant(delay=0.06, lag=0.04, gain=-0.05, band=0.003, less=1.0)
+    told = Plant(delay=0.06, lag=0.04, gain=-0.05, dry=0.003)
     planner = OneStep(compiled=False)
     ideal, untold, knowing = (
         followed(planner, slides, plant, 0, 3.0)
@@ -256,7 +271,8 @@ def test_later_points_of_a_path_are_led_and_a_single_goal_stays():
         ("delay", -1.0, "0 to 1; give it in s"), ("lag", -1.0, "0 to 1; give it in s"),
         ("band", -1.0, "0 to 2; give it in m/s"), ("gain", -1.0, "-0.99 to 1; give it as a share"),
         ("delay", 40.0, "in s"), ("lag", [0.04, 30.0], "in s"), ("band", 3.0, "in m/s"),
-        ("play", 0.3, "in m"), ("offset", -4.0, "in m/s"), ("gain", 5.0, "not in percent"),
+        ("play", 0.3, "in m"), ("dry", 3.0, "in m/s"), ("offset", -4.0, "in m/s"),
+        ("gain", 5.0, "not in percent"), ("across", 3.0, "not in percent"),
     ],
 )  # fmt: skip
 def test_a_plant_that_cannot_be_or_in_ms_or_mm_is_refused_in_a_line(field, wrong, words):

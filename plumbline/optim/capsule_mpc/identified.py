@@ -1,0 +1,190 @@
+r"""A plant as a log has it: what was diagnosed axis by axis, fitted again with all axes at once.
+
+The model is that of :mod:`.plant`, rolled out exactly between the rows. Of what it
+leaves, :math:`e_k = x_k - \hat x_k(\theta)`, what half a second adds is weighed: places that wander
+weigh little,
+
+.. math:: \min_\theta \sum_k \rho\Big(\frac{e_{k+h} - e_k}{s}\Big)
+          + \sum_j \frac{(\theta_j - \theta_j^0)^2}{\sigma_j^2}
+
+with the diagnosis as the prior mean :math:`\theta^0`, zero for what axes take of each other, which
+no diagnosis axis by axis can see, weights of Huber and s by the median. Steps are Gauss and
+Newton's, by differences. A dead band has an edge that no derivative sees: it is scanned, and there
+is none unless it takes a twentieth of the square of what is off away.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from plumbline.optim.capsule_mpc import constants
+from plumbline.optim.capsule_mpc.constants import FITTED
+from plumbline.optim.capsule_mpc.plant import Plant
+from plumbline.optim.core.problem import Array, Flags
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
+
+Values = dict[str, Array]  # of plants (P, n), and "mix" (P, n, n)
+
+
+def identified(diagnosed: Plant, recording: MotionRecording) -> Plant:
+    """The plant of a ``tracking`` recording that is nearest to what was diagnosed of it."""
+    runs, n = _runs(recording), recording.n
+    if not runs:
+        return diagnosed
+    names = (*FITTED, "band")
+    first: Values = {k: np.broadcast_to(getattr(diagnosed, k), n).astype(float) for k in names}
+    first["mix"] = np.eye(n) + np.diag(np.broadcast_to(np.asarray(diagnosed.gain, float), n))
+    found = _fitted(first, first, runs)
+    for edges in constants.EDGES:
+        found = _fitted(_scanned(found, runs, edges), first, runs)
+    found = _told(found, runs)
+    mix = found.pop("mix")
+    gain, across = np.diag(mix) - 1.0, mix - np.diag(np.diag(mix))
+    return replace(diagnosed, **found, gain=gain, across=across)
+
+
+Run = tuple[
+    Array, Array, Array, Flags, int
+]  # times, rates, places, of which are used, half a second
+
+
+def _runs(recording: MotionRecording) -> list[Run]:
+    """Motions that are longer than a difference."""
+    group = np.zeros(len(recording.time)) if recording.group is None else recording.group
+    kept = np.ones(len(group), bool) if recording.held_out is None else ~recording.held_out
+    found, rows = [], 0
+    for number in np.unique(group):
+        own = np.flatnonzero(group == number)[: constants.ROWS - rows]
+        if len(own) < 2:
+            continue
+        t = recording.time[own]
+        back = max(1, round(constants.OVER / float(np.median(np.diff(t)))))
+        if len(own) > 2 * back:
+            found.append((t, recording.command[own], recording.q[own], kept[own], back))
+            rows += len(own)
+    return found
+
+
+def _left(values: Values, runs: list[Run]) -> Array:
+    """What differences of places are off (K, P, n) [m]."""
+    found = []
+    for t, u, x, kept, back in runs:
+        off = x[:, None] - _rolled(values, t, u)
+        found.append((off[back:] - off[:-back])[kept[back:] & kept[:-back]])
+    return np.concatenate(found)
+
+
+def _copies(values: Values, count: int) -> Values:
+    return {k: np.repeat(v[None], count, axis=0) for k, v in values.items()}
+
+
+def _scanned(values: Values, runs: list[Run], edges: tuple[float, ...]) -> Values:
+    """The same with the likeliest of dead bands so much wider, or none where that is as likely."""
+    tried = _copies(values, 1 + len(edges))
+    tried["band"] = np.maximum(values["band"] + np.array([-1.0, *edges])[:, None], 0.0)
+    off = (_clipped(tried, runs) ** 2).mean(axis=0)
+    best = off.argmin(axis=0), np.arange(off.shape[1])
+    rows = off[0] / off[best] - 1.0
+    return values | {"band": np.where(rows > constants.TELLS, tried["band"][best], 0.0)}
+
+
+def _told(values: Values, runs: list[Run]) -> Values:
+    """The same without friction and play that take nothing of what is off away."""
+    tried = _copies(values, 3)
+    tried["dry"][1], tried["play"][2] = 0.0, 0.0
+    off = (_clipped(tried, runs) ** 2).mean(axis=0)
+    for k, name in ((1, "dry"), (2, "play")):
+        tells = off[k] > (1.0 + constants.TELLS) * off[0]
+        values = values | {name: np.where(tells, values[name], 0.0)}
+    return values
+
+
+def _clipped(values: Values, runs: list[Run]) -> Array:
+    """The sizes of what is off (K, P, n), of readings that leap no more than of others [m]."""
+    off = np.abs(_left(values, runs))
+    return np.minimum(off, constants.STANDARD * constants.MEDIAN * np.median(off, axis=(0, 1)))
+
+
+def _fitted(values: Values, first: Values, runs: list[Run]) -> Values:
+    """Some steps of Gauss and Newton's."""
+    n = len(values["band"])
+    sizes = np.array([step for step, _ in FITTED.values()] + [constants.SHARE] * n)
+    for _ in range(constants.STEPS):
+        tried = _copies(values, 1 + len(sizes))
+        for k, name in enumerate(FITTED):
+            tried[name][1 + k] += sizes[k]
+        for j in range(n):
+            tried["mix"][1 + len(FITTED) + j, :, j] += constants.SHARE
+        off = _left(tried, runs)
+        slopes = (off[:, :1] - off[:, 1:]) / sizes[:, None]
+        values = {k: v.copy() for k, v in values.items()}
+        for i in range(n):
+            _improve(values, first, i, off[:, 0, i], slopes[..., i])
+    return values
+
+
+def _improve(values: Values, first: Values, i: int, off: Array, slopes: Array) -> None:
+    """One step of axis i, by what is off (K,) and its slopes (K, p)."""
+    s = max(constants.MEDIAN * float(np.median(np.abs(off))), constants.FINEST)
+    weight = np.minimum(1.0, constants.STANDARD * s / np.maximum(np.abs(off), s))
+    n = len(values["band"])
+    sigma = np.array([own for _, own in FITTED.values()] + [constants.ACROSS_AXES] * n)
+    sigma[len(FITTED) + i] = constants.GAINS
+    here, there = (
+        np.array([*(v[name][i] for name in FITTED), *v["mix"][i]]) for v in (values, first)
+    )
+    on = np.arange(len(here))
+    J = slopes[:, on] * weight[:, None]
+    H = J.T @ slopes[:, on] / s**2 + np.diag(1.0 / sigma[on] ** 2)
+    here[on] += np.linalg.solve(H, J.T @ off / s**2 - (here - there)[on] / sigma[on] ** 2)
+    for k, name in enumerate(FITTED):
+        values[name][i] = here[k] if name == "offset" else max(here[k], 0.0)
+    values["mix"][i] = here[len(FITTED) :]
+
+
+def _rolled(values: Values, t: Array, u: Array) -> Array:
+    """Places (N, P, n) of plants under rates (N, n) that are held, from rest at zero [m]."""
+    asked = np.einsum("pij,kj->kpi", values["mix"], u) + values["offset"]
+    rate = np.where(np.abs(asked) < values["band"], 0.0, asked)
+    if values["play"].any():
+        rate = _taken(rate, values["play"], t)
+    dry, lag = values["dry"], np.maximum(values["lag"], constants.NO_LAG)
+    place, speed = (np.zeros((len(t) + 1, *rate.shape[1:])) for _ in range(2))
+    for k, dt in enumerate(np.diff(t)):
+        way, speed[k + 1] = advanced(speed[k], rate[k], dry, lag, dt)
+        place[k + 1] = place[k] + way
+    then = t[:, None, None] - values["delay"]
+    at = np.searchsorted(t, then.ravel(), side="right").reshape(then.shape) - 1
+    into = np.where(at < 0, 0.0, then - t[np.maximum(at, 0)])
+    at, own = np.maximum(at, 0), np.indices(then.shape)[1:]
+    here = (at, *own)
+    return np.asarray(place[here] + advanced(speed[here], rate[here], dry, lag, into)[0])
+
+
+def _taken(rate: Array, play: Array, t: Array) -> Array:
+    """Rates (N, P, n) of what stays behind a drive by up to half a play (P, n)."""
+    found, drive, place = np.zeros_like(rate), np.zeros_like(play), np.zeros_like(play)
+    for k, dt in enumerate(np.diff(t)):
+        drive, before = drive + dt * rate[k], place
+        place = np.clip(before, drive - play, drive + play)
+        found[k] = (place - before) / dt
+    return found
+
+
+def advanced(
+    v: Array, rate: Array, dry: Array, lag: Array, dt: Array | float
+) -> tuple[Array, Array]:
+    r"""Way and speed after a time under a rate, of what lags and rubs, from a speed v.
+
+    The speed goes towards :math:`r - f \operatorname{sign} v`. Where it comes to zero before, it
+    goes on from rest, towards what the friction leaves of the rate.
+    """
+    rests = np.sign(rate) * np.maximum(np.abs(rate) - dry, 0.0)
+    aim = np.where(v == 0.0, rests, rate - dry * np.sign(v))
+    turns = v * aim < 0.0
+    until = np.where(turns, lag * np.log1p(-v / np.where(turns, aim, 1.0)), np.inf)
+    first = np.minimum(until, dt)
+    rest = dt - first
+    fades, again = np.exp(-first / lag), np.exp(-rest / lag)
+    way = aim * first + (v - aim) * lag * (1.0 - fades) + rests * (rest - lag * (1.0 - again))
+    return way, np.where(rest > 0.0, rests * (1.0 - again), aim + (v - aim) * fades)

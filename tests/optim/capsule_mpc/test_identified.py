@@ -1,0 +1,126 @@
+"""A plant is fitted to its log, from what was diagnosed axis by axis: with what axes take of each
+other, and with a dead band's edge."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plumbline import build_tracking
+from plumbline.errors import PlumblineError
+from plumbline.optim.capsule_mpc import Plant, Statement, TipInstrument
+from plumbline.optim.capsule_mpc.identified import advanced, identified
+from plumbline.optim.capsule_mpc.underway import Underway
+
+DT, FINE = 0.02, 0.001
+ACROSS = np.array([[0.0, 0.02, -0.015], [-0.02, 0.0, 0.01], [0.015, 0.0, 0.0]])
+TRUE = Plant(
+    delay=[0.05, 0.06, 0.055], lag=[0.04, 0.05, 0.06], gain=[0.03, -0.05, 0.0], across=ACROSS,
+    band=[0.004, 0.0, 0.0], dry=[0.0, 0.006, 0.0], play=[0.0, 0.0, 2e-4],
+)  # fmt: skip
+NEAR = Plant(delay=0.06, lag=0.045, band=[0.002, 0.0, 0.0], dry=[0.0, 0.005, 0.0])
+
+
+def logged(plant, seconds=20.0, noise=5e-5, seed=0, group=None):
+    """A log of a plant, a millisecond at a time."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, DT)
+    f, phase = rng.uniform(0.1, 2.0, (4, 3)), rng.uniform(0.0, 6.3, (4, 3))
+    u = 0.015 * np.sin(2 * np.pi * f * t[:, None, None] + phase).sum(axis=1)
+    values = {k: np.broadcast_to(v, 3) for k, v in vars(plant).items() if k != "across"}
+    own = np.diag(1.0 + values["gain"]) + plant.across
+    asked = np.repeat(u, round(DT / FINE), axis=0) @ own.T
+    late, axes = np.round(values["delay"] / FINE).astype(int), np.arange(3)
+    motor, tip, v, found = np.zeros(3), np.zeros(3), np.zeros(3), []
+    for k in range(len(asked)):
+        if k % round(DT / FINE) == 0:
+            found.append(tip)
+        m = np.where(k >= late, asked[np.maximum(k - late, 0), axes], 0.0)
+        m = np.where(np.abs(m) < values["band"], 0.0, m)
+        free = v + FINE / values["lag"] * (m - v)
+        rubs = FINE / values["lag"] * values["dry"]
+        v = free - np.clip(free, -rubs, rubs)
+        motor = motor + FINE * v
+        tip = np.clip(tip, motor - values["play"], motor + values["play"])
+    x = np.array(found) + noise * rng.standard_normal((len(t), 3))
+    return build_tracking(time=t, rate=u, x=x, group=group)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identified(NEAR, logged(TRUE))
+
+
+@pytest.mark.parametrize(
+    ("field", "off"),
+    [
+        ("delay", 2e-3), ("lag", 4e-3), ("gain", 6e-3), ("across", 3e-3), ("band", 2e-4),
+        ("dry", 3e-4), ("play", 6e-5),
+    ],
+)  # fmt: skip
+def test_a_log_tells_what_axes_take_of_each_other_and_where_a_dead_band_ends(found, field, off):
+    assert np.abs(getattr(found, field) - np.asarray(getattr(TRUE, field))).max() < off
+
+
+def test_a_plant_that_is_as_told_stays_so_and_gets_no_dead_band():
+    told = Plant(delay=0.05, lag=0.04)
+    for seed in range(2):
+        found = identified(told, logged(replace(told, across=np.zeros((3, 3))), seed=seed))
+        assert not found.band.any()
+        assert np.abs(found.across).max() < 3e-3
+        assert np.abs(found.delay + found.lag - 0.09).max() < 2e-3
+        assert max(found.dry.max(), found.play.max() * 10) < 4e-4
+
+
+def test_axes_that_always_move_together_take_nothing_of_each_other():
+    log = logged(replace(TRUE, across=np.zeros((3, 3))))
+    together = build_tracking(time=log.time, rate=log.command[:, [0, 0]], x=log.q[:, [0, 0]])
+    found = identified(Plant(delay=0.05, lag=0.04, band=0.004), together)
+    assert np.abs(found.across).max() < 0.03
+    assert found.gain + found.across.sum(axis=1) == pytest.approx([0.03, 0.03], abs=6e-3)
+
+
+def test_readings_that_leap_and_rows_held_out_tell_nothing(found):
+    log = logged(TRUE)
+    x, held = log.q.copy(), np.zeros(len(log.q), dtype=int)
+    x[::50] += 0.01
+    x[500:600], held[500:600] = 0.3, 1
+    off = identified(NEAR, build_tracking(time=log.time, rate=log.command, x=x, held_out=held))
+    assert np.abs(off.across - found.across).max() < 5e-3
+    assert np.abs(off.delay - found.delay).max() < 3e-3
+
+
+def test_motions_are_rolled_out_each_by_itself(found):
+    group = np.repeat([0, 1], 500)
+    log = logged(TRUE)
+    x = log.q + np.where(group == 1, 0.02, 0.0)[:, None]
+    apart = identified(NEAR, replace(log, q=x, group=group))
+    assert np.abs(apart.across - found.across).max() < 4e-3
+
+
+def test_a_log_that_is_too_short_tells_no_more_than_its_diagnosis():
+    log = logged(TRUE, seconds=1.0)
+    short = replace(log, group=np.arange(len(log.time)) // 25)
+    assert identified(NEAR, short) is NEAR
+
+
+def test_what_rubs_comes_to_rest_and_stays():
+    v, lag, dry = np.array([0.01]), np.array([0.05]), np.array([0.004])
+    way, speed = advanced(v, np.array([0.003]), dry, lag, 1.0)
+    assert speed == 0.0
+    steps = v.copy(), 0.0
+    for _ in range(100_000):
+        steps = steps[0] + 1e-5 / 0.05 * (0.003 - 0.004 - steps[0]), steps[1] + 1e-5 * steps[0]
+        if steps[0] <= 0:
+            break
+    assert way == pytest.approx(steps[1], rel=1e-3)
+    assert advanced(np.zeros(1), np.array([0.003]), dry, lag, 1.0)[0] == 0.0
+    turned = advanced(v, np.array([-0.01]), dry, lag, 10.0)[1]
+    assert turned == pytest.approx(-0.006, rel=1e-6)
+
+
+def test_shares_of_other_axes_that_outweigh_the_own_are_refused():
+    with pytest.raises(PlumblineError, match=r"across: found 0.1 beyond .* expected less"):
+        Plant(gain=-0.5, across=np.array([[0.0, 0.6], [0.1, 0.0]]))
+    with pytest.raises(PlumblineError, match=r"plant across: found shape \(2, 2\)"):
+        Underway(Plant(across=np.zeros((2, 2))), Statement((TipInstrument((0.0, 0.0, 0.0)),), 0))
