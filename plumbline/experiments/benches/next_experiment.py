@@ -3,11 +3,11 @@ r"""Designed rows against rows at random.
 ``python -m plumbline.experiments.benches.next_experiment``
 
 A withheld case is recorded and diagnosed. Where that leaves doubt, the same reality is read twelve
-more times: at the rows that the diagnosis asks for, at D-optimal rows, and at ever more rows at
-random; each longer recording is diagnosed afresh. What counts is the probability that the verdict
-gives to the true cause, on average over the cases: how many random rows do what twelve designed
-ones do? One reading of a dozen rows is mostly luck, so each is read several times, the random rows
-drawn anew each time. Intervals are those of a bootstrap over the cases.
+more times, at the rows that the diagnosis asks for and at ever more rows at random; each longer
+recording is diagnosed afresh. What counts is the probability that the verdict gives to the true
+cause, on average over the cases: how many random rows do what twelve designed ones do? One reading
+of a dozen rows is mostly luck, so each is read several times, the random rows drawn anew each time.
+Intervals are those of a bootstrap over the cases.
 """
 
 from collections.abc import Sequence
@@ -28,14 +28,14 @@ from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.design.next_experiment import next_experiment
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
-from plumbline.optim.diagnosis.design.separation import AtRandom, Criterion, DOptimal, Resolution
+from plumbline.optim.diagnosis.design.separation import AtRandom
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.recording import Recording
 
 ROWS = 12  # that are designed: what the command proposes
 RANDOM = (12, 30, 60)  # rows at random that they are held against
 RESAMPLES = 2000  # of the cases: ends of an interval are known to a fiftieth of its width
-DESIGNED: tuple[Criterion, ...] = (Resolution(), DOptimal())
+DESIGNED = "designed"
 
 
 def with_rows(case: Case, before: Recording, rows: FutureRows, reading: int = 0) -> Recording:
@@ -71,7 +71,7 @@ def outcome(seed: int, plan: Plan, readings: int = 1) -> dict[str, Any] | None:
     first = diagnose(recording)
     if not next_experiment(first.selected, first.verdict, DesignOptions(compare=False)).rows:
         return None
-    designed = {c.name: chosen(first, DesignOptions(count=ROWS, criterion=c)) for c in DESIGNED}
+    designed = {DESIGNED: chosen(first, DesignOptions(count=ROWS))}
     after: dict[str, list[float]] = {}
     for reading in range(1, readings + 1):
         for name, rows in (designed | _at_random(first, seed + reading)).items():
@@ -115,18 +115,18 @@ def as_good_as(curve: Sequence[float], target: float) -> float:
 def summary(outcomes: pd.DataFrame, seed: int = 0) -> Found:
     """Means, and intervals of a bootstrap over the cases."""
     random = ["before", *(f"random {n}" for n in RANDOM)]
-    names = [*random, *(c.name for c in DESIGNED)]
-    table, designed = outcomes[names].to_numpy(dtype=float), DESIGNED[0].name
+    names = [*random, DESIGNED]
+    table = outcomes[names].to_numpy(dtype=float)
     rng = np.random.default_rng(seed)
     chosen_cases = rng.integers(0, len(table), (RESAMPLES, len(table)))
     draws = pd.DataFrame(table[chosen_cases].mean(axis=1), columns=names)
-    draws["gain"] = draws[designed] - draws[f"random {ROWS}"]
+    draws["gain"] = draws[DESIGNED] - draws[f"random {ROWS}"]
     draws["random rows as good"] = [
-        as_good_as(row[random].tolist(), float(row[designed])) for _, row in draws.iterrows()
+        as_good_as(row[random].tolist(), float(row[DESIGNED])) for _, row in draws.iterrows()
     ]
     means = pd.Series(table.mean(axis=0), names)
-    means["gain"] = means[designed] - means[f"random {ROWS}"]
-    means["random rows as good"] = as_good_as(means[random].tolist(), float(means[designed]))
+    means["gain"] = means[DESIGNED] - means[f"random {ROWS}"]
+    means["random rows as good"] = as_good_as(means[random].tolist(), float(means[DESIGNED]))
     ends = draws.quantile([0.025, 0.975], interpolation="lower").T
     told = pd.DataFrame({"mean": means, "low": ends[0.025], "high": ends[0.975]})
     return {

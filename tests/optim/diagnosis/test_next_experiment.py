@@ -34,7 +34,6 @@ from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import (
     AtRandom,
     Beliefs,
-    DOptimal,
     Resolution,
     Rivals,
     divergences,
@@ -51,7 +50,7 @@ from tests.recording_folders import KINDS, columns, csv_text, slider_columns, wr
 
 WEAK = Plan(gap=(0.3, 0.7), rows=(25, 50))
 QUICK = DesignOptions(count=6, pool=200, glance=100, rivals=4, compare=False)
-CRITERIA = (Resolution(), DOptimal(), AtRandom(3))
+CRITERIA = (Resolution(), AtRandom(3))
 
 
 def random_rivals(count=3, size=4, seed=0):
@@ -63,7 +62,7 @@ def random_rivals(count=3, size=4, seed=0):
     C = np.einsum("ipq,irq,ip,ir->ipr", roots, roots, keep, keep)
     p = rng.dirichlet(np.ones(count))
     labels = tuple(f"rival {i}" for i in range(count))
-    return Rivals(labels, p, rng.normal(size=(count, size)) * keep, C, np.eye(size))
+    return Rivals(labels, p, rng.normal(size=(count, size)) * keep, C)
 
 
 def gaussian(rivals, i, J):
@@ -125,15 +124,6 @@ def test_the_bounded_form_is_box_hill_where_little_is_told_and_never_beats_all_d
     assert (Resolution().gains(beliefs, 1e3 * J) <= -(p @ np.log(p)) + 1e-9).all()
 
 
-def test_d_optimality_is_the_growth_of_the_determinant():
-    rivals, J = random_rivals(), np.random.default_rng(6).normal(size=(3, 2, 4))
-    beliefs = gathered(rivals, J[:2])
-    whole = np.eye(4) + sum(row.T @ row for row in J)
-    before = np.eye(4) + sum(row.T @ row for row in J[:2])
-    grown = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(before)[1]
-    assert DOptimal().gains(beliefs, J[2:])[0] == pytest.approx(grown, rel=1e-9)
-
-
 @pytest.mark.parametrize("criterion", CRITERIA, ids=lambda c: c.name)
 def test_relabelling_the_rivals_changes_nothing(criterion):
     rivals, J = random_rivals(), np.random.default_rng(7).normal(size=(6, 2, 4))
@@ -143,7 +133,6 @@ def test_relabelling_the_rivals_changes_nothing(criterion):
         rivals.probabilities[order],
         rivals.means[order],
         rivals.covariances[order],
-        rivals.largest,
     )
     one, two = (criterion.gains(gathered(r, J[:2]), J[2:]) for r in (rivals, other))
     np.testing.assert_allclose(one, two, rtol=1e-9)
@@ -158,7 +147,6 @@ def test_another_basis_of_the_unknowns_changes_nothing(criterion):
         rivals,
         means=rivals.means @ T.T,
         covariances=T @ rivals.covariances @ T.T,
-        largest=T @ rivals.largest @ T.T,
     )
     one = criterion.gains(gathered(rivals, J[:2]), J[2:])
     two = criterion.gains(gathered(other, J[:2] @ back), J[2:] @ back)
@@ -237,7 +225,7 @@ def test_designed_rows_separate_two_rivals_that_random_rows_do_not():
     J[:, :, 0] = np.where(np.arange(400) % 50 == 0, 1.0, 0.0)[:, None]
     means, C = np.zeros((2, 5)), np.tile(np.diag([0.0, 1.0, 1.0, 1.0, 1.0]), (2, 1, 1))
     means[1, 0] = 2.0
-    rivals = Rivals(("none", "one"), np.array([0.6, 0.4]), means, C, np.eye(5))
+    rivals = Rivals(("none", "one"), np.array([0.6, 0.4]), means, C)
     random = [greedy(AtRandom(seed), rivals, J, 8) for seed in range(20)]
     assert greedy(Resolution(), rivals, J, 8) > 6.0
     assert np.median(random) < 0.1
@@ -253,7 +241,7 @@ def test_designed_rows_of_a_recording_tell_more_than_random_ones(weak):
     tilt = next(k for k, name in enumerate(p.names) if name.startswith("gear_ripple"))
     means, C = np.zeros((2, p.size)), np.tile(rivals.covariances[0], (2, 1, 1))
     means[1, tilt] = 1.0
-    made = Rivals(("none", "tilt"), np.array([0.5, 0.5]), means, C, rivals.largest)
+    made = Rivals(("none", "tilt"), np.array([0.5, 0.5]), means, C)
     told = {}
     for criterion in (Resolution(), *map(AtRandom, range(40))):
         chosen = Design.of(replace(pair, rivals=made), replace(QUICK, criterion=criterion))

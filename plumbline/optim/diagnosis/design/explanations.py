@@ -131,14 +131,12 @@ def contest(selected: SelectedModel, candidates: tuple[LeadingExplanation, ...])
         for part, c in zip(parts, e.terms, strict=True):
             prior = prior.with_width(part, c.scale)
         fits.append(_posterior(linear, np.concatenate([np.arange(always), *parts]), prior, sigma))
-    _, largest = _posterior(linear, np.arange(len(model.start)), prior, sigma)
     weights = np.array([e.probability for e in candidates])
     rivals = Rivals(
         labels=tuple(e.label for e in candidates),
         probabilities=weights / weights.sum(),
         means=np.stack([mean for mean, _ in fits]),
         covariances=np.stack([C for _, C in fits]),
-        largest=largest,
     )
     return Contest(rivals, model, sigma)
 

@@ -13,11 +13,10 @@ The row adds to the Kullback-Leibler divergence of j from i, by the chain rule,
 .. math:: \Delta_{ij} = \tfrac12 \left[\mathrm{tr}\, S_j^{-1} (J U_{ij} J^T + I) - m
           + \log |S_j| - \log |S_i| \right]
 
-Criteria: that of Box and Hill (1967), Technometrics 9(1), 57-71, the sum of
+The criterion is that of Box and Hill (1967), Technometrics 9(1), 57-71, the sum of
 :math:`\pi_i \pi_j \Delta_{ij}`, for rows taken together and bounded by the estimate of a mixture's
 entropy from pairwise divergences of Kolchinsky and Tracey (2017), Entropy 19(7), 361, so that no
-row is spent on what is told apart already; and for comparison D-optimality (Wald 1943, Annals of
-Mathematical Statistics 14(2)), which asks for precise parameters and not for a decision.
+row is spent on what is told apart already.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +37,6 @@ class Rivals:
     probabilities: Array  # how probable each is (M,), summing to one
     means: Array  # their means (M, P)
     covariances: Array  # their covariances (M, P, P), zero where a model lacks an unknown
-    largest: Array  # covariance (P, P) of a model that has all unknowns
 
     @property
     def leading(self) -> int:
@@ -54,7 +52,6 @@ class Beliefs:
     second: Array  # second moment (M, M, P, P) of the error of model j's estimate if i is right
     first: Array  # its mean (M, M, P)
     information: Array  # divergence (M, M) of j from i over the rows gathered
-    largest: Array  # covariance (P, P) in a model that has all unknowns
     gathered: int = 0  # how many rows have been gathered
 
     @classmethod
@@ -63,7 +60,7 @@ class Beliefs:
         first = rivals.means[:, None] - rivals.means[None]
         second = rivals.covariances[:, None] + first[..., :, None] * first[..., None, :]
         none = np.zeros(first.shape[:2])
-        return cls(rivals.probabilities, second, first, none, rivals.largest)
+        return cls(rivals.probabilities, second, first, none)
 
     @property
     def covariances(self) -> Array:
@@ -83,13 +80,11 @@ class Beliefs:
         keep = np.eye(row.shape[1]) - K @ row
         second = keep @ self.second @ keep.transpose(0, 2, 1) + K @ K.transpose(0, 2, 1)
         first = np.einsum("jpq,ijq->ijp", keep, self.first)
-        K_all = self.largest @ row.T @ np.linalg.inv(row @ self.largest @ row.T + np.eye(len(row)))
         return replace(
             self,
             second=(second + np.swapaxes(second, 2, 3)) / 2,
             first=first,
             information=self.information + divergences(self, row[None])[..., 0],
-            largest=self.largest - K_all @ row @ self.largest,
             gathered=self.gathered + 1,
         )
 
@@ -158,18 +153,6 @@ class Resolution:
         told = beliefs.information[..., None] + divergences(beliefs, rows)
         mixed = logsumexp(-told, b=p[None, :, None], axis=1)
         return np.asarray(-(p @ mixed))
-
-
-@dataclass(frozen=True)
-class DOptimal:
-    """Precision of all unknowns of all models together; for comparison."""
-
-    name: str = "D-optimal"
-
-    def gains(self, beliefs: Beliefs, rows: Array) -> Array:
-        """Growth of the log determinant (N,)."""
-        spread = rows @ beliefs.largest @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])
-        return np.asarray(np.linalg.slogdet(spread)[1])
 
 
 @dataclass(frozen=True)
