@@ -38,8 +38,9 @@ ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings made wi
 # part, a joint's way to its play (40 of each to-and-fro of a hundred), what a design looks back
 # upon (minutes of a usual log), blocks of which rows left out are drawn (32 MB).
 MANY_ROWS = 4000
-RANGES = 40  # of each thing that was recorded, in which gross rows may lie together (cost only)
-CENTRES = 40  # places about which local bumps are tried (cost only)
+# Ranges of each thing that was recorded, in which gross rows may lie together, and places about
+# which local bumps are tried (cost only).
+PLACES = 40
 FEWEST_BETWEEN = 4  # rows between two bumps of the base; fewer are gross rows by another name
 
 # Selection (posterior/selection). Odds that a slot is filled, before the data: what is diagnosed
@@ -107,7 +108,6 @@ MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
 # smooth mechanisms of its neighbours.
 DISPLACED = 3e-3
 MOST_GROSS_ROWS = 20  # distrusted rows that a family may explain instead
-MOST_MOTIONS = 20  # whose ranges may each err by their own
 GROSS_ODDS = 0.01  # of a row to be grossly wrong
 NOISE_NEGLIGIBLE = 5.0  # log odds behind which one kind of noise need not be weighed
 EXTREME = 100.0  # residual of a distrusted row [usual one] beyond which no smooth effect is meant

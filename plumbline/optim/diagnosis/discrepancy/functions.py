@@ -18,7 +18,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import GRID, NYSTROM, UNMOVED
-from plumbline.optim.diagnosis.prior import CENTRES, FULLEST, MESHES, PLAYS, SPOT_WIDTHS, TURNS
+from plumbline.optim.diagnosis.prior import FULLEST, MESHES, PLACES, PLAYS, SPOT_WIDTHS, TURNS
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
@@ -55,7 +55,7 @@ def level(functions: Array) -> Array:
 def spots(place: Array) -> Array:
     """Bumps of several widths around some of the places (N, 3), each with its slopes (K, 5, N)."""
     size = float(np.sqrt(np.mean(np.sum((place - place.mean(axis=0)) ** 2, axis=1))))
-    centres = place[np.linspace(0, len(place) - 1, min(len(place), CENTRES)).astype(int)]
+    centres = place[np.linspace(0, len(place) - 1, min(len(place), PLACES)).astype(int)]
     apart = np.moveaxis(place - centres[:, None], 2, 1) / max(size, 1e-12)
     squared = np.sum(apart**2, axis=1, keepdims=True)
     form = np.concatenate([np.ones_like(squared), apart, squared], axis=1)
@@ -120,7 +120,7 @@ def nearness(angle: Array, reach: float) -> Array:
 
 def local(angle: Array, reach: float) -> list[Array]:
     """A step at one angle (1, N), or a bump narrower than a reach with its slope (2, N), each."""
-    centres = np.linspace(angle.min(), angle.max(), CENTRES + 2)[1:-1, None]
+    centres = np.linspace(angle.min(), angle.max(), PLACES + 2)[1:-1, None]
     found = [level(side[None]) for side in (angle > centres).astype(float)]
     for width in SPOT_WIDTHS:
         apart = (angle - centres) / (width * reach)

@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     steps,
 )
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.prior import COSINES, MOST_MOTIONS, REACHES, STEPS, WARMTH
+from plumbline.optim.diagnosis.prior import COSINES, REACHES, STEPS, WARMTH
 from plumbline.optim.measurement.nuisance import cosines_at_start, spots_at_start
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import Integers
@@ -61,7 +61,7 @@ def _of_ranges(r: Recording, ports: Ports) -> Iterator[Dependence]:
     if r.stand_in:
         posture = smooth(normal(r.q), REACHES[-1])
         yield from _one("the pose of the flange", "posture", ("link", None), ports, [posture])
-    if r.motion is not None and 1 < len(np.unique(r.motion)) <= MOST_MOTIONS:
+    if r.motion is not None and len(np.unique(r.motion)) > 1:
         yield from _one("the motion", "motion", FINDER, ports, [_each(r.motion)])
     yield from _of_time(r, "plane", ports)
 

@@ -32,7 +32,7 @@ from plumbline.optim.diagnosis.prior import (
     GROSS_KEPT_BACK,
     LEVER_CHANGE,
     MOST_GROSS_SHARE,
-    RANGES,
+    PLACES,
     ROUNDS,
 )
 from plumbline.optim.measurement.observation import rotation_lever
@@ -88,7 +88,7 @@ def _in_a_range(found: NDArray[np.bool_], columns: Sequence[Array]) -> NDArray[n
     k, N = float(found.sum()), float(len(found))
     logs, within = [], []
     for values in columns:
-        shares = np.linspace(0.0, 1.0, RANGES + 1)
+        shares = np.linspace(0.0, 1.0, PLACES + 1)
         edges = np.unique(np.quantile(values, shares, method="nearest"))
         above = values >= edges[:, None]
         low, high = np.triu_indices(len(edges) + 1, 1)
