@@ -94,13 +94,13 @@ HIGHEST_ORDER = 40  # of a spectrum; orders above it stay single (test_gear_spec
 
 # Unknown dependences (discrepancy).
 USUAL = 3e-4  # [m or rad] usual size of an unknown shift or turn
-# [rad, spread of places, or a joint's largest load] over which what is unknown is smooth
+# [rad, spread of places, or a joint's largest load] over which what is unknown is smooth; the
+# first two are widths of local bumps, too [the cloud's, or the first reach]
 REACHES = (0.25, 0.6, 1.5)
 FULLEST = 15  # columns of a family, its leading ones (cost only)
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
-SPOT_WIDTHS = (0.25, 0.4, 0.65)  # of these bumps [the cloud's]
 COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
 # [m or rad] usual size of a row's own displacement, from 0.1 mm to 0.1 m with its widths: from a

@@ -18,7 +18,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import constant
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import GRID, NYSTROM, UNMOVED
-from plumbline.optim.diagnosis.prior import FULLEST, MESHES, PLACES, PLAYS, SPOT_WIDTHS, TURNS
+from plumbline.optim.diagnosis.prior import FULLEST, MESHES, PLACES, PLAYS, REACHES, TURNS
 from plumbline.optim.measurement.observation import scope_of
 from plumbline.optim.recording.recording import Recording
 
@@ -59,7 +59,7 @@ def spots(place: Array) -> Array:
     apart = np.moveaxis(place - centres[:, None], 2, 1) / max(size, 1e-12)
     squared = np.sum(apart**2, axis=1, keepdims=True)
     form = np.concatenate([np.ones_like(squared), apart, squared], axis=1)
-    return np.concatenate([form * np.exp(-0.5 * squared / width**2) for width in SPOT_WIDTHS])
+    return np.concatenate([form * np.exp(-0.5 * squared / width**2) for width in REACHES[:2]])
 
 
 def steps(values: Array, count: int) -> Array:
@@ -122,7 +122,7 @@ def local(angle: Array, reach: float) -> list[Array]:
     """A step at one angle (1, N), or a bump narrower than a reach with its slope (2, N), each."""
     centres = np.linspace(angle.min(), angle.max(), PLACES + 2)[1:-1, None]
     found = [level(side[None]) for side in (angle > centres).astype(float)]
-    for width in SPOT_WIDTHS:
+    for width in REACHES[:2]:
         apart = (angle - centres) / (width * reach)
         bumps = np.stack([np.ones_like(apart), apart]) * np.exp(-0.5 * apart**2)
         found += [level(bump) for bump in bumps.transpose(1, 0, 2)]
