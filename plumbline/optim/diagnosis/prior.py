@@ -101,7 +101,7 @@ FULLEST = 15  # columns of a family, its leading ones (cost only)
 TURNS, MESHES = 6, 3  # orders of one angle, and of a second one
 WARMTH = 3  # cosines of a temperature, or of a link's time: what warms up does so slowly
 PLAYS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)  # widths of play operators [joint's travel]
-COSINES, STEPS, JUMPS = 8, 7, 19  # of time; of what went before
+FORMS = 8  # cosines, and steps, of time or of what went before
 MOST_COMPARED_ROWS = 600  # evenly spread (cost only)
 # [m or rad] usual size of a row's own displacement, from 0.1 mm to 0.1 m with its widths: from a
 # knock to the next marker, read in this one's place. With narrower ones a row 0.2 m off makes

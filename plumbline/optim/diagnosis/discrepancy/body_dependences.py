@@ -128,7 +128,7 @@ def _of_time(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     """Whatever changes with the clock or the temperature: base, reading, links and joints."""
     time, temperature = recording.time, recording.temperature
     if time is not None and np.ptp(time) > 0:
-        functions = np.concatenate([cosines(time, prior.COSINES), steps(time, prior.STEPS)])
+        functions = np.concatenate([cosines(time, prior.FORMS), steps(time, prior.FORMS)])
         yield acting("time", "time", "base", None, functions, ports.body)
         yield acting("time", "time", "sensor", None, functions, ports.shift)
         yield from _each_part(ports, time, "time", functions)

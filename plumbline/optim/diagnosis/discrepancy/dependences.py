@@ -204,7 +204,7 @@ def _of_motion(recording: Recording, ports: Ports) -> Iterator[Dependence]:
     still = recording.time is not None and not scope_of(recording).moving
     for j, port in enumerate(ports.joint if still else []):
         words = f"joint {j + 1}'s error depends on what went before"
-        functions = memories(recording.q[:, [j]], order, prior.JUMPS)
+        functions = memories(recording.q[:, [j]], order, prior.FORMS)
         yield acting(words, "history", "joint", j + 1, functions, port[None])
         once = jumps(order)[:, None]
         yield from one_of(

@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     steps,
 )
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.prior import COSINES, REACHES, STEPS, WARMTH
+from plumbline.optim.diagnosis.prior import FORMS, REACHES, WARMTH
 from plumbline.optim.measurement.nuisance import cosines_at_start, spots_at_start
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import Integers
@@ -48,9 +48,9 @@ def _of_ranges(r: Recording, ports: Ports) -> Iterator[Dependence]:
     cosine, slopes = cosines_at_start(r)
     angle = np.arccos(np.clip(cosine, -1.0, 1.0))
     wide = [smooth(normal(slopes), reach) for reach in REACHES[1:]]
-    slanted = [cosines(angle, COSINES), *wide]
+    slanted = [cosines(angle, FORMS), *wide]
     yield from _one("the incidence of the beam", "incidence", FINDER, ports, slanted)
-    yield from _one("the range", "range", FINDER, ports, [cosines(r.measured[:, 0], COSINES)])
+    yield from _one("the range", "range", FINDER, ports, [cosines(r.measured[:, 0], FORMS)])
     places = spots_at_start(r)
     for k in range(1, len(r.elements) + 1):
         mine = r.element == k
@@ -97,7 +97,7 @@ def _of_time(r: Recording, noun: str, ports: Ports) -> Iterator[Dependence]:
         return
     assert r.element is not None
     place = FINDER if r.kind.ranges else MARKERS
-    functions = np.concatenate([cosines(r.time, COSINES), steps(r.time, STEPS)])
+    functions = np.concatenate([cosines(r.time, FORMS), steps(r.time, FORMS)])
     creeps = courses(r.time) if r.kind.ranges else ()
     yield from _one("time", "time", place, ports, [functions], creeps)
     for k in range(1, len(r.elements) + 1):

@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.discrepancy.functions import (
     steps,
     turns,
 )
-from plumbline.optim.diagnosis.prior import COSINES, MANY_ROWS, REACHES, STEPS, TURNS, WARMTH
+from plumbline.optim.diagnosis.prior import FORMS, MANY_ROWS, REACHES, TURNS, WARMTH
 from plumbline.optim.recording.constants import GAP_IN_TIME
 from plumbline.optim.recording.efforts import nominal_efforts
 from plumbline.optim.recording.recording import Recording
@@ -58,7 +58,7 @@ def _of_own(
     yield "direction", "the way it came", [plays(path[:, j])[:, place]]
     yield "latency", "how its load changes", [change[None]]
     if recording.time is not None:
-        slow = [cosines(recording.time, COSINES), steps(recording.time, STEPS)]
+        slow = [cosines(recording.time, FORMS), steps(recording.time, FORMS)]
         yield "time", "time", [np.concatenate(slow)]
     if recording.temperature is not None:
         yield "temperature", "temperature", [cosines(recording.temperature, WARMTH)]
@@ -138,5 +138,5 @@ def _of_speed(recording: Recording, j: int) -> Array:
     assert recording.turning is not None
     v, sense = recording.velocity[:, j], recording.turning[:, j]
     u = np.abs(v) / max(float(np.abs(v).max()), 1e-12)
-    with_motion = [sense * np.cos(np.pi * k * u) / (1 + (k / 3) ** 2) for k in range(1, COSINES)]
+    with_motion = [sense * np.cos(np.pi * k * u) / (1 + (k / 3) ** 2) for k in range(1, FORMS)]
     return np.stack([*with_motion, u, u**2])
