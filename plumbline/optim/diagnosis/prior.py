@@ -143,7 +143,7 @@ IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of severa
 LEAST_NAMED = 0.5  # probability of a cause, given those named before it, at which it is named
 # A probability below it states nothing; by so much two chains that agree may differ.
 LEAST_TOLD = 0.02
-EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained
+EARNED = 1.15  # held-out figure [noise] up to which a gap may be called explained, and is no room
 
 # Rows left out (predict).
 MOST_FOLDS = 5  # and blocks; Hastie, Tibshirani, Friedman (2009), sec. 7.10: five or ten
@@ -166,7 +166,6 @@ MANY_CAUSES = 6
 # Share of unlisted mechanisms that follow nothing recorded: of 115 flagged sealed ones 12.
 FORMLESS = 0.1
 FAR = 2.0  # ratio of what rows left out are missed by to their noise, whatever the fit leaves
-REMOVABLE_FROM = 0.05  # room above the noise [noise] below which no share of it is told
 SWALLOWED = 1e-7  # share of a signal that nuisances must leave: what rounding leaves is less
 
 # The next experiment (design).

@@ -337,7 +337,7 @@ def gap_between(
     """The gap before and after, and how much of what the noise's floor leaves is gone [unit]."""
     before, after = sides
     room = before - floor
-    known = noise.source != "fit" and room > prior.REMOVABLE_FROM * floor
+    known = noise.source != "fit" and before > prior.EARNED * floor
     shrink = 1.0 - after / before if before > 0.0 else 0.0
     removable = (before - after) / room if known else math.nan
     return Gap(
