@@ -172,7 +172,6 @@ def test_marginals_are_told_by_name():
     assert told.probabilities == pytest.approx({SCALE: 0.6, OFFSET: 0.3})
     assert told.places["joint", 2] == 0.99
     assert told.unlisted == pytest.approx(0.3)
-    assert told.gross == {7: 0.7}
 
 
 def test_sensitivity_holds_the_probability_itself():

@@ -105,11 +105,6 @@ class Ports:
         own[np.arange(len(rows))[:, None], np.arange(m), rows[:, None], np.arange(m)] = DISPLACED
         return own.reshape(len(rows) * parts, m // parts, N, m)
 
-    def given(self, more: Array) -> Self:
-        """With more columns (..., N, m) among the model's own."""
-        flat = more.reshape(-1, *self.target.shape)
-        return replace(self, base=np.concatenate([self.base, flat]))
-
     def divided(self, spread: Array) -> Self:
         """The model's columns and target, every component (m,) in units of its own noise."""
         return replace(self, base=self.base / spread, target=self.target / spread)

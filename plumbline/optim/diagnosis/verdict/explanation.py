@@ -86,8 +86,6 @@ class Explanation:
     apart: float = 0.0  # the most by which two chains disagree about a probability
     prior: float = UNLISTED  # prior probability that a term is of no effect of the library
     conditional: float = 0.0  # the same, conditional on all that is named being at work
-    # probability of rows, by their number from 0, to be gross
-    gross: Mapping[int, float] = field(default_factory=dict)
     # how the noise of successive rows, or of readings of one posture, goes along, or is wider
     correlation: RowNoise = field(default_factory=RowNoise)
     # of terms by their numbers, how far their values move from state to state [scale]
@@ -299,7 +297,6 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
     said[alt.words.index("")] = 0.0
     best = int(np.argmax(said))
     words = alt.words[best] if p > 0.5 else ""
-    rows = {row: float(found.gross[own].max()) for row, own in alt.gross_rows.items()}
     named = found.named(alt.problem, alt.kinds)
     return Explanation(
         {key: float(found.marginals[0][k]) for key, k in keys.items()},
@@ -313,7 +310,6 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         _moved_at(alt, found.states[0][1] if found.states else ()),
         apart=found.apart,
         conditional=_conditional(alt, found, named, p),
-        gross=rows,
     )
 
 
