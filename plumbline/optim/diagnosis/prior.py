@@ -135,8 +135,8 @@ TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on t
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look: the others have no say
 # Share of a chain's moves that ask whether a row is gross; if half do, a probability moves by 0.03.
 GROSS_TURN = 0.15
-# Share of the rest that exchange one term for two or two for one, and of long states' two for two:
-# at half of it of four seeds two leave a pair of listed causes unfound that is better by 11 nats.
+# Share of the rest that exchange one term for two or two for one: at half of it of four seeds two
+# leave a pair of listed causes unfound that is better by 11 nats.
 TWO_FOR_ONE = 0.2
 PAIRED = 12  # terms by which pairs are looked for: with 6 of these seeds' chains two part by 0.3
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
