@@ -676,9 +676,9 @@ def test_readings_under_torques_are_smoothed_as_fits_best_from_a_twentieth_of_a_
     best, monkeypatch
 ):
     monkeypatch.setattr(signals_module, "_smoothed", lambda _, seconds, __: seconds)
-    monkeypatch.setattr(signals_module, "_foretold", lambda _, seconds: seconds)
-    monkeypatch.setattr(signals_module, "_misfit", lambda seconds: abs(seconds - best))
-    pushed = SimpleNamespace(law=Law.TORQUE)
+    monkeypatch.setattr(signals_module, "_foretold", lambda _, seconds, __: seconds)
+    monkeypatch.setattr(signals_module, "_misfit", lambda seconds, _: abs(seconds - best))
+    pushed = SimpleNamespace(law=Law.TORQUE, n=1)
     assert signals_of(pushed) == pytest.approx(best, rel=0.2)
 
 

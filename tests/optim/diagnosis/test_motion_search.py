@@ -64,6 +64,27 @@ def test_effects_that_take_next_to_nothing_each_are_spared(alone, both, left):
     assert found.spared(whole) >= needed
 
 
+@pytest.mark.parametrize(("sigma", "found_together"), [(None, True), (0.1, True), (0.7, False)])
+def test_two_effects_that_are_worth_little_alone_are_found_together_where_more_than_noise_is_left(
+    sigma, found_together, monkeypatch
+):
+    """A third that is worth more than either had been in their place, and no exchange led on."""
+    signals = signals_of(recorded([{}, {}], seconds=12.0))
+    library = tuple(e for c in MOTION_EFFECTS for e in c.candidates(Law.POSITION, masses=False))[:4]
+    found = models.Models(signals.windows(0, signals.starts), library, signals.seen(0))
+    both, other = frozenset(library[:2]), library[2]
+    for n in range(len(library) + 1):
+        for key in map(frozenset, combinations(library, n)):
+            square = 0.01 if key >= both else 0.5 if other in key else 1.0
+            found.found[key] = SimpleNamespace(square=square, effects=())
+    worth = {key: -np.log(fit.square) - 0.1 * len(key) for key, fit in found.found.items()}
+    monkeypatch.setattr(models.Models, "time", 1.0)
+    monkeypatch.setattr(found, "score", lambda key, _: worth[key])
+    alone = found.settle(found.climb())
+    assert alone == {other}
+    assert found.from_pairs(alone, sigma) == (both if found_together else alone)
+
+
 def test_what_a_coarser_clock_hides_is_found_where_more_than_noise_is_left():
     """Of a lag by small steps: it leads by half of one, as straight commands between rows lag."""
     h, lag, band = 1e-3, 0.05, 0.015

@@ -14,6 +14,7 @@ from plumbline.kinematics.law import Law
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import (
+    MOVES,
     SEARCH_SAMPLES,
     SEARCHED,
     STILL,
@@ -50,11 +51,11 @@ def diagnose_motion(
     """
     options = options or DiagnosisOptions()
     r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
-    signals, begun = _begun(r, options, progress)
+    signals, begun = _searched(r, options, progress)
     if r.law in BETWEEN_ROWS:
         other = replace(r, law=BETWEEN_ROWS[r.law])
         if _more_evident(signals_of(other), signals, begun):
-            signals, begun = _begun(other, options, progress)
+            signals, begun = _searched(other, options, progress)
     r, prior = signals.recording, prior_at(options.unlisted, len(begun))
     joints = []
     for k, one in enumerate(begun):
@@ -75,15 +76,42 @@ def _moved(r: MotionRecording) -> list[int]:
     return [j for j in range(r.n) if np.ptp(r.command[:, j]) + np.ptp(r.q[:, j]) > STILL]
 
 
-def _begun(
+def _searched(
     r: MotionRecording, options: DiagnosisOptions, progress: Progress | None
 ) -> tuple[Signals, tuple[Begun, ...]]:
+    """An even clock, and where the search of each joint that moved stands on a few windows.
+
+    Under torques what is found at one joint is part of what its neighbours feel: the search begins
+    anew until it finds the same.
+    """
+    signals, begun = _begun(r, options, progress)
+    for _ in range(MOVES if r.law.pushes else 0):
+        before, keys = begun, [one.key for one in begun]
+        if not any(keys):
+            break
+        signals, begun = _begun(r, options, progress, before)
+        if [one.key for one in begun] == keys:
+            break
+    done = [replace(one, key=one.quick.from_pairs(one.key, one.sigma)) for one in begun]
+    return signals, tuple(done)
+
+
+def _begun(
+    r: MotionRecording,
+    options: DiagnosisOptions,
+    progress: Progress | None,
+    before: Sequence[Begun] = (),
+) -> tuple[Signals, tuple[Begun, ...]]:
     """An even clock, and where the search of each joint that moved begins.
+
+    Each joint's load is of what its neighbours do: by drives that were found before, if any were.
 
     Raises:
         PlumblineError: No run is as long as a window.
     """
-    signals = signals_of(r)
+    found_before = {one.number - 1: (one.near.effects, one.near.theta) for one in before}
+    nothing = ((), np.empty(0))
+    signals = signals_of(r, drives=[found_before.get(j, nothing) for j in range(r.n)])
     kinds = [e for e in MOTION_EFFECTS if e.name not in options.without]
     effects = tuple(e for c in kinds for e in c.candidates(r.law, masses=signals.has_masses))
     training = signals.training
@@ -99,7 +127,8 @@ def _begun(
         if progress is not None:
             progress(f"{r.noun} {j + 1}", k / len(moved) / 2)
         quick = Models(coarse.windows(j, looked_at), effects, signals.seen(j))
-        found.append(Begun(j + 1, signals.windows(j, training), quick, quick.settle(quick.climb())))
+        found.append(Begun(j + 1, signals.windows(j, training), quick,
+                           quick.settle(quick.climb()), coarse.sigma))  # fmt: skip
     return signals, tuple(found)
 
 

@@ -2,8 +2,9 @@ r"""The models of one joint's drive that were fitted so far, and the climb over 
 
 Effects go in one by one while the evidence grows; then every neighbour of where that ends (one
 effect less, one more, one exchanged) is fitted too, and the search moves on if one is better. All
-this looks at a few windows on a coarse clock. What may win there is fitted to all windows, from
-where those fits ended.
+this looks at a few windows on a coarse clock. Where more than noise is left, the search climbs
+from the best pair of effects, too. What may win is fitted to all windows, from where those fits
+ended.
 """
 
 from __future__ import annotations
@@ -147,13 +148,34 @@ class Models:
             (gone,), (new,) = key - other, other - key
             yield gone.name, new.name, other
 
-    def climb(self) -> Key:
+    def climb(self, here: Key = frozenset()) -> Key:
         """Add effects one by one while that pays."""
-        here: Key = frozenset()
         while True:
             here, moved = self._best(here, self.with_one_more(here))
             if not moved:
                 return here
+
+    def from_pairs(self, key: Key, sigma: float | None) -> Key:
+        """Where the best pair of effects leads, if that is better and more than noise is left.
+
+        Of two that are worth little alone, a lag and a droop that makes up for what it takes, the
+        first to be added would be something else, from where no exchange leads on.
+        """
+        if self.is_noise(self.found[key], sigma):
+            return key
+        nothing: Key = frozenset()
+        pair, _ = self._best(nothing, self.pairs())
+        return self._better(key, [self.settle(self.climb(pair))])[0]
+
+    def pairs(self) -> list[Key]:
+        """Two effects each, but those whose ways are planned: their fits cost ten times as much."""
+        cheap = [e for e in self.library if not e.plans]
+        return [frozenset(pair) for pair in combinations(cheap, 2)]
+
+    def is_noise(self, fit: JointFit, sigma: float | None) -> bool:
+        """Whether what a fit leaves may be noise, of a stated one that is known."""
+        least = 0.0 if sigma is None else self.floor(fit, sigma) ** 2
+        return (1 - LEAST_SHARE) * fit.square <= least
 
     def settle(self, here: Key) -> Key:
         """Exchange, add and drop while that pays, at last in other forms too."""
@@ -290,8 +312,7 @@ class Models:
     def completed(self, key: Key, sigma: float | None) -> Key:
         """With effects that a coarser clock did not show, where more than noise is left."""
         for _ in range(MOVES):
-            fit = self.found[key]
-            if sigma is None or (1 - LEAST_SHARE) * fit.square <= self.floor(fit, sigma) ** 2:
+            if sigma is None or self.is_noise(self.found[key], sigma):
                 break
             key, moved = self._best(key, self.with_one_more(key))
             if not moved:

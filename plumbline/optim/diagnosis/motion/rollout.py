@@ -261,3 +261,36 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     steps = _step(w.drive, effects, ()).mapaccum("played", M - 1)  # not expanded: M may be large
     out = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
     return np.concatenate([[w.q[at]], np.asarray(out)[0]])
+
+
+def pushed(windows: Windows, effects: Effects, theta: Array) -> Array:
+    """Torques (M - 1,) [N m] that a drive gives its bodies over each sample, friction taken off.
+
+    Along where the joint was, as measured; of a drive that pushes. What a largest speed takes is
+    not told by it: of what goes at that speed, noise alone would be a torque.
+    """
+    w, M = windows, len(windows.command)
+    kept = [k for k, e in enumerate(effects) if e.term != "fastest"]
+    effects, theta = tuple(effects[k] for k in kept), np.asarray(theta)[kept]
+    whole = replace(w, start=np.zeros(1, np.int64), length=M - 1, settle=0)
+    shift = float(_per_unit(effects, "shift") @ theta)
+    late = sum(e.lags * value for e, value in zip(effects, theta, strict=True))
+    u, *_ = whole.asked(shift, float(late), whole.reach_of(whole.start, M - 1))
+    load, inertia = w.loads(np.arange(1, M))
+    data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), load, inertia, w.posture[:-1], w.speed[:-1]])
+    fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
+    steps = _pushing(w.drive, effects).mapaccum("pushed", M - 1)
+    begin = _begun(w, u[:, :2], whole.start, 0.0, 0.0)[: len(_memory(effects)), 0]
+    faster = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
+    return np.asarray(inertia * np.asarray(faster)[0] / w.dt + load, dtype=float)
+
+
+@lru_cache(maxsize=1024)
+def _pushing(law: Law, effects: Effects) -> cs.Function:
+    """``state, (u, du, du, load, inertia, place, speed), fixed -> next, what speed it gains``."""
+    step, names = _step(law, effects, ()), _memory(effects)
+    state, data = cs.SX.sym("state", len(names)), cs.SX.sym("data", 7)
+    fixed = cs.SX.sym("fixed", 4 + len(effects))
+    now = cs.vertcat(state[0], data[5:], state[3:])  # where it was measured
+    after = step(now, data[:5], fixed)[0]
+    return cs.Function("pushing", [state, data, fixed], [after, after[2] - data[6]])

@@ -66,6 +66,7 @@ class Begun:
     windows: Windows  # what it did
     quick: Models  # fits to fewer windows, on a coarser clock: where the search looks first
     key: Key  # the best of those
+    sigma: float | None  # stated noise of their samples [rad], if any is
 
     @property
     def near(self) -> JointFit:

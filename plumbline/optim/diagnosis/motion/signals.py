@@ -8,6 +8,7 @@ Gravity, Coriolis and the other joints' pull enter as data, from Pinocchio at th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -39,10 +40,12 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.windows import Array, Windows
+from plumbline.optim.diagnosis.motion.rollout import pushed
+from plumbline.optim.diagnosis.motion.windows import Array, Effects, Windows
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
 
 Integers = NDArray[np.int64]
+Drives = Sequence[tuple[Effects, Array]]  # of each joint, with their values
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,12 +229,19 @@ class Signals:
         return "groups" if several else "time"
 
 
-def signals_of(recording: MotionRecording, most: int = MOST_SAMPLES) -> Signals:
+def signals_of(
+    recording: MotionRecording, most: int = MOST_SAMPLES, drives: Drives = ()
+) -> Signals:
     """A recording on an even clock, at most so many samples a window.
 
     Under torques the other joints' accelerations are part of a load: readings are smoothed over
-    that time which leaves ideal drives the least misfit, all joints together, with what torques
+    that time which leaves drives the least misfit, all joints together, with what torques
     foretell of a fast motion or, where a drive does not give them, without.
+
+    Args:
+        recording: What was recorded.
+        most: Samples of a window.
+        drives: What is known of each joint's drive; ideal ones if nothing is.
 
     Raises:
         PlumblineError: No run of it is as long as a window.
@@ -239,45 +249,52 @@ def signals_of(recording: MotionRecording, most: int = MOST_SAMPLES) -> Signals:
     if not recording.law.pushes:
         seconds = POSTURE if recording.law.ideal else SMOOTH
         return _smoothed(recording, seconds, most)
+    known = drives or [((), np.empty(0))] * recording.n
     plain = [_smoothed(recording, seconds, most) for seconds in SMOOTHED]
-    foretold = (_foretold(s, span) for s, span in zip(plain, SMOOTHED, strict=True))
-    return min((*foretold, *plain), key=_misfit)
+    foretold = (_foretold(s, span, known) for s, span in zip(plain, SMOOTHED, strict=True))
+    return min((*foretold, *plain), key=lambda s: _misfit(s, known))
 
 
-def _foretold(s: Signals, seconds: float) -> Signals:
+def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
     """The same, smoothed over so long, with what the model foretells of a fast motion.
 
-    Of the way x that the torques make of the bodies, x less its own smoothed form is what
+    Of the way x that the drives make of the bodies, x less its own smoothed form is what
     smoothing would take: it is given back. So readings tell what is slow, whatever is wrong with
     a drive, and no fast swing of a neighbour is lost.
     """
     chosen, *bodies = s.bodies
     masses, h = (scipy.interpolate.interp1d(chosen, x, axis=0)(np.arange(len(s.q))) for x in bodies)
-    pushed = np.linalg.solve(masses, (s.command - h)[..., None])[..., 0]
     moved = [s.posture.copy(), s.speed.copy(), s.acceleration.copy()]
+    given = [
+        pushed(s.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
+    ]
+    free = np.column_stack(given) - (h[:-1] + h[1:]) / 2
+    mean = np.linalg.solve((masses[:-1] + masses[1:]) / 2, free[..., None])[..., 0]
     for begin in np.unique(s.first):
         run = s.first == begin
-        way = _way(pushed[run], s.dt, holds=s.recording.law.holds)
+        way = _way(mean[run[1:] & run[:-1]], s.dt)
         for order, span in enumerate((POSTURE, seconds, seconds)):
             moved[order][run] += way[order] - _derivative(way[0], s.dt, order, span)
     return replace(s, posture=moved[0], speed=moved[1], acceleration=moved[2])
 
 
-def _way(pushed: Array, dt: float, *, holds: bool) -> tuple[Array, Array, Array]:
-    """Place, speed and acceleration (K, n) from rest, of what torques push so (K, n) [rad/s^2]."""
-    mean = pushed[:-1] if holds else (pushed[:-1] + pushed[1:]) / 2
-    nothing = np.zeros((1, pushed.shape[1]))
+def _way(mean: Array, dt: float) -> tuple[Array, Array, Array]:
+    """Place, speed and acceleration (K, n) from rest, of their means over steps (K - 1, n)."""
+    nothing = np.zeros((1, mean.shape[1]))
     speed = np.cumsum(np.concatenate([nothing, dt * mean]), axis=0)
     place = np.cumsum(np.concatenate([nothing, dt / 2 * (speed[:-1] + speed[1:])]), axis=0)
-    now = np.concatenate([mean[:1], (mean[:-1] + mean[1:]) / 2, mean[-1:]]) if holds else pushed
+    now = np.concatenate([mean[:1], (mean[:-1] + mean[1:]) / 2, mean[-1:]])
     return place, speed, now
 
 
-def _misfit(signals: Signals) -> float:
-    """Sum over the joints of the logarithm of what ideal drives leave."""
-    starts, nothing = signals.training, np.empty(0)
-    all_windows = [signals.windows(j, starts) for j in range(signals.recording.n)]
-    squares = [evaluated(w, (), nothing).square for w in all_windows if len(w)]
+def _misfit(signals: Signals, drives: Drives) -> float:
+    """Sum over the joints of the logarithm of what their drives leave."""
+    all_windows = [signals.windows(j, signals.training) for j in range(signals.recording.n)]
+    squares = [
+        evaluated(w, *drive, slopes=False).square
+        for w, drive in zip(all_windows, drives, strict=True)
+        if len(w)
+    ]
     return float(np.sum(np.log(np.maximum(squares, 1e-300))))
 
 
