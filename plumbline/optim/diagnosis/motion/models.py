@@ -75,6 +75,7 @@ class Models:
     def __init__(self, windows: Windows, library: Effects, seen: Seen) -> None:
         self.windows, self.library, self.seen = windows, library, seen
         self.found: dict[Key, JointFit] = {frozenset(): fitted(windows, (), np.empty(0))}
+        self.began: dict[Key, float] = {}  # what was left where the fit of a model began
         forms = Counter(e.name for e in library)  # which share an effect's odds
         self.odds = {name: ODDS - float(np.log(count)) for name, count in forms.items()}
 
@@ -119,8 +120,11 @@ class Models:
 
     def fit(self, key: Key, near: JointFit) -> None:
         """Fit a model, from one that it differs from by an effect or two."""
+        if key in self.found:
+            self._go_on(key, near)
         if key in self.found or len({e.name for e in key}) < len(key):
             return
+        self.began[key] = near.square
         effects = tuple(e for e in self.library if e in key)
         known = dict(zip(near.effects, near.theta, strict=True))
         new = [e for e in effects if e not in known]
@@ -135,6 +139,20 @@ class Models:
         if len(starts) > 1:
             first = fitted(self.windows, effects, first.theta, SEARCH_ITERATIONS)
         self.keep(first)
+
+    def _go_on(self, key: Key, near: JointFit) -> None:
+        """A fit of a planned way again, from a better one than it began from.
+
+        Little is seen of what else a servo does before the way that it plans is as it is.
+        """
+        fit = self.found[key]
+        if near.square < self.began.get(key, 0.0) and any(e.plans for e in key):
+            self.began[key] = near.square
+            known = dict(zip(near.effects, near.theta, strict=True))
+            start = np.array([known.get(e, v) for e, v in zip(fit.effects, fit.theta, strict=True)])
+            again = fitted(self.windows, fit.effects, start, SEARCH_ITERATIONS)
+            if again.square < fit.square:
+                self.keep(again)
 
     def keep(self, fit: JointFit) -> None:
         """A fit, and as that of the same drive by other forms."""
