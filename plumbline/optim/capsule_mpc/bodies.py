@@ -55,6 +55,7 @@ from plumbline.optim.capsule_mpc.constants import (
     FAR,
     J_MAX,
     MM,
+    NARROWEST,
     SHALLOW,
     STILL,
     TOUCHING,
@@ -195,7 +196,7 @@ class TipInstrument(_Shaft):
     inward: Point = (0.0, 0.0, -1.0)  # direction into the body through the trocar's plane
     # largest angle between the shaft and that direction [degrees], below 90: the tip stays inside
     # of the body
-    cone: Annotated[float, Range(0.0, 90.0, "()")] = CONE
+    cone: Annotated[float, Range(NARROWEST, 90.0, ")", "state it in degrees")] = CONE
 
     size: int = field(default=3, init=False)
     groups: tuple[int, ...] = field(default=(3,), init=False)

@@ -23,6 +23,9 @@ A_MAX = 1.0  # [m/s^2]: from 60 mm/s a stop takes 60 ms and 1.8 mm, less than d_
 J_MAX = 50.0  # [m/s^3]: that acceleration is there after 20 ms, one step
 V_OUTER = 0.25  # [m/s], what ISO 10218-1 calls reduced speed, beside which people may stand
 CONE = 80.0  # [degrees]: beyond it a shaft would lie along the wall of the body
+# [degrees], least cone that is meant so: any in rad, up to half a turn, is less, and in 3 degrees a
+# tip 100 mm deep has 5 mm to either side.
+NARROWEST = 3.15
 SHALLOW = 1.0  # [mm] of depth below which a shaft's direction is not to be relied on
 REVOLUTE, PRISMATIC = 1e-2, 1 / MM  # [rad], [m] of one unit of the state
 # A tip brought through its trocar: the distance at which it is there [mm], the damping of a step
@@ -163,13 +166,13 @@ MEMORY = 10.0  # [s] that places are remembered: a period of 60 mm at 38 mm/s
 
 # Ways out and detours
 EVERY = 0.04  # [s] between two looks: at 60 mm/s the least distance is off by 0.1 mm
-ROOM = 2.0  # [mm] beyond D that a way out keeps, where it can: barriers slow it where it has less
+# [mm] beyond D that waypoints keep, and a way out, where it can: barriers slow it where it has less
+ROOM = 2.0
 FINER = 8  # times as often the likeliest are looked at: at 400 mm/s what passes is 1 mm from a look
 LIKELY = 8  # ways out that are looked at closely; effort
 ASIDE = 0.35  # tangent of the angle by which ways about the best are turned: 19 deg of 45 apart
 SHARES = (1.0, 0.5)  # of the largest speed, that are tried; effort
 SAMPLES = 17  # shafts along a sweep; effort
-CLEAR = 2.0  # [mm] beyond D that waypoints keep
 DIRECTIONS = 12  # of detours; effort
 BESIDE = (0.5, 0.25, 0.75, 0.0, 1.0)  # of the straight way, beside which detours pass; effort
 OFFSETS = (10.0, 18.0, 28.0, 40.0, 55.0)  # [mm] of detours from the straight way

@@ -1,8 +1,8 @@
 r"""A plant as a log has it: what was diagnosed axis by axis, fitted again with all axes at once.
 
-The model is that of :mod:`.plant`, rolled out exactly between the rows. Of what it
-leaves, :math:`e_k = x_k - \hat x_k(\theta)`, what half a second adds is weighed: places that wander
-weigh little,
+The model is that of :mod:`.plant`, rolled out exactly between the rows. Of what it leaves,
+:math:`e_k = x_k - \hat x_k(\theta)`, what half a second adds is weighed: places that wander weigh
+little,
 
 .. math:: \min_\theta \sum_k \rho\Big(\frac{e_{k+h} - e_k}{s}\Big)
           + \sum_j \frac{(\theta_j - \theta_j^0)^2}{\sigma_j^2}
@@ -10,27 +10,65 @@ weigh little,
 with the diagnosis as the prior mean :math:`\theta^0`, zero for what axes take of each other, which
 no diagnosis axis by axis can see, weights of Huber and s by the median. Steps are Gauss and
 Newton's, by differences. A dead band has an edge that no derivative sees: it is scanned, and there
-is none unless it takes a twentieth of the square of what is off away.
+is none, nor friction or play, unless it takes a twentieth of the square of what is off away.
+
+Drives that turn a shaft about its trocar and slide it lag and rub along its own axes
+(:mod:`.shafts`). The same fit is made along these, by rates of where they come to rest, and the one
+is kept that leaves less.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.constants import FITTED
 from plumbline.optim.capsule_mpc.plant import Plant
+from plumbline.optim.capsule_mpc.shafts import Shafts, along
+from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array, Flags
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 
+# Times, rates, places, which of them are used, and rows of half a second.
+Run = tuple[Array, Array, Array, Flags, int]
 Values = dict[str, Array]  # of plants (P, n), and "mix" (P, n, n)
 
 
-def identified(diagnosed: Plant, recording: MotionRecording) -> Plant:
-    """The plant of a ``tracking`` recording that is nearest to what was diagnosed of it."""
-    runs, n = _runs(recording), recording.n
+def identified(
+    diagnosed: Plant, recording: MotionRecording, statement: Statement | None = None
+) -> Plant:
+    """The plant of a ``tracking`` recording that is nearest to what was diagnosed of it.
+
+    Along the axes of shafts, where drives turn and slide them and the log is nearer to that.
+    """
+    runs = _runs(recording)
     if not runs:
         return diagnosed
+    found, off = _nearest(diagnosed, runs)
+    if statement is not None and statement.n == recording.n:
+        shafts = Shafts(statement.bodies, 1.0)
+        turned, less = _nearest(diagnosed, [_turned(run, shafts, diagnosed) for run in runs])
+        if less < off:
+            return replace(turned, turned=True)
+    return found
+
+
+def _turned(run: Run, shafts: Shafts, diagnosed: Plant) -> Run:
+    """A motion along the axes of shafts: rates by those of where they come to rest."""
+    t, u, x, kept, over = run
+    late = np.broadcast_to(np.add(diagnosed.delay, diagnosed.lag), x.shape[1:])
+    late = np.repeat(late.reshape(-1, 3).mean(axis=1), 3)
+    ahead = [np.interp(t + more, t, own) for own, more in zip(x.T, late, strict=True)]
+    frames = shafts.frames(x)
+    ways = along((frames[1:] + frames[:-1]) / 2, np.diff(x, axis=0))
+    way = np.concatenate([0.0 * x[:1], np.cumsum(ways, axis=0)])
+    return t, along(shafts.frames(np.column_stack(ahead)), u), way, kept, over
+
+
+def _nearest(diagnosed: Plant, runs: list[Run]) -> tuple[Plant, float]:
+    """A plant, and the mean square of what it leaves off [m^2]."""
+    n = runs[0][1].shape[1]
     names = (*FITTED, "band")
     first: Values = {k: np.broadcast_to(getattr(diagnosed, k), n).astype(float) for k in names}
     first["mix"] = np.eye(n) + np.diag(np.broadcast_to(np.asarray(diagnosed.gain, float), n))
@@ -38,14 +76,11 @@ def identified(diagnosed: Plant, recording: MotionRecording) -> Plant:
     for edges in constants.EDGES:
         found = _fitted(_scanned(found, runs, edges), first, runs)
     found = _told(found, runs)
+    off = float((_clipped(_copies(found, 1), runs) ** 2).mean())
     mix = found.pop("mix")
     gain, across = np.diag(mix) - 1.0, mix - np.diag(np.diag(mix))
-    return replace(diagnosed, **found, gain=gain, across=across)
-
-
-Run = tuple[
-    Array, Array, Array, Flags, int
-]  # times, rates, places, of which are used, half a second
+    more: dict[str, Any] = {**found, "gain": gain, "across": across}
+    return replace(diagnosed, **more), off
 
 
 def _runs(recording: MotionRecording) -> list[Run]:

@@ -17,6 +17,7 @@ band's edge is asked for, whichever is nearer to what is owed, and the rest is o
 is an integrator without delay or lag, whatever d and T are (Smith 1957, Chem. Eng. Progress 53(5);
 Artstein 1982, IEEE TAC 27(4)): the controller plans with z, on a goal and obstacles as they will be
 d + T later, and the tip follows z that much later but for curvature, :math:`T^2 \ddot r / 2`.
+All of that may be so along the axes of shafts that drives turn and slide (:mod:`.shafts`).
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from plumbline.optim.capsule_mpc.constants import BRISKEST, CREEP, SLOWEST, WIDE
 from plumbline.optim.core.problem import Array
 
 if TYPE_CHECKING:
+    from plumbline.optim.capsule_mpc.statement import Statement
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 
 Numbers = float | Sequence[float] | Array  # one for all axes, or one each
@@ -76,6 +78,8 @@ class Plant(Declared):
     band: Numbers = 0.0  # rates below this are not carried out, all others whole [m/s]
     dry: Numbers = 0.0  # what friction takes of every rate [m/s]
     play: Numbers = 0.0  # half the play, or by how much friction stops a position loop short [m]
+    #: whether its axes are not those of the state but of shafts that it turns and slides
+    turned: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -94,8 +98,13 @@ class Plant(Declared):
             )
 
     @classmethod
-    def of(cls, answer: MotionDiagnosis) -> Plant:
-        """The plant that a diagnosed ``tracking`` recording shows (:mod:`.identified`)."""
+    def of(cls, answer: MotionDiagnosis, statement: Statement | None = None) -> Plant:
+        """The plant that a diagnosed ``tracking`` recording shows (:mod:`.identified`).
+
+        Args:
+            answer: The diagnosis.
+            statement: What moved, if drives may turn it about its trocars; the log tells.
+        """
         # Only this needs recordings.
         from plumbline.optim.capsule_mpc.identified import identified
 
@@ -104,7 +113,7 @@ class Plant(Declared):
                 f"{answer.recording.name}: a diagnosis of joints, of a tip expected; record "
                 "'tracking' with the tip's axes"
             )
-        names = (name for name in cls.__annotations__ if name != "across")
+        names = (name for name, *_ in RANGES if name != "across")
         found: dict[str, Any] = {name: np.zeros(answer.recording.n) for name in names}
         for number, fit in answer.fits.items():
             for effect, value in zip(fit.effects, fit.theta, strict=True):
@@ -113,7 +122,7 @@ class Plant(Declared):
                     # a log's, not a plant's
                     value = max(value, 0.0) if field == "delay" else value
                     found[field][number - 1] = value
-        return identified(cls(**found), answer.recording)
+        return identified(cls(**found), answer.recording, statement)
 
     def rate(self, meant: Array) -> Array:
         """The rates (n,) to send so that those that are meant (n,) are carried out [m/s]."""

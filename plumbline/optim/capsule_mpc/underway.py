@@ -44,6 +44,7 @@ from plumbline.optim.capsule_mpc.linearised import norms
 from plumbline.optim.capsule_mpc.obeying import Obeying
 from plumbline.optim.capsule_mpc.planning import tracked_function
 from plumbline.optim.capsule_mpc.plant import Plant
+from plumbline.optim.capsule_mpc.shafts import Shafts, along, back
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array
 
@@ -59,6 +60,8 @@ class Underway:
         self._tracked = Compiled(tracked_function(statement.shape), False)
         self._owner = np.repeat(np.arange(len(parts)), [part.stop - part.start for part in parts])
         for name, value in vars(plant).items():
+            if name == "turned":
+                continue
             shape = (n, n) if name == "across" else (n,)
             if np.shape(value) not in ((), shape):
                 raise PlumblineError(
@@ -79,6 +82,7 @@ class Underway:
         self._kept, self._stays = -lag * np.expm1(-self._into / lag), np.exp(-dt / lag)
         self._measured = (constants.MM * noise.measured) ** 2 + constants.SEEN_FROM**2
         self._wanders = ((constants.MM * noise.step) ** 2 + constants.SEEN_FROM**2) / self._measured
+        self._shafts = Shafts(statement.bodies, 1 / constants.MM) if plant.turned else None
         self._band = constants.PASSED * np.asarray(plant.band) / statement.unit
         self._obeying = Obeying(statement, constants.MM * noise.measured)
         self.reset()
@@ -100,6 +104,9 @@ class Underway:
         self.later = np.zeros(len(self._parts))
         self._may = np.ones((count, len(self._parts)), dtype=bool)
         self._place: Array | None = None  # (n,), as seen last
+        # Its way (n,) along the axes of the plant, and their frames: there, and ahead of it.
+        self._gone: Array | None = None
+        self._frames: tuple[Array, Array] | None = None
         # Steps for which each body was seen there, the latest lateness, and the place sent, then.
         self._still = np.zeros(len(self._parts))
         self._latest = np.full(len(self._parts), count - 1)
@@ -117,7 +124,8 @@ class Underway:
     def sent(self, rate: Array) -> Array:
         """One step on, at whose beginning a rate (n,) is meant; what to send [m/s, or rad/s]."""
         self._steps += 1
-        rate = self._done(rate)
+        ahead = self._frames[1] if self._frames else None
+        rate = self._done(rate if ahead is None else along(ahead, rate))
         speed = rate + (self._past[0, 2] - rate) * self._stays
         self._sent = self._sent + self.dt * rate
         fresh = np.stack([rate, self._sent - self._lag * speed, speed])
@@ -125,7 +133,8 @@ class Underway:
         rates = self._past[self._whole, 0, self._axes]
         places, speeds = (self._past[self._whole + 1, k, self._axes] for k in (1, 2))
         self._then = places + rates * (self._into - self._kept) + speeds * self._kept
-        return self._out(rate)
+        sent = self._out(rate)
+        return sent if ahead is None else back(ahead, sent)
 
     def _done(self, meant: Array) -> Array:
         """Of a rate (n,), what a dead band lets be done: its edge, or nothing, and what is owed."""
@@ -155,9 +164,10 @@ class Underway:
 
     def seen(self, state: Array) -> None:
         """The state (n,) as it was measured."""
+        gone = self._along(state)
         self._compare(state)
-        self._obeying.look(state, self._then, self._steps)
-        now = np.concatenate([state[None], self._then])
+        self._obeying.look(gone, self._then, self._steps)
+        now = np.concatenate([gone[None], self._then])
         if self._origin is None:
             self._origin, self._spread = now, 1.0 + self._wanders
             return
@@ -174,6 +184,26 @@ class Underway:
         self._sums = kept * self._sums + moves * fresh
         self._count = kept * self._count + moves
         self._weigh()
+
+    def _along(self, state: Array) -> Array:
+        """How far (n,) the state has gone along the axes of the plant [mm, or units]."""
+        if self._shafts is None:
+            return state
+        here, last = self._shafts.frames(state), self._frames
+        if last is None or self._gone is None or self._place is None:
+            self._gone = np.zeros(len(state))
+        else:
+            self._gone = self._gone + along((last[0] + here) / 2, state - self._place)
+        self._frames = here, here
+        self._frames = here, self._shafts.frames(state + self.way())
+        return self._gone
+
+    def _back(self, ways: Array) -> Array:
+        """Ways (..., n) along the axes of the state, from some that the plant goes on."""
+        if self._frames is None:
+            return ways
+        here, ahead = self._frames
+        return back((here + ahead) / 2, ways)
 
     def _compare(self, state: Array) -> None:
         """Which bodies are seen where they were seen last, to the last bit."""
@@ -204,8 +234,9 @@ class Underway:
         assert here is not None  # seen at least twice
         way = self._then[self._latest[b], part] - self._left[part]
         slow = constants.HELD * self.statement.speed[part] * self.dt * self._still[b]
-        there = here.copy()
-        there[part] += np.sign(way) * np.maximum(np.abs(way) - slow, 0.0)
+        on = np.zeros(len(here))
+        on[part] = np.sign(way) * np.maximum(np.abs(way) - slow, 0.0)
+        there = here + self._back(on)
         tips = [self._tracked(at, self.statement.blank)[0].copy() for at in (here, there)]
         return float(np.linalg.norm(_points(tips[1] - tips[0]), axis=1).max())
 
@@ -231,7 +262,7 @@ class Underway:
         k = np.minimum(at.astype(int), len(self._later) - 2)
         ways = self._ways()
         way = ways[k, self._axes] * (1 - at + k) + ways[k + 1, self._axes] * (at - k)
-        return np.asarray(way + self._owed)
+        return self._back(np.asarray(way + self._owed))
 
     def said(self) -> list[Event]:
         """Bodies that are for certain later or sooner than told by more than a bias stated."""
@@ -245,7 +276,8 @@ class Underway:
         """How far a tip may come to rest from where it is thought to, beyond a bias stated [mm]."""
         ways, may = self._ways(), self._may[:, self._owner]
         soon, late = may.argmax(axis=0), len(may) - 1 - may[::-1].argmax(axis=0)
-        ends = [self.way(), ways[soon, self._axes], ways[late, self._axes]]
+        both = (ways[k, self._axes] + self._owed for k in (soon, late))
+        ends = [self.way(), *map(self._back, both)]
         tips = [self._tracked(state + way, self.statement.blank)[0].copy() for way in ends]
         off = np.subtract(tips[1:], tips[0])
         most = float(np.linalg.norm(_points(off), axis=1).max())
@@ -260,10 +292,27 @@ class Underway:
         if goal.ndim == 1:
             return goal
         own = self.late
+        if self._frames is not None:
+            return self._led(goal, own / self.dt, p)
         late = own if goal.shape[1] == len(own) else np.full(goal.shape[1], own.max())
         known, wanted = np.arange(len(goal)), np.arange(p)
         columns = zip(goal.T, late / self.dt, strict=True)
         return np.column_stack([np.interp(wanted + more, known, g) for g, more in columns])
+
+    def _led(self, path: Array, late: Array, p: int) -> Array:
+        """Points (p, n) of a path (m, n), along each axis of a shaft as late as that is."""
+        assert self._frames is not None
+        known, wanted = np.arange(len(path)), np.arange(p)
+        found = np.zeros((p, path.shape[1]))
+        for axis in range(3):
+            then = [
+                np.interp(wanted + more, known, own)
+                for own, more in zip(path.T, np.repeat(late[axis::3], 3), strict=True)
+            ]
+            own = np.zeros_like(found)
+            own[:, axis::3] = along(self._frames[1], np.column_stack(then))[:, axis::3]
+            found += back(self._frames[1], own)
+        return found
 
     def moved(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
         """Obstacles as they will be by then."""

@@ -60,7 +60,6 @@ from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument, shafts
 from plumbline.optim.capsule_mpc.constants import (
     BACK,
     BESIDE,
-    CLEAR,
     DEEP,
     DIRECTIONS,
     EXACT,
@@ -68,6 +67,7 @@ from plumbline.optim.capsule_mpc.constants import (
     MM,
     OFFSETS,
     PROGRESS,
+    ROOM,
     SAMPLES,
     STALL,
     THERE,
@@ -162,7 +162,7 @@ def waypoint(tool: Tool, ends: Array, radii: Array, safe: float, beta: float = 0
     T = shaft[0, 0] + found.share_one[0] * (shaft[0, 1] - shaft[0, 0])
     Z = T - found.difference[0]
     away = normal if found.distance[0] < EXACT else found.difference[0] / found.distance[0]
-    w = Z + (tool.radius + radii[which] + safe + CLEAR) * away
+    w = Z + (tool.radius + radii[which] + safe + ROOM) * away
     depth = np.linalg.norm(tips[when] - tool.trocar)
     through = w - tool.trocar
     tip = tool.trocar + depth * through / max(float(np.linalg.norm(through)), TOUCHING)

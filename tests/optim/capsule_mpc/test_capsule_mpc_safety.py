@@ -243,7 +243,9 @@ def test_a_goal_is_judged_at_rest_whatever_lateness_was_learnt():
     [
         ({"radius": -0.001}, "radius: found -0.001"), ({"radius": 2.5}, "state it in m"),
         ({"length": 250.0}, "length: found 250"), ({"depths": (15.0, 230.0)}, "state it in m"),
-        ({"depths": (0.23, 0.015)}, "expected least < most"), ({"cone": 120.0}, "between 0 and 90"),
+        ({"depths": (0.23, 0.015)}, "expected least < most"), ({"cone": 120.0}, "less than 90"),
+        ({"cone": 1.4}, "cone: found 1.4, expected at least 3.15 and less than 90; state it in"),
+        ({"cone": 3.14}, "state it in degrees"),
         ({"trocar": (-40.0, 0.0, 0.0)}, "in m, not in mm"), ({"trocar": (0.0, NAN, 0.0)}, "trocar"),
         ({"v_max": 60.0}, "at most 2; state it in m/s"), ({"a_max": 1000.0}, "at most 50; state"),
         ({"j_max": 50000.0}, "at most 5000; state it"), ({"v_outer": 250.0}, "state it in m/s"),

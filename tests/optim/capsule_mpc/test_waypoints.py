@@ -86,6 +86,15 @@ def test_the_waypoint_is_clear_of_what_blocks(y):
     assert np.linalg.norm(np.cross(found.T - found.Z, found.w - found.Z)) < 1e-6
 
 
+@pytest.mark.parametrize("y", [-6.0, -1.0, 0.0, 3.0])
+@pytest.mark.parametrize("safe", [0.0, SAFE, 5.0])
+def test_a_shaft_through_a_waypoint_is_slowed_by_no_barrier_and_goes_no_farther_out(y, safe):
+    ends, radii = ball(2.0, y, -80.0)
+    w = waypoint(TOOL, ends, radii, safe).w
+    through = TOOL.trocar + 100.0 * w / np.linalg.norm(w)
+    assert safe + 1.75 < swept(TOOL, through[None], ends, radii).min() <= safe + 2.0
+
+
 def test_of_several_the_nearest_blocks():
     first, second = ball(0.0, 8.0, -80.0), ball(5.0, 1.0, -80.0)
     ends = np.concatenate([first[0], second[0]])
