@@ -45,18 +45,19 @@ class Shafts:
         e = e / np.maximum(np.linalg.norm(e, axis=-1, keepdims=True), TINY)
         v = np.cross(self._inward, e)
         share = 1.0 / np.maximum(1.0 + np.vecdot(self._inward, e), 1e-3)
-        across = np.cross(v[..., None, :], np.swapaxes(self._rest, -1, -2))  # of every column
-        turned = np.cross(v[..., None, :], across) * share[..., None, None]
-        return np.asarray(self._rest + np.swapaxes(across + turned, -1, -2))
+        across = np.zeros((*v.shape, 3))  # the matrix of v x
+        across[..., [2, 0, 1], [1, 2, 0]], across[..., [1, 2, 0], [2, 0, 1]] = v, -v
+        once = across @ self._rest
+        return np.asarray(self._rest + once + share[..., None, None] * (across @ once))
 
 
 def along(frames: Array, values: Array) -> Array:
     """Vectors (..., 3 I) along the axes of frames (..., I, 3, 3)."""
     parts = values.reshape(*values.shape[:-1], -1, 3)
-    return np.asarray(np.einsum("...ij,...i->...j", frames, parts).reshape(values.shape))
+    return np.asarray((parts[..., None, :] @ frames).reshape(values.shape))
 
 
 def back(frames: Array, values: Array) -> Array:
     """The same vectors (..., 3 I) from what they are along the frames' axes."""
     parts = values.reshape(*values.shape[:-1], -1, 3)
-    return np.asarray(np.einsum("...ij,...j->...i", frames, parts).reshape(values.shape))
+    return np.asarray((frames @ parts[..., None]).reshape(values.shape))

@@ -84,6 +84,7 @@ class Underway:
         self._wanders = ((constants.MM * noise.step) ** 2 + constants.SEEN_FROM**2) / self._measured
         self._shafts = Shafts(statement.bodies, 1 / constants.MM) if plant.turned else None
         self._band = constants.PASSED * np.asarray(plant.band) / statement.unit
+        self._banded, self._loose = bool(self._band.any()), bool(np.any(plant.play))
         self._obeying = Obeying(statement, constants.MM * noise.measured)
         self.reset()
 
@@ -138,6 +139,8 @@ class Underway:
 
     def _done(self, meant: Array) -> Array:
         """Of a rate (n,), what a dead band lets be done: its edge, or nothing, and what is owed."""
+        if not self._banded:
+            return meant
         wanted = self._within(meant, np.where(meant == 0.0, 0.0, self._owed / self.dt))
         size = np.abs(wanted)
         edge = np.where(size > self._band / 2, np.sign(wanted) * self._band, 0.0)
@@ -157,6 +160,8 @@ class Underway:
     def _out(self, rate: Array) -> Array:
         """What to send [m/s, or rad/s] so that a rate (n,) is carried out, across its play."""
         unit, dt = self.statement.unit, self.dt
+        if not self._loose:
+            return self.plant.rate(rate * unit)
         across = (self.plant.taken_up(dt * rate * unit, self._side) - self._side) / dt
         both = self._within(rate, across / unit)
         self._side = self._side + dt * (both - rate) * unit
@@ -302,17 +307,14 @@ class Underway:
     def _led(self, path: Array, late: Array, p: int) -> Array:
         """Points (p, n) of a path (m, n), along each axis of a shaft as late as that is."""
         assert self._frames is not None
-        known, wanted = np.arange(len(path)), np.arange(p)
-        found = np.zeros((p, path.shape[1]))
-        for axis in range(3):
-            then = [
-                np.interp(wanted + more, known, own)
-                for own, more in zip(path.T, np.repeat(late[axis::3], 3), strict=True)
-            ]
-            own = np.zeros_like(found)
-            own[:, axis::3] = along(self._frames[1], np.column_stack(then))[:, axis::3]
-            found += back(self._frames[1], own)
-        return found
+        at = np.minimum(np.arange(p) + late.reshape(-1, 3).T[..., None], len(path) - 1.0)
+        low = np.minimum(at.astype(int), max(len(path) - 2, 0))  # (3, I, p)
+        high, into = np.minimum(low + 1, len(path) - 1), (at - low)[..., None]
+        points, own = path.reshape(len(path), -1, 3), np.arange(low.shape[1])[:, None]
+        then = (1.0 - into) * points[low, own] + into * points[high, own]  # (3, I, p, 3)
+        R = self._frames[1]
+        along_axes = np.einsum("aipj,ija->ipa", then, R)
+        return np.asarray(np.einsum("ipa,ija->pij", along_axes, R).reshape(p, -1))
 
     def moved(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
         """Obstacles as they will be by then."""
