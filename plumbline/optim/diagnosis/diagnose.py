@@ -17,7 +17,7 @@ from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.constants import NOTHING
 from plumbline.optim.diagnosis.design.next_experiment import suggestions
-from plumbline.optim.diagnosis.findings import Key, NoiseLevel, Outcome, Verdict
+from plumbline.optim.diagnosis.findings import Key, Outcome, Verdict
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of
@@ -32,7 +32,7 @@ from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation, evaluate
 from plumbline.optim.diagnosis.verdict.explanation import Explanation
 from plumbline.optim.diagnosis.verdict.judge import in_own_unit, judge
-from plumbline.optim.diagnosis.verdict.lack_of_fit import is_quieter, lack_of_fit
+from plumbline.optim.diagnosis.verdict.lack_of_fit import is_quieter
 from plumbline.optim.diagnosis.verdict.parts import left_open
 from plumbline.optim.diagnosis.verdict.settled import settled
 from plumbline.optim.diagnosis.verdict.terms import with_terms
@@ -94,10 +94,6 @@ class Explained:
     bad: Flags  # which of the rows are taken for gross errors (N,)
     explanation: Explanation  # all probabilities
     by: str = ""  # what is left out together
-
-    def with_terms(self, terms: Sequence[SelectedTerm]) -> SelectedModel:
-        """The model of other terms of the library."""
-        return with_terms(self.selected, terms, self.task, self.bad)
 
 
 def _searched(task: Task, tell: Progress) -> tuple[Task, SelectedModel, Flags]:
@@ -240,7 +236,7 @@ def _foretold(recording: Recording, found: Explained) -> tuple[Explained, Evalua
     given = (found.task.folds, ~found.bad, found.by, found.options.seed)
     figures = evaluate(recording, found.selected, *given)
     if figures.misleads:
-        found = replace(found, selected=found.with_terms(()))
+        found = replace(found, selected=with_terms(found.selected, (), found.task, found.bad))
         figures = evaluate(recording, found.selected, *given)
     return found, figures
 
@@ -250,9 +246,8 @@ def _judged(recording: Recording, found: Explained, evaluation: Evaluation) -> V
     selected, options = found.selected, found.options
     noise = noise_of(found.task.recording, selected.best)
     verdict = judge(
-        recording, selected, evaluation, found.explanation, noise, options.effects, options.seed,
-        _lacking(found, noise),
-    )  # fmt: skip
+        recording, selected, evaluation, found.explanation, noise, options.effects, options.seed
+    )
     verdict = replace(verdict, next=suggestions(selected, verdict, options.seed))
     if recording.element is not None or recording.kind.device:
         turned = "flange more, and to planes that face other ways"
@@ -261,20 +256,6 @@ def _judged(recording: Recording, found: Explained, evaluation: Evaluation) -> V
         verdict = replace(verdict, notes=(*verdict.notes, *untold))
     verdict = replace(verdict, unmet=unmet(recording), unjudged=recording.unjudged)
     return in_own_unit(verdict, recording, evaluation)
-
-
-def _lacking(found: Explained, noise: NoiseLevel) -> float:
-    """Lack of fit of the library: of its most probable terms, named or not.
-
-    Causes that share a probability leave more where none of them is in the model. Where rows left
-    out are foretold worse with causes, the library explains nothing.
-    """
-    lacking, explanation = lack_of_fit(noise, found.selected), found.explanation
-    misled = explanation.named and not found.selected.chosen
-    if lacking < prior.LEAST_TOLD or not explanation.states or misled:
-        return lacking
-    best = found.with_terms(explanation.states[0][1])
-    return min(lacking, lack_of_fit(noise_of(found.task.recording, best.best), best))
 
 
 def usable(recording: Recording | str | Path, force: bool) -> Recording:

@@ -11,7 +11,7 @@ from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale as ModelledScale
 from plumbline.optim.core.judged import Judged, Judgement
-from plumbline.optim.diagnosis.diagnose import Explained, _lacking, diagnose
+from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import Alternatives, GrossRow, Unlisted
 from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
 from plumbline.optim.diagnosis.findings import (
@@ -41,7 +41,6 @@ from plumbline.optim.diagnosis.verdict import explanation as explanation_module
 from plumbline.optim.diagnosis.verdict import judge as judge_module
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, _told, explain
 from plumbline.optim.diagnosis.verdict.judge import judge
-from plumbline.optim.diagnosis.verdict.lack_of_fit import lack_of_fit
 from plumbline.optim.diagnosis.verdict.terms import _joined, of_many, terms_of, with_terms
 from tests.explained import searched
 from tests.simulated_cases import faultless, recorded, with_fault
@@ -355,21 +354,6 @@ def _task(recording):
     return task, np.zeros(len(recording), dtype=bool)
 
 
-def test_the_library_lacks_what_its_best_terms_leave_named_or_not(scaled):
-    recording, selected, _ = scaled
-    task, right = _task(recording)
-    bare = with_terms(selected, (), task, right)
-    noise = noise_of(recording, bare.best)
-    assert lack_of_fit(noise, bare) > 0.5
-    best = made(states=((0.0, selected.chosen),))
-    found = Explained(DiagnosisOptions(), task, bare, right, best)
-    assert _lacking(found, noise) < 0.1
-    assert _lacking(replace(found, explanation=made(states=((0.0, ()),))), noise) > 0.5
-    # Where rows left out are foretold worse with what is named, it explains nothing.
-    misled = replace(best, named=frozenset({SCALE}))
-    assert _lacking(replace(found, explanation=misled), noise) > 0.5
-
-
 # Explained is earned
 
 
@@ -391,8 +375,7 @@ def kind(parts, **changed):
     recording, selected, seen, told, noise = parts
     told = replace(told, **changed.pop("told", {}))
     noise = replace(noise, **changed.pop("noise", {}))
-    lacking = lack_of_fit(noise, selected)
-    return judge(recording, selected, seen, told, noise, EFFECTS, 0, lacking)
+    return judge(recording, selected, seen, told, noise, EFFECTS, 0)
 
 
 @pytest.mark.parametrize(("ratio", "part"), [(1.0, 0.0), (3.0, PART_OF_UNLISTED)])

@@ -70,9 +70,8 @@ def judge(
     noise: NoiseLevel,
     library: Sequence[type[Effect]],
     seed: int,
-    lacking: float,
 ) -> Verdict:
-    """Put the verdict together; what the library has is ``lacking`` by more than any noise."""
+    """Put the verdict together."""
     keys = by_importance(selected, seed)
     missing = selected.best.gram.count * max(noise.ratio**2 - 1.0, 0.0) * noise.sigma**2
     told = told.doubted(lack_of_fit(noise, selected), missing, keys)
@@ -84,7 +83,7 @@ def judge(
     timed = any(effect.runs_with_time() for effect in selected.effects)
     coarse = implausible_noise(recording, noise, evaluation, timed=timed)
     left = max(lack_of_fit(noise, selected), float(coarse > 0.0))  # by what is named
-    beyond = max(told.unlisted, lacking, float(coarse > 0.0))
+    beyond = max(told.unlisted, left)
     stairs = Stairs.of(recording, selected, evaluation)
     # What is missing makes rows near each other err alike: then blocks of them count, not rows.
     errors = block_errors(selected, evaluation.models) if told.is_open and named else 0.0
@@ -97,7 +96,7 @@ def judge(
     earned = earned and _is_earned(gap, causes, judged, least)
     # What foretells rows that no fit has seen is a gap, whatever it is to be called.
     foretold = bool(selected.chosen) and gap.shrink_ci95[0] > 0.0
-    kind = Outcome.of(bool(causes), beyond=foretold or max(beyond, left) > 0.5, earned=earned)
+    kind = Outcome.of(bool(causes), beyond=foretold or beyond > 0.5, earned=earned)
     words = told.words or noisiest_joint(recording, selected)
     return Verdict(
         verdict=kind,
