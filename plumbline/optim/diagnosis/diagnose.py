@@ -122,7 +122,7 @@ def _with_pose_noise(rows: Recording, selected: SelectedModel) -> Recording:
     if told.odds > 0.0:
         return replace(rows, lever=before * told.lever, pose_spread=told.spread)
     lever = noise_lever(best, rows)
-    settled = abs(np.log(lever / before)) <= -np.log(prior.SETTLED_VARIANCE)
+    settled = abs(np.log(lever / before)) <= -np.log1p(-prior.SETTLED_WITHIN)
     return rows if settled else replace(rows, lever=lever)
 
 
@@ -134,10 +134,10 @@ def _told_apart(found: Explained) -> Explained:
         wander, alike, jitter, k = found.explanation.correlation
         alike = max(alike, float(rows.alike == 1.0))  # copies are known, however few
         low, high = sorted((jitter, rows.jitter))
-        settled = low**2 >= prior.SETTLED_VARIANCE * high**2
+        settled = low**2 >= (1.0 - prior.SETTLED_WITHIN) * high**2
         scatter = np.array(k) if k else None
         settled = settled and _as_loose(rows, scatter)
-        settled = settled and abs(alike - rows.alike) <= prior.SAME_CORRELATION
+        settled = settled and abs(alike - rows.alike) <= prior.SETTLED_WITHIN
         if settled and _worth_the_same(wander, rows.wander):
             break
         rows = replace(rows, wander=wander, alike=alike, jitter=jitter, scatter=scatter)
@@ -153,13 +153,13 @@ def _as_loose(rows: Recording, scatter: Array | None) -> bool:
         return rows.scatter is scatter
     seen = np.mean(swings(rows, rotation_lever(rows)) ** 2, axis=(1, 2))
     off, before = np.abs(scatter**2 - rows.scatter**2) @ seen, rows.scatter**2 @ seen
-    return bool(off <= (1.0 - prior.SETTLED_VARIANCE) * (1.0 + before))
+    return bool(off <= prior.SETTLED_WITHIN * (1.0 + before))
 
 
 def _worth_the_same(rho: float, before: float) -> bool:
     """Whether rows of such a noise count for as many as before: (1 - rho) / (1 + rho) of them."""
     kept, was = ((1.0 - r) / (1.0 + r) for r in (rho, before))
-    return abs(kept - was) <= prior.SAME_CORRELATION * (kept + was)
+    return abs(kept - was) <= prior.SETTLED_WITHIN * (kept + was)
 
 
 def _with_noise_of(rows: Recording, recording: Recording) -> Recording:

@@ -30,7 +30,9 @@ KNOWN_NOISE_FREEDOM = 100.0
 # Rounds of noise and priors that weigh each other: a gap may be 1e4 times the noise. Half as many
 # move a probability by 5e-5.
 VARIANCE_ROUNDS = 8
-SETTLED_VARIANCE = 0.9  # ratio of two rounds' variances, or levers, once settled
+# Change of a variance, a lever, a correlation or of how many rows they count as [before, or both],
+# up to which they have settled.
+SETTLED_WITHIN = 0.15
 FINEST = 1e-8  # [m or rad] noise of the finest device; below are rounded digits
 ROUNDING = 1e-12  # [m or rad] what double arithmetic leaves of readings made without noise
 
@@ -85,8 +87,6 @@ JITTERS = tuple(2.0 ** (k / 4.0) for k in range(-6, 21))
 # scatters: panda-3's joint 7, on whose axis the ball sits, would by 0.8 rad. Between a tip on the
 # axis and a wrist's lever by hand (test_scatter.py fails at 0.02 and 0.1).
 LEAST_SWING = 0.05
-# Change of it, or of how many rows they count as [both], up to which they have.
-SAME_CORRELATION = 0.15
 
 # Spectra that are carried to another recording (posterior/spectrum), MacKay (1992), sec. 4.
 SPECTRUM_FROM = 3  # orders of one joint that make a spectrum: a transmission alone has two
@@ -133,11 +133,10 @@ LEAST_ASKED = 1e-4  # largest share of a place below which they do not ask a ter
 NEARLY_NOTHING = 14.0
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look: the others have no say
-# Share of a chain's moves that ask whether a row is gross; if half do, a probability moves by 0.03.
-GROSS_TURN = 0.15
-# Share of the rest that exchange one term for two or two for one: at half of it of four seeds two
+# Share of a chain's moves that ask whether a row is gross: if half do, a probability moves by 0.03.
+# And of the rest that exchange one term for two or two for one: at half of it of four seeds two
 # leave a pair of listed causes unfound that is better by 11 nats.
-TWO_FOR_ONE = 0.2
+OTHER_MOVES = 0.2
 PAIRED = 12  # terms by which pairs are looked for: with 6 of these seeds' chains two part by 0.3
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone
 LEAST_NAMED = 0.5  # probability of a cause, given those named before it, at which it is named

@@ -37,7 +37,7 @@ from plumbline.optim.diagnosis.prior import (
     LOG_SCALE_WEIGHTS,
     ROUNDING,
     SCALES,
-    SETTLED_VARIANCE,
+    SETTLED_WITHIN,
     VARIANCE_ROUNDS,
 )
 
@@ -70,7 +70,7 @@ class NoisePrior:
         self,
         left: Callable[[Array], tuple[float | Array, float]],
         start: float | Array,
-        ratio: float = SETTLED_VARIANCE,
+        ratio: float = 1.0 - SETTLED_WITHIN,
     ) -> Array:
         """Noise variance after a fit whose priors are weighed by it, from a guess.
 

@@ -150,9 +150,9 @@ class MarkovChain:
 
     def _move(self) -> None:
         mine = sorted(i for i in self.state if not self.problem.gross[i])
-        if self.problem.gross.any() and self.rng.random() < prior.GROSS_TURN:
+        if self.problem.gross.any() and self.rng.random() < prior.OTHER_MOVES:
             self._ask_a_row() if self.rng.random() < 0.5 else self._ask_all_rows()
-        elif 0 < len(mine) < self.most and self.rng.random() < prior.TWO_FOR_ONE:
+        elif 0 < len(mine) < self.most and self.rng.random() < prior.OTHER_MOVES:
             self._part(mine) if self.rng.random() < 0.5 else self._join(mine)
         elif mine and (len(mine) >= self.most or self.rng.random() < 0.5):
             self._fill(self.state - {mine[int(self.rng.integers(len(mine)))]}, 1.0)

@@ -44,7 +44,7 @@ from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of, scatter_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, find_causes
-from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED, ROUNDING, SAME_CORRELATION
+from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED, ROUNDING, SETTLED_WITHIN
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.refit import gap_unit, runs_once
@@ -289,7 +289,7 @@ def _noises_together(found: Diagnosis, session: Session) -> list[float]:
 def _weigh_alike(noises: Sequence[float], before: Sequence[float]) -> bool:
     """Whether rows of such noises count for as much beside each other as before."""
     now, was = (np.square(n) / np.mean(np.square(n)) for n in (noises, before))
-    return bool((np.abs(now - was) <= SAME_CORRELATION * (now + was)).all())
+    return bool((np.abs(now - was) <= SETTLED_WITHIN * (now + was)).all())
 
 
 def _alone(part: Recording, options: DiagnosisOptions) -> _Alone:
