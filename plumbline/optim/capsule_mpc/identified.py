@@ -10,7 +10,8 @@ little,
 with the diagnosis as the prior mean :math:`\theta^0`, zero for what axes take of each other, which
 no diagnosis axis by axis can see, weights of Huber and s by the median. Steps are Gauss and
 Newton's, by differences. A dead band has an edge that no derivative sees: it is scanned, and there
-is none, nor friction or play, unless it takes a twentieth of the square of what is off away.
+is none unless it takes a twentieth of the square of what is off away. Friction or play that was not
+diagnosed stays out: a log hardly tells one from the other.
 
 Drives that turn a shaft about its trocar and slide it lag and rub along its own axes
 (:mod:`.shafts`). The same fit is made along these, by rates of where they come to rest, and the one
@@ -75,7 +76,6 @@ def _nearest(diagnosed: Plant, runs: list[Run]) -> tuple[Plant, float]:
     found = _fitted(first, first, runs)
     for edges in constants.EDGES:
         found = _fitted(_scanned(found, runs, edges), first, runs)
-    found = _told(found, runs)
     off = float((_clipped(_copies(found, 1), runs) ** 2).mean())
     mix = found.pop("mix")
     gain, across = np.diag(mix) - 1.0, mix - np.diag(np.diag(mix))
@@ -123,17 +123,6 @@ def _scanned(values: Values, runs: list[Run], edges: tuple[float, ...]) -> Value
     return values | {"band": np.where(rows > constants.TELLS, tried["band"][best], 0.0)}
 
 
-def _told(values: Values, runs: list[Run]) -> Values:
-    """The same without friction and play that take nothing of what is off away."""
-    tried = _copies(values, 3)
-    tried["dry"][1], tried["play"][2] = 0.0, 0.0
-    off = (_clipped(tried, runs) ** 2).mean(axis=0)
-    for k, name in ((1, "dry"), (2, "play")):
-        tells = off[k] > (1.0 + constants.TELLS) * off[0]
-        values = values | {name: np.where(tells, values[name], 0.0)}
-    return values
-
-
 def _clipped(values: Values, runs: list[Run]) -> Array:
     """The sizes of what is off (K, P, n), of readings that leap no more than of others [m]."""
     off = np.abs(_left(values, runs))
@@ -168,7 +157,9 @@ def _improve(values: Values, first: Values, i: int, off: Array, slopes: Array) -
     here, there = (
         np.array([*(v[name][i] for name in FITTED), *v["mix"][i]]) for v in (values, first)
     )
-    on = np.arange(len(here))
+    # Of each other a log hardly tells friction and play: what was not diagnosed stays out.
+    out = [name in ("dry", "play") and not first[name][i] for name in FITTED]
+    on = np.flatnonzero(~np.append(out, np.zeros(n, bool)))
     J = slopes[:, on] * weight[:, None]
     H = J.T @ slopes[:, on] / s**2 + np.diag(1.0 / sigma[on] ** 2)
     here[on] += np.linalg.solve(H, J.T @ off / s**2 - (here - there)[on] / sigma[on] ** 2)

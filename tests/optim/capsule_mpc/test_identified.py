@@ -18,7 +18,9 @@ TRUE = Plant(
     delay=[0.05, 0.06, 0.055], lag=[0.04, 0.05, 0.06], gain=[0.03, -0.05, 0.0], across=ACROSS,
     band=[0.004, 0.0, 0.0], dry=[0.0, 0.006, 0.0], play=[0.0, 0.0, 2e-4],
 )  # fmt: skip
-NEAR = Plant(delay=0.06, lag=0.045, band=[0.002, 0.0, 0.0], dry=[0.0, 0.005, 0.0])
+NEAR = Plant(
+    delay=0.06, lag=0.045, band=[0.002, 0.0, 0.0], dry=[0.0, 0.005, 0.0], play=[0.0, 0.0, 1e-4]
+)
 
 
 def logged(plant, seconds=20.0, noise=5e-5, seed=0, group=None):
@@ -69,7 +71,12 @@ def test_a_plant_that_is_as_told_stays_so_and_gets_no_dead_band():
         assert not found.band.any()
         assert np.abs(found.across).max() < 3e-3
         assert np.abs(found.delay + found.lag - 0.09).max() < 2e-3
-        assert max(found.dry.max(), found.play.max() * 10) < 4e-4
+        assert max(found.dry.max(), found.play.max()) == 0.0
+
+
+def test_friction_that_was_diagnosed_is_not_told_for_play(found):
+    assert (found.play[:2] == 0.0).all()
+    assert (found.dry[[0, 2]] == 0.0).all()
 
 
 def test_axes_that_always_move_together_take_nothing_of_each_other():
