@@ -21,6 +21,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -291,14 +292,14 @@ def sample(
         MarkovChain(problem, np.random.default_rng([seed, k]), start, looks)
         for k, start in enumerate(starts)
     ]
-    for chain in chains:
-        chain.run(moves)
+    for one in chains:
+        one.run(moves)
     best = max(look.log_posterior for look in looks.values()) + LEAST_HEARD
     swapped = {s: [*_swapped(problem, k)] for s, k in looks.items() if k.log_posterior >= best}
     seen = _seen(looks, swapped)
     marginals, gross = _marginals(problem, seen)
     # A chain that holds next to nothing of what all have found has no say.
-    own = [_seen(chain.been, swapped) for chain in chains]
+    own = [_seen(one.been, swapped) for one in chains]
     logs = np.array([np.logaddexp.reduce(list(found.values())) for found in own])
     heard = [f for f, log in zip(own, logs, strict=True) if log > logs.max() + LEAST_HEARD]
     each = np.stack([_marginals(problem, found)[0][0] for found in heard])
@@ -355,22 +356,23 @@ def _marginals(
         seen: Log posterior of every state.
         tilt: Log odds by which every term is more probable than the prior has it.
     """
-    logs = np.array([log + tilt * len(key) for key, log in seen.items()])
+    sizes = np.fromiter(map(len, seen), dtype=int, count=len(seen))
+    logs = np.fromiter(seen.values(), dtype=float, count=len(seen)) + tilt * sizes
     weights = np.exp(logs - np.logaddexp.reduce(logs))
-    found = [np.zeros(size) for size in problem.sizes]
-    levels, is_gross = [level.tolist() for level in problem.labels], problem.gross.tolist()
-    gross = np.zeros(len(problem.candidates))
+    held = np.fromiter(chain.from_iterable(seen), dtype=int, count=int(sizes.sum()))
+    owner, is_gross = np.repeat(np.arange(len(seen)), sizes), problem.gross[held]
+    gross = np.bincount(held[is_gross], weights[owner[is_gross]], len(problem.candidates))
+    held, owner = held[~is_gross], owner[~is_gross]
+    found = []
+    for level, size in zip(problem.labels, problem.sizes, strict=True):
+        at, label = np.divmod(np.unique(owner * size + level[held]), size)
+        found.append(np.bincount(label, weights[at], size))
     # Of the least states, which together hold a tenth of what is told, parts are no matter.
     ranked = np.argsort(-weights)
-    heavy = np.empty(len(weights), dtype=bool)
-    heavy[ranked] = np.cumsum(weights[ranked]) - weights[ranked] < 1.0 - 0.1 * prior.LEAST_TOLD
-    for weight, key, told in zip(weights.tolist(), seen, heavy.tolist(), strict=True):
-        mine = [i for i in key if not is_gross[i]]
-        for i in key.difference(mine):
-            gross[i] += weight
-        for level, total in zip(levels, found, strict=True):
-            for label in {level[i] for i in mine}:
-                total[label] += weight
-        for label, part in problem.parts(mine if told else ()).items():
-            found[0][label] -= part * weight
+    heavy = ranked[np.cumsum(weights[ranked]) - weights[ranked] < 1.0 - 0.1 * prior.LEAST_TOLD]
+    if problem.unlisted is not None:
+        states, having = list(seen), np.unique(owner[problem.unlisted[held]])
+        for k in heavy[np.isin(heavy, having)].tolist():
+            for label, part in problem.parts(states[k]).items():
+                found[0][label] -= part * float(weights[k])
     return tuple(np.minimum(total, 1.0) for total in found), np.minimum(gross, 1.0)
