@@ -24,8 +24,8 @@ friction is a constraint of MuJoCo's, :math:`s (\ddot y + r \dot y)` up to F (To
 
 Where the servo plans its way with a largest acceleration, what it plans stands for the command.
 Commands run straight from sample to sample (of velocities, lines of the same mean), or stand still
-where they are rates and torques that a digital controller holds (Franklin, Powell, Workman 1998,
-sec. 4.3); the step of what lags is exact for both. What has inertia takes steps by the
+where they are rates, torques or places that a digital controller holds (Franklin, Powell, Workman
+1998, sec. 4.3); the step of what lags is exact for both. What has inertia takes steps by the
 trapezoidal rule, which no stiffness upsets.
 """
 
@@ -104,10 +104,13 @@ class Drive:
         """One sample on."""
         if self.steepest is not None:
             path, pace = self._planned(before, self.steepest)
-            after = replace(self, command=path, steepest=None).step(before)
+            law = Law.POSITION if self.law.ideal else self.law  # a way stands nowhere
+            after = replace(self, law=law, command=path, steepest=None).step(before)
             return replace(after, told=self.command, path=path, pace=pace)
         if self.sag is not None:
             return replace(self, command=self.command - self.sag * self.load, sag=None).step(before)
+        if self.law == Law.HELD:
+            return replace(self, law=Law.POSITION).step(self._stood(before))
         if self.period is not None:
             return self._swung(before, self.period / (2 * math.pi))
         asked = self._outside_band(before)
@@ -136,6 +139,14 @@ class Drive:
             place = wanted
         memory = asked if self.law == Law.POSITION else wanted
         return Memory(memory, place, speed, self._behind_play(place, before), asked)
+
+    def _stood(self, before: Memory) -> Memory:
+        """As if what is asked for over a sample had been asked for at its beginning: it is held."""
+        if self.period is not None and self.lag is not None:
+            return replace(before, sent=self.command)
+        banded = self.band is not None or self.period is not None
+        asked = self.command if banded else replace(self, law=Law.POSITION)._outside_band(before)
+        return replace(before, asked=asked)
 
     def _met(self, asked: cs.SX, place: cs.SX | None, before: Memory) -> cs.SX:
         """What lags, at its largest speed if it has one, a sample on."""

@@ -8,6 +8,7 @@ class Law(StrEnum):
 
     POSITION = "position"
     SMOOTH = "smooth_position"  # the same, a log's rows of commands that run smoothly between them
+    HELD = "held_position"  # the same, which a digital controller holds from sample to sample
     SERVO = "servo"  # position, by gains that are known
     HELD_SERVO = "held_servo"  # the same, its commands held from sample to sample
     VELOCITY = "velocity"
@@ -18,12 +19,12 @@ class Law(StrEnum):
     @property
     def holds(self) -> bool:
         """Whether a command stands until the next one."""
-        return self in (Law.HELD_SERVO, Law.RATE, Law.TORQUE)
+        return self in (Law.HELD, Law.HELD_SERVO, Law.RATE, Law.TORQUE)
 
     @property
     def ideal(self) -> bool:
         """Whether a command is a position, and nothing known of the servo."""
-        return self in (Law.POSITION, Law.SMOOTH)
+        return self in (Law.POSITION, Law.SMOOTH, Law.HELD)
 
     @property
     def follows(self) -> bool:

@@ -12,6 +12,7 @@ from plumbline.kinematics.law import Law
 LENGTH = {
     Law.POSITION: 5.0,
     Law.SMOOTH: 5.0,
+    Law.HELD: 5.0,
     Law.SERVO: 1.0,
     Law.HELD_SERVO: 1.0,
     Law.VELOCITY: 1.0,
@@ -22,6 +23,7 @@ LENGTH = {
 SETTLE = {
     Law.POSITION: 1.5,
     Law.SMOOTH: 1.5,
+    Law.HELD: 1.5,
     Law.SERVO: 0.2,
     Law.HELD_SERVO: 0.2,
     Law.VELOCITY: 0.2,
@@ -37,6 +39,8 @@ LOOKED_AT = 120.0  # [s] of motion that a fit takes of a recording, spread over 
 LEAST_WINDOWS, MOST_WINDOWS = 24, 60  # which that comes to
 BLOCK = 4  # windows in a row among these: some 15 s of commands in one roll-out
 MOST_SAMPLES = 500  # of a window: faster clocks are thinned, no drive of a joint needs more
+# The same where commands stand and jump: a jump between two samples is late by some of one.
+MOST_HELD = 1000
 SMOOTH = 0.1  # [s] over which speeds and accelerations are smoothed (Savitzky and Golay 1964)
 CUBIC = 3  # their polynomials
 POSTURE = 0.3  # [s] the same of the places at which loads are worked out: bodies swing slower

@@ -29,9 +29,6 @@ from plumbline.optim.diagnosis.motion.verdict import MotionFindings, verdict_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE
 
-# What commands may do between rows but run straight.
-BETWEEN_ROWS = {Law.SERVO: Law.HELD_SERVO, Law.POSITION: Law.SMOOTH}
-
 
 def diagnose_motion(
     recording: MotionRecording | str | Path,
@@ -52,8 +49,8 @@ def diagnose_motion(
     options = options or DiagnosisOptions()
     r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
     signals, begun = _searched(r, options, progress)
-    if r.law in BETWEEN_ROWS:
-        other = replace(r, law=BETWEEN_ROWS[r.law])
+    if (law := _between_rows(r)) is not None:
+        other = replace(r, law=law)
         if _more_evident(signals_of(other), signals, begun):
             signals, begun = _searched(other, options, progress)
     r, prior = signals.recording, prior_at(options.unlisted, len(begun))
@@ -69,6 +66,17 @@ def diagnose_motion(
         signals.averaged,
     )  # fmt: skip
     return MotionDiagnosis(r, verdict_of(found), signals, tuple(joints), unseen, options)
+
+
+def _between_rows(r: MotionRecording) -> Law | None:
+    """What commands may do between rows but run straight."""
+    if r.law == Law.SERVO:
+        return Law.HELD_SERVO
+    if r.law != Law.POSITION:
+        return None
+    steps = np.any(np.diff(r.command, axis=0) != 0, axis=1)
+    alone = steps[1:-1] & ~steps[:-2] & ~steps[2:]  # what stood, changes, and stands again
+    return Law.HELD if 2 * alone.sum() > steps[1:-1].sum() else Law.SMOOTH
 
 
 def _moved(r: MotionRecording) -> list[int]:

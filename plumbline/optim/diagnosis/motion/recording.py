@@ -2,12 +2,13 @@
 
 ``samples.csv`` has ``time`` [s], commands ``u1..un`` and measured positions ``q1..qn`` [rad, m];
 ``group`` (one motion of several) and ``held_out`` if wanted. ``[motion]`` says what a command is:
-``command = "position"`` (the default; ``"smooth_position"`` runs smoothly between rows, which is
-tried, too), ``"velocity"`` (smooth between rows), ``"rate"`` (a velocity
-that is held until the next row), ``"torque"`` (held likewise) or ``"sampled_torque"`` (a row now
-and then of a loop that is much faster: straight between rows), and the servo's gains ``kp``
-[N m/rad] and ``kd`` [N m s/rad], one number or one a joint, where they are known. Joints are those
-of the whole robot where there are as many columns, else those of the chain to the tip frame.
+``command = "position"`` (the default; ``"smooth_position"`` runs smoothly between rows,
+``"held_position"`` stands until the next: these are tried, too), ``"velocity"`` (smooth between
+rows), ``"rate"`` (a velocity that is held until the next row), ``"torque"`` (held likewise) or
+``"sampled_torque"`` (a row now and then of a loop that is much faster: straight between rows), and
+the servo's gains ``kp`` [N m/rad] and ``kd`` [N m s/rad], one number or one a joint, where they are
+known. Joints are those of the whole robot where there are as many columns, else those of the chain
+to the tip frame.
 """
 
 from __future__ import annotations

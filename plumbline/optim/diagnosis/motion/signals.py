@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects.motion_effect import Seen
+from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
@@ -29,6 +30,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     LONGEST_DELAY,
     LONGEST_GAP,
     LOOKED_AT,
+    MOST_HELD,
     MOST_SAMPLES,
     MOST_STATES,
     MOST_WINDOWS,
@@ -246,6 +248,8 @@ def signals_of(
     Raises:
         PlumblineError: No run of it is as long as a window.
     """
+    if recording.law == Law.HELD:
+        return _smoothed(recording, POSTURE, MOST_HELD)
     if not recording.law.pushes:
         seconds = POSTURE if recording.law.ideal else SMOOTH
         return _smoothed(recording, seconds, most)
@@ -343,10 +347,22 @@ def _even(r: MotionRecording, rows: slice, dt: float, seconds: float) -> tuple[A
     even = np.minimum(np.arange(t[0], t[-1] + dt * 1e-6, dt), t[-1])
     u, q = (_between(t, a[rows], even) for a in (r.command, r.q))
     if r.law.holds:  # what was sent last stands; a millionth of a step is rounding
-        u = r.command[rows][np.searchsorted(t, even + dt * 1e-6, side="right") - 1]
+        u = _stood(t, r.command[rows], even, dt)
     moved = _derivative(q, dt, 1, seconds), _derivative(q, dt, 2, seconds)
     shares = _between(t, np.eye(4)[np.arange(len(t)) % 4], even)  # of four rows about each
     return even, u, q, _derivative(q, dt, 0, POSTURE), *moved, np.sum(shares**2, axis=1)
+
+
+def _stood(t: Array, u: Array, even: Array, dt: float) -> Array:
+    """What stood (M, n) over each sample of a clock: its mean, where that has fewer than rows."""
+    at = np.searchsorted(t, even + dt * 1e-6, side="right") - 1
+    if dt < 1.5 * np.median(np.diff(t)):
+        return u[at]
+    area = np.zeros_like(u)
+    np.cumsum(np.diff(t)[:, None] * u[:-1], axis=0, out=area[1:])
+    ends = np.append(even, even[-1] + dt)
+    low = np.searchsorted(t, ends, side="right") - 1
+    return np.diff(area[low] + (ends - t[low])[:, None] * u[low], axis=0) / dt
 
 
 def _between(t: Array, values: Array, at: Array) -> Array:

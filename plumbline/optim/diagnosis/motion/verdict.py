@@ -279,7 +279,7 @@ def _notes(found: MotionFindings) -> list[str]:
         if one_operator(joint)
     ]
     step = float(np.median(np.diff(found.recording.time)))  # an even clock may be slower
-    if found.recording.law == Law.HELD_SERVO:
+    if found.recording.law in (Law.HELD, Law.HELD_SERVO):
         told.append(
             "commands are taken to stand until the next row, as a controller holds them: were "
             f"they to run on, joints would be late by half a row, {500 * step:.3g} ms"

@@ -54,7 +54,7 @@ class Windows:
     @property
     def drive(self) -> Law:
         """The law of a step, which knows only its ends."""
-        return Law.POSITION if self.law.ideal else self.law
+        return Law.POSITION if self.law == Law.SMOOTH else self.law
 
     @cached_property
     def samples(self) -> Integers:
