@@ -134,9 +134,7 @@ class Drive:
                 mean += self._risen(asked, self.lag / self.dt, before) - rubbed
                 mean -= (wanted + before.asked) / 2
         # An ideal position is met without rounding.
-        place = before.place + self.dt * mean
-        if self.law == Law.POSITION and not held:
-            place = wanted
+        place = wanted if own is not None and not held else before.place + self.dt * mean
         memory = asked if self.law == Law.POSITION else wanted
         return Memory(memory, place, speed, self._behind_play(place, before), asked)
 
@@ -353,8 +351,7 @@ class Drive:
     def _limited(self, speed: cs.SX, before: cs.SX, h: cs.SX) -> cs.SX:
         """The speed that the largest torque and the largest speed allow [rad/s]."""
         if self.strongest is not None:
-            torque = self.inertia * (speed - before) / h + self.load
-            torque = clipped(torque, self.strongest)
+            torque = clipped(self.inertia * (speed - before) / h + self.load, self.strongest)
             speed = before + h / self.inertia * (torque - self.load)
         return self._slowed(speed)
 
