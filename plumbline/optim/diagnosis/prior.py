@@ -134,8 +134,8 @@ NEARLY_NOTHING = 14.0
 TILT = 3.0  # factor on prior odds by which the verdict says how much hangs on them
 MOST_FAMILIES = 60  # unlisted mechanisms that go on from the first look: the others have no say
 # Share of a chain's moves that ask whether a row is gross: if half do, a probability moves by 0.03.
-# And of the rest that exchange one term for two or two for one: at half of it of four seeds two
-# leave a pair of listed causes unfound that is better by 11 nats.
+# And of the rest that exchange one term for two or two for one, and of long states' two for two: at
+# half of it of four seeds two leave a pair of listed causes unfound that is better by 11 nats.
 OTHER_MOVES = 0.2
 PAIRED = 12  # terms by which pairs are looked for: with 6 of these seeds' chains two part by 0.3
 IN_ONE = 0.1  # by hand: prior share of a cause that is at work in one of several recordings alone

@@ -464,15 +464,42 @@ def test_chains_about_a_long_state_find_what_all_sets_add_up_to(seed, strength, 
         np.testing.assert_allclose(ours, theirs, atol=within)
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_two_for_two_are_as_often_as_the_posterior_has_them(seed):
+    """By these moves alone a chain is in every state of as many terms as often as that is."""
+    asked = problem(*drawn(seed, count=5, strength=3.0))
+    asked = replace(asked, log_priors=asked.log_priors + 3.0)  # places are seldom left empty
+    states = [frozenset(s) for s in combinations(range(5), 3)]
+    chain = joint.MarkovChain(asked, np.random.default_rng(seed), states[0], {})
+    been = dict.fromkeys(states, 0)
+    for _ in range(20000):
+        chain.two_for_two()
+        been[chain.state] += 1
+    logs = np.array([joint.look_at(asked, s).log_posterior for s in states])
+    share = np.array([*been.values()]) / 20000
+    np.testing.assert_allclose(share, np.exp(logs - logsumexp(logs)), atol=0.02)
+
+
+def test_chains_cross_between_two_terms_and_two_that_do_the_same_together():
+    """Of neither pair one alone does it, nor one of each."""
+    rng = np.random.default_rng(3)
+    u, v, w = np.linalg.qr(rng.normal(size=(N, 3)))[0].T * 20.0 * SIGMA
+    X, t = np.stack([u + w, v - w, u - w, v + w], axis=1), u + v
+    asked = problem(X, t + rng.normal(0.0, SIGMA, N))
+    found = coarsened(asked, [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)], 1.0, 0)
+    assert found.apart < 0.2
+    np.testing.assert_allclose(found.marginals[0], by_enumeration(asked)[0][0], atol=0.1)
+
+
 def test_what_fills_no_place_once_in_ten_thousand_is_not_asked_again(monkeypatch):
     """One column that the rows refuse, the less willingly the larger its usual effect is."""
     X, t = drawn(0, count=3, strength=20.0, mixed=0.1)
     state, asked = [SelectedTerm(0, 1.0), SelectedTerm(1, 1.0)], []
     own_chain = one_by_one_module._chain
 
-    def kept(some, *rest):
-        asked.append(2 in some.asked)
-        return own_chain(some, *rest)
+    def kept(pairs, *rest):
+        asked.append(2 in pairs.problem.asked)
+        return own_chain(pairs, *rest)
 
     def of_size(size):
         return problem(X * [1.0, 1.0, size * SIGMA / np.linalg.norm(X[:, 2])], t)

@@ -194,6 +194,28 @@ class MarkovChain:
         if np.log(self.rng.random()) < sign * log:
             self.state = new
 
+    def two_for_two(self) -> None:
+        """Ask two terms for two, one drawn after the other (Metropolis-Hastings)."""
+        mine = sorted(i for i in self.state if not self.problem.gross[i])
+        old = frozenset(self.rng.choice(mine, min(len(mine), 2), replace=False).tolist())
+        rest, new = self.state - old, frozenset[int]()
+        for _ in old:
+            drawn = np.searchsorted(self._look(rest | new).up_to, self.rng.random())
+            new |= {int(drawn)}.intersection(range(len(self.problem.candidates)))
+
+        def log_weight(pair: State) -> float:
+            orders = (pair, tuple(pair)[::-1])
+            logs = [self._log_share(rest, i) + self._log_share(rest | {i}, k) for i, k in orders]
+            return self._look(rest | pair).log_posterior - float(np.logaddexp.reduce(logs))
+
+        if len(old) == 2 == len(new):
+            accepted = np.log(self.rng.random()) < log_weight(new) - log_weight(old)
+            self.state = rest | (new if accepted else old)
+
+    def _log_share(self, rest: State, term: int) -> float:
+        log_odds = self._look(rest).odds[0]  # that it fills one place beside these
+        return float(log_odds[term] - np.logaddexp.reduce(log_odds, initial=0.0))
+
     def _look(self, state: State) -> _Look:
         """What is known of a state."""
         if state not in self.looks:

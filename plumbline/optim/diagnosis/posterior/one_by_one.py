@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis import prior
-from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled
+from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, MarkovChain, Sampled
 from plumbline.optim.diagnosis.posterior.joint_problem import (
     JointProblem,
     Parts,
@@ -64,9 +64,11 @@ def coarsened(
     shares = [_largest(problem, ends[k]) for k in starts]
     problem = replace(problem, asked=np.flatnonzero(np.max(shares, axis=0) >= prior.LEAST_ASKED))
     asked = Asked()
+    first = MarkovChain(problem, np.random.default_rng([seed, 0]), frozenset(), {})
+    second = MarkovChain(problem, np.random.default_rng([seed, 1]), frozenset(), first.looks)
     chains = [
-        _chain(problem, ends[start], np.random.default_rng([seed, k]), asked)
-        for k, start in enumerate(starts)
+        _chain(pairs, ends[start], asked)
+        for pairs, start in zip((first, second), starts, strict=True)
     ]
     apart = np.ptp([chain.marginals[0] for chain in chains], axis=0)
     weights = np.exp(logs[starts] - logs.max())
@@ -80,11 +82,12 @@ def _largest(problem: JointProblem, state: Sequence[SelectedTerm]) -> Array:
     return np.max([shares_of(problem.odds(reduced)[0]) for reduced in places], axis=0)
 
 
-def _chain(
-    problem: JointProblem, state: Sequence[SelectedTerm], rng: np.random.Generator, asked: Asked
-) -> Sampled:
-    """What sweeps say together, each of every place of a state and an empty one, in any order."""
-    sweeps, moves = list[Sampled](), 0
+def _chain(pairs: MarkovChain, state: Sequence[SelectedTerm], asked: Asked) -> Sampled:
+    """What sweeps say together, each of every place of a state and an empty one, in any order.
+
+    Between them two terms go for two: pairs that do the same as others a chain would never leave.
+    """
+    problem, rng, sweeps, moves = pairs.problem, pairs.rng, list[Sampled](), 0
     while moves < prior.LONG_MOVES:
         reduced, odds = problem.reduce(state), []
         places: list[list[SelectedTerm]] = [[], *([t] for t in problem.slots(state))]
@@ -93,7 +96,21 @@ def _chain(
             odds.append(log_odds)
         sweeps.append(_said(problem, state, odds))
         state, moves = reduced.chosen, moves + len(places)
+        if (
+            len(places) <= 2 * prior.MANY_CAUSES
+        ):  # of more it would take too long to weigh all together
+            state = _exchanged(pairs, state, rng.binomial(len(places), prior.OTHER_MOVES))
     return _mean(sweeps)
+
+
+def _exchanged(
+    chain: MarkovChain, state: Sequence[SelectedTerm], moves: int
+) -> Sequence[SelectedTerm]:
+    """A state after so many exchanges of two terms for two."""
+    chain.state = before = frozenset(term.index for term in state)
+    for _ in range(moves):
+        chain.two_for_two()
+    return state if chain.state == before else chain.looks[chain.state].terms
 
 
 def _redrawn(
