@@ -103,12 +103,16 @@ def test_without_an_end_no_row_is_left_aside(robot):
         assert ends(logged(robot, lambda tau: tau, rubs=rubs)) == []
 
 
-@pytest.mark.parametrize(("rows", "seen"), [(12, False), (40, True)])
-def test_an_end_is_told_where_enough_rows_read_it(rows, seen):
-    """Of 400 efforts so many are cut off; a dozen may be a slow crest."""
+@pytest.mark.parametrize(
+    ("rows", "slope", "seen"),
+    [(12, 0.0, False), (30, 0.0, True), (80, 0.0, True), (80, 0.4, False)],
+)
+def test_an_end_is_told_where_enough_rows_read_it_and_it_is_one(rows, slope, seen):
+    """Of 400 efforts so many are cut off; a dozen may be a slow crest, what rises on is no end."""
     t = np.linspace(0.0, 20.0, 400)
     X = np.column_stack([np.sin(t), np.cos(1.7 * t), np.ones(len(t))])
     wanted = X @ [3.0, 1.0, 0.5]
+    end = np.quantile(wanted, 1.0 - rows / len(t))
     noise = 0.05 * np.random.default_rng(0).normal(size=len(t))
-    read = np.minimum(wanted, np.quantile(wanted, 1.0 - rows / len(t))) + noise
+    read = np.where(wanted < end, wanted, end + slope * (wanted - end)) + noise
     assert (_end_of(read, wanted, basis_of(X)) is not None) == seen
