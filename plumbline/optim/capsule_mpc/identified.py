@@ -18,27 +18,61 @@ Drives that turn a shaft about its trocar and slide it lag and rub along its own
 is kept that leaves less.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.constants import FITTED
-from plumbline.optim.capsule_mpc.plant import Plant
 from plumbline.optim.capsule_mpc.shafts import Shafts, along
-from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.core.problem import Array, Flags
-from plumbline.optim.diagnosis.motion.recording import MotionRecording
+
+if TYPE_CHECKING:
+    from plumbline.optim.diagnosis.motion.recording import MotionRecording
 
 # Times, rates, places, which of them are used, and rows of half a second.
 Run = tuple[Array, Array, Array, Flags, int]
 Values = dict[str, Array]  # of plants (P, n), and "mix" (P, n, n)
 
 
-def identified(
-    diagnosed: Plant, recording: MotionRecording, statement: Statement | None = None
-) -> Plant:
+class Axes(Protocol):
+    """A ``Plant``, which has more of the kind; each one number or one for every axis."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def delay(self) -> Any:
+        """Time until a rate acts [s]."""
+
+    @property
+    def lag(self) -> Any:
+        """Time constant [s]."""
+
+    @property
+    def gain(self) -> Any:
+        """Share by which rates are exceeded."""
+
+
+class Stated(Protocol):
+    """A ``Statement``."""
+
+    @property
+    def bodies(self) -> Sequence[object]:
+        """What moves."""
+
+    @property
+    def n(self) -> int:
+        """Number of states of all bodies."""
+
+
+P = TypeVar("P", bound=Axes)
+
+
+def identified(diagnosed: P, recording: MotionRecording, statement: Stated | None = None) -> P:
     """The plant of a ``tracking`` recording that is nearest to what was diagnosed of it.
 
     Along the axes of shafts, where drives turn and slide them and the log is nearer to that.
@@ -50,12 +84,13 @@ def identified(
     if statement is not None and statement.n == recording.n:
         shafts = Shafts(statement.bodies, 1.0)
         turned, less = _nearest(diagnosed, [_turned(run, shafts, diagnosed) for run in runs])
+        more: dict[str, Any] = {"turned": True}
         if less < off:
-            return replace(turned, turned=True)
+            return replace(turned, **more)
     return found
 
 
-def _turned(run: Run, shafts: Shafts, diagnosed: Plant) -> Run:
+def _turned(run: Run, shafts: Shafts, diagnosed: Axes) -> Run:
     """A motion along the axes of shafts: rates by those of where they come to rest."""
     t, u, x, kept, over = run
     late = np.broadcast_to(np.add(diagnosed.delay, diagnosed.lag), x.shape[1:])
@@ -67,7 +102,7 @@ def _turned(run: Run, shafts: Shafts, diagnosed: Plant) -> Run:
     return t, along(shafts.frames(np.column_stack(ahead)), u), way, kept, over
 
 
-def _nearest(diagnosed: Plant, runs: list[Run]) -> tuple[Plant, float]:
+def _nearest(diagnosed: P, runs: list[Run]) -> tuple[P, float]:
     """A plant, and the mean square of what it leaves off [m^2]."""
     n = runs[0][1].shape[1]
     names = (*FITTED, "band")

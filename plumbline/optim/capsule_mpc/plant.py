@@ -35,7 +35,7 @@ from plumbline.optim.capsule_mpc.constants import BRISKEST, CREEP, SLOWEST, WIDE
 from plumbline.optim.core.problem import Array
 
 if TYPE_CHECKING:
-    from plumbline.optim.capsule_mpc.statement import Statement
+    from plumbline.optim.capsule_mpc.identified import Stated
     from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 
 Numbers = float | Sequence[float] | Array  # one for all axes, or one each
@@ -98,12 +98,13 @@ class Plant(Declared):
             )
 
     @classmethod
-    def of(cls, answer: MotionDiagnosis, statement: Statement | None = None) -> Plant:
+    def of(cls, answer: MotionDiagnosis, statement: Stated | None = None) -> Plant:
         """The plant that a diagnosed ``tracking`` recording shows (:mod:`.identified`).
 
         Args:
             answer: The diagnosis.
-            statement: What moved, if drives may turn it about its trocars; the log tells.
+            statement: The ``Statement`` of what moved, if drives may turn it about its trocars;
+                the log tells.
         """
         # Only this needs recordings.
         from plumbline.optim.capsule_mpc.identified import identified

@@ -10,21 +10,34 @@ What moves by rates u moves by :math:`R^T u` along these axes, and its way along
 """
 
 from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.constants import TINY
-from plumbline.optim.capsule_mpc.bodies import Body, TipInstrument
 from plumbline.optim.core.problem import Array
+
+
+@runtime_checkable
+class ThroughTrocar(Protocol):
+    """A body whose state is the place of its tip: a ``TipInstrument``."""
+
+    @property
+    def trocar(self) -> Sequence[float]:
+        """The point that the shaft passes through [m]."""
+
+    @property
+    def inward(self) -> Sequence[float]:
+        """Direction into the body through the trocar's plane."""
 
 
 class Shafts:
     """Shafts through trocars, by their tips."""
 
-    def __init__(self, bodies: Sequence[Body], unit: float) -> None:
+    def __init__(self, bodies: Sequence[object], unit: float) -> None:
         """For places in units of so many metres."""
-        tips = [body for body in bodies if isinstance(body, TipInstrument)]
+        tips = [body for body in bodies if isinstance(body, ThroughTrocar)]
         if len(tips) < len(bodies):
             raise PlumblineError(
                 f"turned: found {len(bodies) - len(tips)} bodies that are no TipInstrument, "
