@@ -91,7 +91,7 @@ class Plant(Declared):
                     f"{name}: found {wrong[0]:.4g}, expected {least:g} to {most:g}; give it {unit}"
                 )
         beside = np.sum(np.abs(self.across), axis=-1) - 1.0 - np.asarray(self.gain)
-        if np.max(beside) >= 0.0:
+        if np.max(beside, initial=-1.0) >= 0.0:
             raise PlumblineError(
                 f"across: found {np.max(beside):.4g} beyond an axis' own 1 + gain, expected less "
                 "in all of its row; give shares of other axes, and the own in gain"

@@ -10,6 +10,7 @@ prior of precision :math:`\Lambda` (in units of the noise) leaves, by Woodbury's
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,25 +98,24 @@ class Linear:
 
 
 def cholesky(A: Array, size: Array) -> Array:
-    """The lower Cholesky factor of a symmetric matrix (K, K), also where rounding has spoilt it.
+    """The lower Cholesky factor of symmetric matrices (..., K, K), also where rounding spoilt them.
 
     What was subtracted from a large Gram matrix carries that one's rounding: where a prior is
-    weaker than this, the matrix may come out indefinite. Its eigenvalues then count for no less
-    than the rounding does (Higham 2002, Accuracy and Stability of Numerical Algorithms, ch. 10).
+    weaker than this, the matrix may come out indefinite. It then gets as much of its size as makes
+    up for the rounding (Higham 2002, Accuracy and Stability of Numerical Algorithms, ch. 10).
 
     Args:
-        A: The matrix.
-        size: Diagonal of what it was before anything was subtracted (K,).
+        A: The matrices.
+        size: Diagonal of what each was before anything was subtracted (..., K).
     """
-    try:
+    with suppress(np.linalg.LinAlgError):
         return np.asarray(np.linalg.cholesky(A))
-    except np.linalg.LinAlgError:
-        root = np.sqrt(np.maximum(np.maximum(size, np.diag(A)), np.finfo(float).tiny))
-        values, vectors = np.linalg.eigh(A / np.outer(root, root))
-        least = len(A) * np.finfo(float).eps
-        half = (vectors * np.sqrt(np.maximum(values, least))).T * root
-        R = np.asarray(np.linalg.qr(half, mode="r"))
-        return np.asarray((R * np.where(np.diag(R) < 0.0, -1.0, 1.0)[:, None]).T)
+    least = A.shape[-1] * np.finfo(float).eps
+    size = np.maximum(size, np.finfo(float).tiny)[..., None] * np.eye(A.shape[-1])
+    for more in least * 10.0 ** np.arange(-np.log10(least)):
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.cholesky(A + more * size))
+    raise np.linalg.LinAlgError("a matrix that is not positive by far more than rounding")
 
 
 def solved(A: Array, right: Array) -> Array:

@@ -378,7 +378,6 @@ def _factors(G: Array, b: Array, tt: float, variance: Array) -> tuple[Array, Arr
     try:
         lower = np.asarray(np.linalg.cholesky(A))
     except np.linalg.LinAlgError:
-        each = zip(A[:, :K, :K], G, strict=True)
-        lower = np.stack([cholesky(a, np.diag(g)) for a, g in each])
+        lower = cholesky(A[:, :K, :K], np.einsum("sii->si", G))
         return lower, np.asarray(np.linalg.solve(lower, b[:, :, None]))[:, :, 0]
     return lower[:, :K, :K], lower[:, K, :K]
