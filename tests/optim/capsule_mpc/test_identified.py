@@ -31,7 +31,7 @@ def logged(plant, seconds=20.0, noise=5e-5, seed=0, group=None):
     u = 0.015 * np.sin(2 * np.pi * f * t[:, None, None] + phase).sum(axis=1)
     values = {k: np.broadcast_to(v, 3) for k, v in vars(plant).items() if k != "across"}
     own = np.diag(1.0 + values["gain"]) + plant.across
-    asked = np.repeat(u, round(DT / FINE), axis=0) @ own.T
+    asked = np.repeat(u, round(DT / FINE), axis=0) @ own.T + values["offset"]
     late, axes = np.round(values["delay"] / FINE).astype(int), np.arange(3)
     motor, tip, v, found = np.zeros(3), np.zeros(3), np.zeros(3), []
     for k in range(len(asked)):
@@ -72,6 +72,20 @@ def test_a_plant_that_is_as_told_stays_so_and_gets_no_dead_band():
         assert np.abs(found.across).max() < 3e-3
         assert np.abs(found.delay + found.lag - 0.09).max() < 2e-3
         assert max(found.dry.max(), found.play.max()) == 0.0
+
+
+def test_a_dead_band_and_a_rate_at_rest_that_no_diagnosis_saw_are_found():
+    none = np.zeros((3, 3))
+    true = Plant(delay=0.05, lag=0.04, band=[8e-3, 0, 0], offset=[0, 8e-4, 0], across=none)
+    found = identified(Plant(delay=0.05, lag=0.04), logged(true))
+    assert found.band == pytest.approx([8e-3, 0.0, 0.0], abs=3e-4)
+    assert found.offset == pytest.approx([0.0, 8e-4, 0.0], abs=1e-4)
+
+
+def test_a_short_log_leaves_what_axes_take_of_each_other_near_none():
+    told = Plant(delay=0.05, lag=0.04)
+    log = logged(replace(told, across=np.zeros((3, 3))), seconds=1.6, noise=1e-3, seed=1)
+    assert np.abs(identified(told, log).across).max() < 0.05
 
 
 def test_friction_that_was_diagnosed_is_not_told_for_play(found):
