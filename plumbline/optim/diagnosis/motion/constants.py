@@ -68,6 +68,7 @@ WIDTHS = (0.05, 0.2, 1.0, 4.0)  # prior widths of such functions, in residual RM
 LONGEST_GAP = 3.0  # times the usual step: a clock that leaps by more begins a new run
 MOST_STATES = 20_000  # at which loads are worked out, 7 microseconds each with seven joints
 MOVES = 6  # exchanges and drops after the climb; two or three are usual
+AGAIN = 2  # searches anew, what neighbours give being known: the second confirms the first
 RIVAL_FROM = 1.5  # of the effective samples, in log evidence: a square that falls to a twentieth
 SEARCHED = 0.4  # of these windows the search looks at; what it finds is fitted to all of them
 SEARCH_SAMPLES = 250  # of such a window where commands are positions: 50 a second

@@ -14,7 +14,7 @@ from plumbline.kinematics.law import Law
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import (
-    MOVES,
+    AGAIN,
     SEARCH_SAMPLES,
     SEARCHED,
     STILL,
@@ -93,7 +93,7 @@ def _searched(
     anew until it finds the same.
     """
     signals, begun = _begun(r, options, progress)
-    for _ in range(MOVES if r.law.pushes else 0):
+    for _ in range(AGAIN if r.law.pushes else 0):
         before, keys = begun, [one.key for one in begun]
         if not any(keys):
             break
