@@ -23,8 +23,8 @@ A_MAX = 1.0  # [m/s^2]: from 60 mm/s a stop takes 60 ms and 1.8 mm, less than d_
 J_MAX = 50.0  # [m/s^3]: that acceleration is there after 20 ms, one step
 V_OUTER = 0.25  # [m/s], what ISO 10218-1 calls reduced speed, beside which people may stand
 CONE = 80.0  # [degrees]: beyond it a shaft would lie along the wall of the body
-# [degrees], least cone that is meant so: any in rad, up to half a turn, is less, and in 3 degrees a
-# tip 100 mm deep has 5 mm to either side.
+# [degrees], least cone that is meant so: any in rad, up to half a turn (pi), is less, and in 3
+# degrees a tip 100 mm deep has 5 mm to either side (test_capsule_mpc_safety.py fails at 3).
 NARROWEST = 3.15
 SHALLOW = 1.0  # [mm] of depth below which a shaft's direction is not to be relied on
 REVOLUTE, PRISMATIC = 1e-2, 1 / MM  # [rad], [m] of one unit of the state
@@ -102,7 +102,8 @@ AT_REST = 1e-18  # [(mm/s)^2, (mm/s^2)^2] keeps the slope of a length finite at 
 NO_WAY = 1e-30  # below which a squared way is none; rounding
 EXACT = 1e-6  # [mm, or of a shaft] to which what is held is, and a way's ends are; rounding
 CREEP = 0.1  # of friction: a rate below that gets its share of what it takes, against chatter
-# [edge of a dead band] that is asked for so that it is passed: so finely it is scanned.
+# [edge of a dead band] that is asked for so that it is passed: an edge of 2 mm/s is scanned to 0.1
+# (test_shafts.py, test_play.py and test_identified.py fail at 1 or 2).
 PASSED = 1.05
 # A plant from a log
 OVER = 0.5  # [s] over which places are compared: 0.02 of 15 mm/s is twice a noise of 0.05 mm

@@ -226,16 +226,18 @@ def test_what_stands_in_a_cause_s_place_is_told_in_one_order():
     assert list(told) == sorted(others)
 
 
+def planned(seconds, **wrong):
+    """Signals of a drive that plans its ways and does what is wrong besides."""
+    rng = np.random.default_rng(0)
+    t, u = multisine(seconds, fastest=2.0)
+    q = drives.follow(t, u[:, 0], np.zeros(len(t)), drives.Wrong(**wrong), rng)
+    q = np.column_stack([q + rng.normal(0.0, 3e-3, len(t)), u[:, 1]])
+    return signals_of(build_motion(robot=arm(), time=t, command=u, q=q, noise_std=3e-3))
+
+
 def test_what_contends_with_a_planned_way_is_fitted_to_the_end():
     """A search's fits of it end early: a servo of second order went before the lag that it was."""
-    rng = np.random.default_rng(0)
-    t, u = multisine(40.0, fastest=2.0)
-    wrong = drives.Wrong(steepest=2.0, lag=0.025)
-    q = drives.follow(t, u[:, 0], np.zeros(len(t)), wrong, rng) + rng.normal(0.0, 3e-3, len(t))
-    made = build_motion(
-        robot=arm(), time=t, command=u, q=np.column_stack([q, u[:, 1]]), noise_std=3e-3
-    )
-    signals = signals_of(made)
+    signals = planned(40.0, steepest=2.0, lag=0.025)
     swings = next(e for e in MOTION_EFFECTS if e.name == "servo_bandwidth")()
     found = models.Models(
         signals.windows(0, signals.starts), (DELAY, PLANS, LAG, swings), signals.seen(0)
@@ -256,14 +258,7 @@ def test_what_contends_with_a_planned_way_is_fitted_to_the_end():
 @pytest.mark.parametrize(("plans", "better"), [(True, True), (True, False), (False, True)])
 def test_a_fit_of_a_planned_way_goes_on_from_a_better_one_than_it_began_from(plans, better):
     """A delay beside a way not yet as it is was 90 ms for 77, and a servo of second order told."""
-    rng = np.random.default_rng(0)
-    t, u = multisine(30.0, fastest=2.0)
-    wrong = drives.Wrong(steepest=2.0, delay=0.077)
-    q = drives.follow(t, u[:, 0], np.zeros(len(t)), wrong, rng) + rng.normal(0.0, 3e-3, len(t))
-    made = build_motion(
-        robot=arm(), time=t, command=u, q=np.column_stack([q, u[:, 1]]), noise_std=3e-3
-    )
-    signals = signals_of(made)
+    signals = planned(30.0, steepest=2.0, delay=0.077)
     found = models.Models(signals.windows(0, signals.starts), (DELAY, PLANS, LAG), signals.seen(0))
     way = PLANS if plans else LAG
     effects = tuple(e for e in found.library if e in (DELAY, way))
