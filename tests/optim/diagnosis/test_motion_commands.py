@@ -8,9 +8,11 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from plumbline import build_motion, diagnose
+from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.motion import rollout
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import arm, multisine
 from tests.optim.diagnosis.test_motion_physics import MJCF, STEP, URDF
@@ -212,3 +214,16 @@ def test_dry_friction_of_a_drive_that_pushes_is_called_just_that(dry):
     assert [c.effect for c in verdict.causes] == ["coulomb_friction"][: dry > 0.0]
     for cause in verdict.causes:
         assert cause.parameters["dry"].value == pytest.approx(dry, rel=0.05)
+
+
+@pytest.mark.parametrize("stretch", [7, 1000])
+def test_a_run_in_stretches_is_the_same_run(monkeypatch, stretch):
+    """What a drive keeps goes on: here a lag, in the middle of which stretches end."""
+    signals = signals_of(recorded("sampled_torque", *moved(TORQUE, torques)))
+    windows = signals.windows(0, signals.starts)
+    given = (windows, (ActuationLag(),), np.array([0.3]))
+    whole = [f(*given) for f in (rollout.pushed, rollout.played)]
+    assert min(np.std(one) for one in whole) > 0.1
+    monkeypatch.setattr(rollout, "STRETCH", stretch)
+    for f, one in zip((rollout.pushed, rollout.played), whole, strict=True):
+        np.testing.assert_allclose(f(*given), one, rtol=0, atol=1e-12 * np.abs(one).max())

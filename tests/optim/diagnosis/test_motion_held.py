@@ -9,9 +9,10 @@ from scipy.signal import lfilter
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
+from plumbline.optim.diagnosis.motion.clock import stood
 from plumbline.optim.diagnosis.motion.diagnose import _between_rows
 from plumbline.optim.diagnosis.motion.rollout import roll_out
-from plumbline.optim.diagnosis.motion.signals import _stood, signals_of
+from plumbline.optim.diagnosis.motion.signals import signals_of
 from tests.motions import arm, multisine
 
 FINE = 2e-4  # s
@@ -102,8 +103,8 @@ def test_of_a_thinned_clock_what_stood_is_the_mean_over_each_of_its_samples():
     t = 0.005 * np.arange(8)
     u = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 3.0, 3.0])[:, None]
     even = 0.01 * np.arange(4)
-    assert _stood(t, u, even, 0.01)[:, 0] == pytest.approx([0.0, 0.5, 1.0, 3.0])
-    assert _stood(t, u, t, 0.005)[:, 0] == pytest.approx(u[:, 0])
+    assert stood(t, u, even, 0.01)[:, 0] == pytest.approx([0.0, 0.5, 1.0, 3.0])
+    assert stood(t, u, t, 0.005)[:, 0] == pytest.approx(u[:, 0])
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import Models, nested
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import Begun, prior_at, search
-from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
+from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, smoothed, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import MotionFindings, verdict_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -92,12 +92,13 @@ def _searched(
     Under torques what is found at one joint is part of what its neighbours feel: the search begins
     anew until it finds the same.
     """
-    signals, begun = _begun(r, options, progress)
+    plain = smoothed(r)
+    signals, begun = _begun(plain, options, progress)
     for _ in range(AGAIN if r.law.pushes else 0):
         before, keys = begun, [one.key for one in begun]
         if not any(keys):
             break
-        signals, begun = _begun(r, options, progress, before)
+        signals, begun = _begun(plain, options, progress, before)
         if [one.key for one in begun] == keys:
             break
     done = [replace(one, key=one.quick.from_pairs(one.key, one.sigma)) for one in begun]
@@ -105,7 +106,7 @@ def _searched(
 
 
 def _begun(
-    r: MotionRecording,
+    plain: Sequence[Signals],
     options: DiagnosisOptions,
     progress: Progress | None,
     before: Sequence[Begun] = (),
@@ -117,9 +118,10 @@ def _begun(
     Raises:
         PlumblineError: No run is as long as a window.
     """
+    r = plain[0].recording
     found_before = {one.number - 1: (one.near.effects, one.near.theta) for one in before}
     nothing = ((), np.empty(0))
-    signals = signals_of(r, drives=[found_before.get(j, nothing) for j in range(r.n)])
+    signals = signals_of(r, drives=[found_before.get(j, nothing) for j in range(r.n)], plain=plain)
     kinds = [e for e in MOTION_EFFECTS if e.name not in options.without]
     effects = tuple(e for c in kinds for e in c.candidates(r.law, masses=signals.has_masses))
     training = signals.training

@@ -23,7 +23,14 @@ import numpy as np
 from plumbline.kinematics.drive import Drive, Memory
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
 from plumbline.kinematics.law import Law
-from plumbline.optim.diagnosis.motion.constants import ABREAST, PIECE, PIECES, TOGETHER, WIDE
+from plumbline.optim.diagnosis.motion.constants import (
+    ABREAST,
+    PIECE,
+    PIECES,
+    STRETCH,
+    TOGETHER,
+    WIDE,
+)
 from plumbline.optim.diagnosis.motion.filtered import Filters, filtered, filters_of
 from plumbline.optim.diagnosis.motion.windows import Array, Effects, Integers, Windows
 
@@ -258,9 +265,7 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     begin = _begun(w, u, np.array([at]), yields, sags)[:size, 0]
     data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), *w.loads(np.arange(at + 1, M))])
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
-    steps = _step(w.drive, effects, ()).mapaccum("played", M - 1)  # not expanded: M may be large
-    out = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
-    return np.concatenate([[w.q[at]], np.asarray(out)[0]])
+    return np.append(w.q[at], _along(_step(w.drive, effects, ()), begin, data, fixed))
 
 
 def pushed(windows: Windows, effects: Effects, theta: Array) -> Array:
@@ -279,10 +284,20 @@ def pushed(windows: Windows, effects: Effects, theta: Array) -> Array:
     load, inertia = w.loads(np.arange(1, M))
     data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), load, inertia, w.posture[:-1], w.speed[:-1]])
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
-    steps = _pushing(w.drive, effects).mapaccum("pushed", M - 1)
     begin = _begun(w, u[:, :2], whole.start, 0.0, 0.0)[: len(_memory(effects)), 0]
-    faster = steps(begin, data, np.broadcast_to(fixed[:, None], (len(fixed), M - 1)))[1]
-    return np.asarray(inertia * np.asarray(faster)[0] / w.dt + load, dtype=float)
+    return inertia * _along(_pushing(w.drive, effects), begin, data, fixed) / w.dt + load
+
+
+def _along(step: cs.Function, now: Array, data: Array, fixed: Array) -> Array:
+    """What a step gives of every sample (M,) of one long run, a stretch of samples a call."""
+    stretch, out = step.mapaccum("along", STRETCH), []
+    for part in np.split(data, range(STRETCH, data.shape[1], STRETCH), axis=1):
+        count = part.shape[1]
+        steps = stretch if count == STRETCH else step.mapaccum("along", count)
+        after, told = steps(now, part, np.broadcast_to(fixed[:, None], (len(fixed), count)))
+        now = np.asarray(after[:, -1])
+        out.append(np.asarray(told)[0])
+    return np.concatenate(out)
 
 
 @lru_cache(maxsize=1024)

@@ -21,9 +21,9 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
+from plumbline.optim.diagnosis.motion.clock import derivative, on_even_clock
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
-    CUBIC,
     LEAST_INERTIA,
     LEAST_WINDOWS,
     LENGTH,
@@ -35,7 +35,6 @@ from plumbline.optim.diagnosis.motion.constants import (
     MOST_STATES,
     MOST_WINDOWS,
     POSTURE,
-    QUINTIC,
     SETTLE,
     SMOOTH,
     SMOOTHED,
@@ -101,15 +100,15 @@ class Signals:
         model.gravity.linear = np.asarray(r.robot.gravity, dtype=float)
         data, M, index = model.createData(), len(self.q), list(r.index)
         chosen = np.unique(np.linspace(0, M - 1, min(M, MOST_STATES)).astype(np.int64))
-        masses, h = np.empty((len(chosen), r.n, r.n)), np.empty((len(chosen), r.n))
-        neutral = pin.neutral(model)
-        for k, at in enumerate(chosen):
-            moved, v = np.zeros((2, model.nv))
-            moved[index], v[index] = self.posture[at], self.speed[at]
-            q = pin.integrate(model, neutral, moved)
-            masses[k] = pin.crba(model, data, q)[np.ix_(index, index)]
-            h[k] = pin.rnea(model, data, q, v, np.zeros(model.nv))[index]
-        return chosen, masses, h
+        masses, h = np.empty((len(chosen), model.nv, r.n)), np.empty((len(chosen), model.nv))
+        neutral, still = pin.neutral(model), np.zeros(model.nv)
+        moved, v = np.zeros((2, len(chosen), model.nv))
+        moved[:, index], v[:, index] = self.posture[chosen], self.speed[chosen]
+        for k in range(len(chosen)):
+            q = pin.integrate(model, neutral, moved[k])
+            masses[k] = pin.crba(model, data, q)[:, index]
+            h[k] = pin.rnea(model, data, q, v[k], still)
+        return chosen, masses[:, index], h[:, index]
 
     @cached_property
     def loads(self) -> tuple[Array, Array]:
@@ -231,8 +230,24 @@ class Signals:
         return "groups" if several else "time"
 
 
+def smoothed(recording: MotionRecording, most: int = MOST_SAMPLES) -> tuple[Signals, ...]:
+    """A recording on an even clock, over each time that its readings may be smoothed.
+
+    Raises:
+        PlumblineError: No run of it is as long as a window.
+    """
+    if recording.law == Law.HELD:
+        return (_smoothed(recording, POSTURE, MOST_HELD),)
+    if not recording.law.pushes:
+        return (_smoothed(recording, POSTURE if recording.law.ideal else SMOOTH, most),)
+    return tuple(_smoothed(recording, seconds, most) for seconds in SMOOTHED)
+
+
 def signals_of(
-    recording: MotionRecording, most: int = MOST_SAMPLES, drives: Drives = ()
+    recording: MotionRecording,
+    most: int = MOST_SAMPLES,
+    drives: Drives = (),
+    plain: Sequence[Signals] = (),
 ) -> Signals:
     """A recording on an even clock, at most so many samples a window.
 
@@ -244,17 +259,15 @@ def signals_of(
         recording: What was recorded.
         most: Samples of a window.
         drives: What is known of each joint's drive; ideal ones if nothing is.
+        plain: The same, :func:`smoothed` already.
 
     Raises:
         PlumblineError: No run of it is as long as a window.
     """
-    if recording.law == Law.HELD:
-        return _smoothed(recording, POSTURE, MOST_HELD)
+    plain = plain or smoothed(recording, most)
     if not recording.law.pushes:
-        seconds = POSTURE if recording.law.ideal else SMOOTH
-        return _smoothed(recording, seconds, most)
+        return plain[0]
     known = drives or [((), np.empty(0))] * recording.n
-    plain = [_smoothed(recording, seconds, most) for seconds in SMOOTHED]
     foretold = (_foretold(s, span, known) for s, span in zip(plain, SMOOTHED, strict=True))
     return min((*foretold, *plain), key=lambda s: _misfit(s, known))
 
@@ -273,12 +286,11 @@ def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
         pushed(s.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
     ]
     free = np.column_stack(given) - (h[:-1] + h[1:]) / 2
-    mean = np.linalg.solve((masses[:-1] + masses[1:]) / 2, free[..., None])[..., 0]
-    for begin in np.unique(s.first):
-        run = s.first == begin
-        way = _way(mean[run[1:] & run[:-1]], s.dt)
+    mean = np.linalg.solve((masses[:-1] + masses[1:]) / 2, free[..., None])[..., 0].astype(float)
+    for begin, end in pairwise([*np.unique(s.first), len(s.q)]):
+        way = _way(mean[begin : end - 1], s.dt)
         for order, span in enumerate((POSTURE, seconds, seconds)):
-            moved[order][run] += way[order] - _derivative(way[0], s.dt, order, span)
+            moved[order][begin:end] += way[order] - derivative(way[0], s.dt, order, span)
     return replace(s, posture=moved[0], speed=moved[1], acceleration=moved[2])
 
 
@@ -322,7 +334,7 @@ def _smoothed(r: MotionRecording, seconds: float, most: int) -> Signals:
             "without a gap, or mend 'time' if it is in ms"
         )
     runs = [(a, b) for a, b in pairwise(bounds) if b - a > 1]
-    parts = [_even(r, slice(a, b), dt, seconds) for a, b in runs]
+    parts = [on_even_clock(r, slice(a, b), dt, seconds) for a, b in runs]
     sizes = [len(p[0]) for p in parts]
     begins = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
     for k, ((_, end), (a, _)) in enumerate(pairwise(runs), 1):
@@ -336,52 +348,6 @@ def _smoothed(r: MotionRecording, seconds: float, most: int) -> Signals:
         np.repeat(group[kept], sizes), np.repeat(held[kept], sizes), length,
         float(np.sqrt(np.mean(square))),
     )  # fmt: skip
-
-
-def _even(r: MotionRecording, rows: slice, dt: float, seconds: float) -> tuple[Array, ...]:
-    """Time, commands, positions, postures, speeds, accelerations of a run on an even clock.
-
-    And the squares of what a position's noise is of a reading's.
-    """
-    t = r.time[rows]
-    even = np.minimum(np.arange(t[0], t[-1] + dt * 1e-6, dt), t[-1])
-    u, q = (_between(t, a[rows], even) for a in (r.command, r.q))
-    if r.law.holds:  # what was sent last stands; a millionth of a step is rounding
-        u = _stood(t, r.command[rows], even, dt)
-    moved = _derivative(q, dt, 1, seconds), _derivative(q, dt, 2, seconds)
-    shares = _between(t, np.eye(4)[np.arange(len(t)) % 4], even)  # of four rows about each
-    return even, u, q, _derivative(q, dt, 0, POSTURE), *moved, np.sum(shares**2, axis=1)
-
-
-def _stood(t: Array, u: Array, even: Array, dt: float) -> Array:
-    """What stood (M, n) over each sample of a clock: its mean, where that has fewer than rows."""
-    at = np.searchsorted(t, even + dt * 1e-6, side="right") - 1
-    if dt < 1.5 * np.median(np.diff(t)):
-        return u[at]
-    area = np.zeros_like(u)
-    np.cumsum(np.diff(t)[:, None] * u[:-1], axis=0, out=area[1:])
-    ends = np.append(even, even[-1] + dt)
-    low = np.searchsorted(t, ends, side="right") - 1
-    return np.diff(area[low] + (ends - t[low])[:, None] * u[low], axis=0) / dt
-
-
-def _between(t: Array, values: Array, at: Array) -> Array:
-    """Rows (N, n) at other times (M,): cubics with slopes of the rows on both sides.
-
-    Straight lines leave ten times an encoder's noise where one row of 50 a second is lost.
-    """
-    return np.asarray(
-        scipy.interpolate.CubicHermiteSpline(t, values, np.gradient(values, t, axis=0))(at)
-    )
-
-
-def _derivative(q: Array, dt: float, order: int, seconds: float) -> Array:
-    """What polynomials have it be (M, n), by least squares over so long about each sample."""
-    width = max(2 * round(seconds / dt / 2) + 1, 5)
-    if len(q) < width:
-        return np.zeros_like(q) if order else q
-    power = CUBIC if order else min(QUINTIC, width - 2)  # speeds would be 2.5 times as noisy
-    return np.asarray(scipy.signal.savgol_filter(q, width, power, deriv=order, delta=dt, axis=0))
 
 
 def spread(starts: Integers, most: float) -> Integers:
