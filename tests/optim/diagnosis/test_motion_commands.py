@@ -220,8 +220,7 @@ def test_dry_friction_of_a_drive_that_pushes_is_called_just_that(dry):
 def test_a_run_in_stretches_is_the_same_run(monkeypatch, stretch):
     """What a drive keeps goes on: here a lag, in the middle of which stretches end."""
     signals = signals_of(recorded("sampled_torque", *moved(TORQUE, torques)))
-    windows = signals.windows(0, signals.starts)
-    given = (windows, (ActuationLag(),), np.array([0.3]))
+    given = (signals.windows(0, np.zeros(1, int)), (ActuationLag(),), np.array([0.3]))
     whole = [f(*given) for f in (rollout.pushed, rollout.played)]
     assert min(np.std(one) for one in whole) > 0.1
     monkeypatch.setattr(rollout, "STRETCH", stretch)
