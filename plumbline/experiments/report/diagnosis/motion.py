@@ -1,7 +1,6 @@
 """Pictures of a motion: command, actual, nominal and corrected over time, the residual below."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -112,7 +111,7 @@ def bode(found: MotionDiagnosis, number: int) -> Figure | None:
     recording's commands.
     """
     joint = next(j for j in found.joints if j.number == number)
-    windows = replace(joint.windows, start=np.zeros(1, np.int64))
+    windows = joint.windows
     made = played(windows, joint.fit.effects, joint.fit.theta)
     f, measured, seen = transfer_of(windows.command, windows.q, windows.dt)
     if not seen.any():

@@ -253,19 +253,21 @@ def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
 
 
 def played(windows: Windows, effects: Effects, theta: Array) -> Array:
-    """Positions (M,) [rad] along the whole recording, from the first window's measured start."""
-    w, M = windows, len(windows.command)
-    whole = replace(w, start=w.start[:1], length=M - 1, settle=0)
+    """Positions (M,) [rad] along the whole recording, from its measured start."""
+    w, u = _whole(windows, effects, theta)
+    yields, sags = (float(_per_unit(effects, term) @ theta) for term in ("compliance", "sag"))
+    begin = _begun(w, u, w.start, yields, sags)[: len(_memory(effects)), 0]
+    data = np.stack([u[0, 1:], *np.zeros((2, w.length)), *w.loads(np.arange(1, w.length + 1))])
+    fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
+    return np.append(w.q[0], _along(_step(w.drive, effects, ()), begin, data, fixed))
+
+
+def _whole(windows: Windows, effects: Effects, theta: Array) -> tuple[Windows, Array]:
+    """A whole recording as one window, and the commands (1, M) that reach its drive."""
+    w = replace(windows, start=np.zeros(1, np.int64), length=len(windows.command) - 1, settle=0)
     shift = float(_per_unit(effects, "shift") @ theta)
     late = sum(e.lags * value for e, value in zip(effects, theta, strict=True))
-    u, *_ = whole.asked(shift, float(late), whole.reach_of(whole.start, M - 1))
-    at = int(w.start[0])
-    size = len(_memory(effects))
-    yields, sags = (float(_per_unit(effects, term) @ theta) for term in ("compliance", "sag"))
-    begin = _begun(w, u, np.array([at]), yields, sags)[:size, 0]
-    data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), *w.loads(np.arange(at + 1, M))])
-    fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
-    return np.append(w.q[at], _along(_step(w.drive, effects, ()), begin, data, fixed))
+    return w, w.asked(shift, float(late), w.reach_of(w.start, w.length))[0]
 
 
 def pushed(windows: Windows, effects: Effects, theta: Array) -> Array:
@@ -274,17 +276,14 @@ def pushed(windows: Windows, effects: Effects, theta: Array) -> Array:
     Along where the joint was, as measured; of a drive that pushes. What a largest speed takes is
     not told by it: of what goes at that speed, noise alone would be a torque.
     """
-    w, M = windows, len(windows.command)
     kept = [k for k, e in enumerate(effects) if e.term != "fastest"]
     effects, theta = tuple(effects[k] for k in kept), np.asarray(theta)[kept]
-    whole = replace(w, start=np.zeros(1, np.int64), length=M - 1, settle=0)
-    shift = float(_per_unit(effects, "shift") @ theta)
-    late = sum(e.lags * value for e, value in zip(effects, theta, strict=True))
-    u, *_ = whole.asked(shift, float(late), whole.reach_of(whole.start, M - 1))
-    load, inertia = w.loads(np.arange(1, M))
-    data = np.stack([u[0, 1:], *np.zeros((2, M - 1)), load, inertia, w.posture[:-1], w.speed[:-1]])
+    w, u = _whole(windows, effects, theta)
+    load, inertia = w.loads(np.arange(1, w.length + 1))
+    moved = w.posture[:-1], w.speed[:-1]
+    data = np.stack([u[0, 1:], *np.zeros((2, w.length)), load, inertia, *moved])
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
-    begin = _begun(w, u[:, :2], whole.start, 0.0, 0.0)[: len(_memory(effects)), 0]
+    begin = _begun(w, u, w.start, 0.0, 0.0)[: len(_memory(effects)), 0]
     return inertia * _along(_pushing(w.drive, effects), begin, data, fixed) / w.dt + load
 
 
