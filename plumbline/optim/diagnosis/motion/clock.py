@@ -20,9 +20,12 @@ def on_even_clock(r: MotionRecording, rows: slice, dt: float, seconds: float) ->
     u, q = (_between(t, a[rows], even) for a in (r.command, r.q))
     if r.law.holds:  # what was sent last stands; a millionth of a step is rounding
         u = stood(t, r.command[rows], even, dt)
-    moved = derivative(q, dt, 1, seconds), derivative(q, dt, 2, seconds)
+    posture = derivative(q, dt, 0, POSTURE)
+    speed, acceleration = (derivative(q, dt, order, seconds) for order in (1, 2))
+    if r.law.follows:
+        speed = _beyond_noise(speed, u, q - posture, dt, seconds)
     shares = _between(t, np.eye(4)[np.arange(len(t)) % 4], even)  # of four rows about each
-    return even, u, q, derivative(q, dt, 0, POSTURE), *moved, np.sum(shares**2, axis=1)
+    return even, u, q, posture, speed, acceleration, np.sum(shares**2, axis=1)
 
 
 def stood(t: Array, u: Array, even: Array, dt: float) -> Array:
@@ -47,10 +50,44 @@ def _between(t: Array, values: Array, at: Array) -> Array:
     )
 
 
+def _beyond_noise(speed: Array, u: Array, off: Array, dt: float, seconds: float) -> Array:
+    r"""Speeds (M, n) of commands, and what smoothed ones differ by beyond their readings' noise.
+
+    .. math:: \dot u + \max\Bigl(0, 1 - \frac{\sigma_v^2}{\overline{(v - \dot u)^2}}\Bigr)
+              (v - \dot u)
+
+    (Efron and Morris 1973, JASA 68:117). A planned way that begins too fast, by the noise of its
+    readings, is another for seconds: speed and noise then tell other causes than there are.
+
+    Args:
+        speed: As smoothed over so many seconds (M, n) [rad/s].
+        u: Commands of place (M, n) [rad].
+        off: Readings less what is smoothed of them (M, n) [rad], by which their noise is known.
+        dt: Time from sample to sample [s].
+        seconds: Over how long speeds are smoothed [s].
+    """
+    asked = derivative(u, dt, 1, seconds)
+    weights, own = _weights(dt, 1, seconds), _weights(dt, 0, POSTURE).max()  # of a reading itself
+    noise = np.mean(off**2, axis=0) / (1 - own) * np.sum(weights**2)
+    square = np.maximum(np.mean((speed - asked) ** 2, axis=0), 1e-300)
+    return np.asarray(asked + np.maximum(1 - noise / square, 0) * (speed - asked))
+
+
 def derivative(q: Array, dt: float, order: int, seconds: float) -> Array:
     """What polynomials have it be (M, n), by least squares over so long about each sample."""
-    width = max(2 * round(seconds / dt / 2) + 1, 5)
+    width, power = _polynomial(dt, order, seconds)
     if len(q) < width:
         return np.zeros_like(q) if order else q
-    power = CUBIC if order else min(QUINTIC, width - 2)  # speeds would be 2.5 times as noisy
     return np.asarray(scipy.signal.savgol_filter(q, width, power, deriv=order, delta=dt, axis=0))
+
+
+def _weights(dt: float, order: int, seconds: float) -> Array:
+    """What a sample's place or derivative, as smoothed, has of each reading about it."""
+    width, power = _polynomial(dt, order, seconds)
+    return np.asarray(scipy.signal.savgol_coeffs(width, power, deriv=order, delta=dt))
+
+
+def _polynomial(dt: float, order: int, seconds: float) -> tuple[int, int]:
+    """Samples and degree: speeds of a quintic would be 2.5 times as noisy."""
+    width = max(2 * round(seconds / dt / 2) + 1, 5)
+    return width, CUBIC if order else min(QUINTIC, width - 2)
