@@ -58,7 +58,7 @@ def test_encoders_of_which_none_is_named_may_have_rows_kept_back(noise):
 
 
 def test_a_tiny_noise_of_few_rows_is_no_error():
-    q = readings(SMALL.chain(), 6)
+    q = readings(SMALL.chain(), 5)
     recording = bench(SMALL, "tip_position", q=q, columns=("payload",), noise_std=1e-15)
     off = np.random.default_rng(0).normal(0.0, 0.01, recording.measured.shape)
     diagnosed(
