@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.constants import LEAST_LOAD, PARALLEL, SHORT
+from plumbline.kinematics.constants import LEAST_LOAD, MISSTATED, PARALLEL, SHORT
 from plumbline.kinematics.evaluate import Array, Flags, over_rows
 from plumbline.kinematics.frames import Transform, axis_rotation, by_columns, constant, homogeneous
 from plumbline.kinematics.oracle import pin
@@ -58,6 +58,7 @@ class Chain:
     T_last_tip: Array  # tip frame (4, 4) in the last joint's frame [m]
     tip_frame: str  # name of the tip frame
     gravity: Array  # gravity (3,) in the base frame [m/s^2]
+    misstated: float = MISSTATED  # 1 sigma of what a body weighs [its mass]
 
     def __repr__(self) -> str:
         named = f"{self.joints[0].name[:60]!r} to {self.tip_frame[:60]!r}"

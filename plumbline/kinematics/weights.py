@@ -15,7 +15,6 @@ from dataclasses import replace
 import casadi as cs
 
 from plumbline.kinematics.chain import Chain
-from plumbline.kinematics.constants import MISSTATED
 from plumbline.kinematics.parameters import Parameter
 
 LADEN = ", under a tool of unknown mass"  # of what gives way under more than the model knows of
@@ -28,12 +27,13 @@ CARRIED = Parameter(
     source="by hand: tools of a kilogram",
 )
 REWEIGHED = ", of bodies that do not weigh what the model says"
-Bodies = tuple[int, ...]
+Bodies = tuple[tuple[int, float], ...]  # number, and 1 sigma of its mass [its mass]
 
 
 def bodies_beyond(chain: Chain, joint: int) -> Bodies:
-    """Numbers of the bodies from a joint (from 1) outwards; none of one: its share is the whole."""
-    found = tuple(k for k, b in enumerate(chain.joints, 1) if k >= joint and b.mass > 0.0)
+    """The bodies from a joint (from 1) outwards; none of one: its share is the whole."""
+    heavy = (k for k, b in enumerate(chain.joints, 1) if k >= joint and b.mass > 0.0)
+    found = tuple((k, chain.misstated) for k in heavy)
     return found if len(found) > 1 else ()
 
 
@@ -51,9 +51,12 @@ def with_shares(
     """
     if not bodies:
         return tuple(own)
-    other = replace(own[0], lower=-about, upper=about, scale=about * MISSTATED)
+    other = replace(own[0], lower=-about, upper=about)
     said = f"{other.doc}, times the share that body"
-    more = (replace(other, name=f"body_{k}", doc=f"{said} {k} weighs more") for k in bodies)
+    more = (
+        replace(other, name=f"body_{k}", doc=f"{said} {k} weighs more", scale=about * misstated)
+        for k, misstated in bodies
+    )
     return (*as_found(own, found), *more)
 
 
@@ -62,6 +65,6 @@ def shares(
 ) -> cs.SX:
     """By what the weight of each body, and last a payload's, counts (n + 1)."""
     found = cs.SX(cs.DM.ones(chain.n + 1)) * of_all
-    for body, value in zip(bodies, values, strict=True):
+    for (body, _), value in zip(bodies, values, strict=True):
         found[body - 1] += value
     return found

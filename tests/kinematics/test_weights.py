@@ -51,7 +51,7 @@ def test_what_gives_way_by_shares_is_the_plain_effect_of_an_arm_of_those_masses(
     compliance = GIVING[key]
     as_stated, heavier = (bench(arm(m), "pose", columns=[]) for m in (0.0, MORE))
     [effect] = [e for e in with_bodies(key, as_stated) if len(e.found) == 1]
-    values = [compliance, *(compliance * MORE[k - 1] for k in effect.bodies)]
+    values = [compliance, *(compliance * MORE[k - 1] for k, _ in effect.bodies)]
     found = residuals(as_stated, [effect], values)
     expected = residuals(heavier, [effect.plain], [compliance])
     moved = np.abs(expected - residuals(as_stated, [effect.plain], [compliance])).max()
@@ -68,7 +68,7 @@ def test_a_body_is_known_to_a_tenth_of_its_mass(key):
         about = sum(p.scale for p in own if p.unit == own[0].unit)
         about /= len(own) if effect.name == "base_compliance" else 1
         assert about == pytest.approx(GIVING[key])
-        assert [p.name for p in others] == [f"body_{k}" for k in effect.bodies]
+        assert [p.name for p in others] == [f"body_{k}" for k, _ in effect.bodies]
         np.testing.assert_allclose([p.scale for p in others], 0.1 * about)
         np.testing.assert_allclose([(p.lower, p.upper) for p in others], [(-about, about)] * count)
         assert "do not weigh what the model says" in effect.variant
@@ -76,9 +76,20 @@ def test_a_body_is_known_to_a_tenth_of_its_mass(key):
         assert not effect.plain.bodies
 
 
+@pytest.mark.parametrize("key", GIVING, ids=lambda key: key[0])
+def test_a_body_whose_mass_is_assumed_may_weigh_twice_as_much_or_next_to_nothing(key):
+    """One in four weighs twice what is assumed or more, or half or less: exp(0.69), 0.94 sigma."""
+    unknown = Robot.from_dh([{k: v for k, v in row.items() if k != "mass"} for row in ROWS])
+    recording = bench(unknown, "tip_position", columns=[])
+    assert not recording.chain.has_masses
+    for effect in with_bodies(key, recording):
+        others = effect.parameters[-len(effect.bodies) :]
+        np.testing.assert_allclose([p.scale / p.upper for p in others], 0.74)
+
+
 def test_one_body_alone_has_no_share_of_its_own():
     chain = arm().chain()
-    assert bodies_beyond(chain, 4) == (4, 5)
+    assert [k for k, _ in bodies_beyond(chain, 4)] == [4, 5]
     assert bodies_beyond(chain, 5) == ()
     last = REGISTRY["joint_compliance"](joint=5)
     assert not last.deviations(scope_of(bench(arm(), "tip_position")), [1e-5])

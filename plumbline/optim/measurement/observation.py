@@ -21,7 +21,7 @@ from plumbline.kinematics.effects import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
 from plumbline.optim.core.problem import Array, Problem
-from plumbline.optim.measurement.constants import MASS_PER_METRE, ONE_MOTION
+from plumbline.optim.measurement.constants import ASSUMED, MASS_PER_METRE, ONE_MOTION
 from plumbline.optim.measurement.correlated import follows_of
 from plumbline.optim.measurement.nuisance import (
     Nuisance,
@@ -210,7 +210,7 @@ def loaded_chain(chain: Chain) -> Chain:
         replace(joint, mass=MASS_PER_METRE * float(np.linalg.norm(end)), com=end / 2)
         for joint, end in zip(chain.joints, ends, strict=True)
     )
-    return replace(chain, joints=joints)
+    return replace(chain, joints=joints, misstated=ASSUMED)
 
 
 def _is_one_motion(q: Array) -> bool:
