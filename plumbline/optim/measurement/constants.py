@@ -17,7 +17,7 @@ WIDE_BOUNDS = 1e3  # either side of the start, in units of typical size
 
 # Observation
 MASS_PER_METRE = 15.0  # [kg/m] of a link of which no mass is given, as of arms of 5 to 30 kg
-# [its mass], 1 sigma of a body whose mass is assumed so: in logarithms, of links longer than 5 cm of
+# [its mass], 1 sigma of a body whose mass is assumed so: in logarithms, of links beyond 5 cm of
 # 15 arms whose masses their makers give, about each arm's own mean
 ASSUMED = 0.74
 ONE_MOTION = 0.05  # of the spread of the rows, below which steps between them are a motion's

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from plumbline.experiments.benches.ar1 import NOISES, clean
 from plumbline.kinematics.effects import REGISTRY
@@ -14,7 +15,12 @@ from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
 from plumbline.optim.diagnosis.diagnose import _told_apart, _worth_the_same, diagnose, usable
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
+from plumbline.optim.diagnosis.posterior.correlation import (
+    Left,
+    RowNoise,
+    correlation_of,
+    left_by_nothing,
+)
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
@@ -210,6 +216,42 @@ def test_a_correlation_has_settled_where_rows_count_for_as_much():
     assert not any(_worth_the_same(*pair) for pair in ((0.7, 0.8), (0.9, 0.8), (0.9, 0.95)))
 
 
+@pytest.mark.parametrize("rho", [0.0, 0.9])
+def test_what_is_fitted_takes_up_noise_that_wanders_as_generalised_least_squares_do(rows, rho):
+    """The gain is a restricted likelihood's: of rows without what flat columns span.
+
+    By dense matrices: with K whose rows are orthogonal to A, K t is normal with covariance K R K^T.
+    """
+    few = rows.select(np.arange(30))
+    rng, N = np.random.default_rng(5), len(few)
+    slow = np.linspace(-1.0, 1.0, N)[:, None, None] ** np.arange(3)  # of time, as noise is
+    columns = np.einsum("nik,mj->ijnmk", slow, np.eye(3)).reshape(-1, N, 3, 3)[:, :, :, 0]
+    columns = np.concatenate([columns, rng.normal(size=(4, N, 3))])
+    A = columns.reshape(len(columns), -1).T
+    basis = np.linalg.qr(A)[0].T.reshape(-1, N, 3)
+    basis = basis[: np.linalg.matrix_rank(A)]
+    t = wandering((N, 3), rho, rng)
+    flat = basis.reshape(len(basis), -1)
+    left = (t.ravel() - flat.T @ (flat @ t.ravel())).reshape(N, 3)
+    K = scipy.linalg.null_space(flat).T
+    apart = np.abs(np.subtract.outer(np.arange(N), np.arange(N)))
+
+    def likely(r):
+        V = K @ np.kron(r**apart, np.eye(3)) @ K.T
+        x = K @ t.ravel()
+        square = x @ np.linalg.solve(V, x)
+        return -0.5 * (np.linalg.slogdet(V)[1] + len(x) * np.log(square))
+
+    none = np.zeros(len(basis))
+    told, odds = correlation_of(left, few, NoisePrior(), fitted=Left(left, basis, none, none))
+    gains = {r: likely(r) - likely(0.0) for r in CORRELATIONS}
+    best = max(gains, key=gains.get)
+    price = 5.0 + 0.5 * np.log(left.size)
+    assert told.wander == (best if gains[best] > price else 0.0)
+    assert odds == pytest.approx(max(gains[best] - price, 0.0), abs=1e-6)
+    assert (told.wander > 0.0) == (rho > 0.0)
+
+
 def test_white_noise_is_asked_for_nothing(rows):
     drawn = [np.random.default_rng(seed).normal(size=(len(rows), 3)) for seed in range(40)]
     asked = [correlation_of(left, rows, NoisePrior())[0] != RowNoise() for left in drawn]
@@ -300,7 +342,7 @@ def test_a_drift_stands_against_noise_that_wanders(rows, moved, wander):
     selected = SimpleNamespace(pool=SimpleNamespace(model=model, noise=NoisePrior()))
 
     def left(terms, variance):
-        return white if terms else alone
+        return left_by_nothing(white if terms else alone)
 
     alt = SimpleNamespace(
         problem=asked,

@@ -32,6 +32,7 @@ from plumbline.optim.diagnosis.discrepancy.spectra import Spectrum, orders_of, s
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.posterior.correlation import Left
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, Parts
 from plumbline.optim.diagnosis.posterior.parts import Mechanism, apart
@@ -92,8 +93,8 @@ class Alternatives:
     words: tuple[str, ...]
     library: int  # how many of the terms are the pool's candidates; they come first
     rows: NDArray[np.intp]  # numbers of the rows that are looked at (n,)
-    # what some terms, at their widths, leave of these rows (n, m), at a noise variance
-    left: Callable[[Sequence[SelectedTerm], float], Array]
+    # what some terms, at their widths, leave and take up of these rows, at a noise variance
+    left: Callable[[Sequence[SelectedTerm], float], Left]
     # how far blocks (n,) of these rows agree about some terms; 1 if wholly
     agreement: Callable[[NDArray[np.intp], Sequence[SelectedTerm], float], float]
     spread: Array  # of the noise of each component (m,), in which that is

@@ -23,6 +23,7 @@ from plumbline.optim.diagnosis.linearise.linear import (
 )
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.agreement import agreement
+from plumbline.optim.diagnosis.posterior.correlation import Left
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Term, block_evidence
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
@@ -161,8 +162,8 @@ class FamilyDesign:
         terms: Sequence[Term],
         state: Sequence[SelectedTerm],
         variance: float,
-    ) -> Array:
-        """What a state leaves of the rows (N, m), at the noise of one of them."""
+    ) -> Left:
+        """What a state leaves of the rows and takes up of them, at the noise of one of them."""
         own, precision = stack(terms, state, variance)
         columns = np.concatenate([np.arange(self.always), own + self.always]).astype(np.intp)
         A = self.columns(more)[columns]
@@ -170,7 +171,13 @@ class FamilyDesign:
         flat = np.full(self.always, JITTER * max(float(np.diag(G).max(initial=0.0)), 1e-300))
         z = solved(G + np.diag(np.concatenate([flat, precision])), A @ self.target)
         plain = np.concatenate([self.plain, *(block / self.spread for block in more)])[columns]
-        return np.asarray(self.measured - np.einsum("pnm,p->nm", plain, z))
+        rows = np.asarray(self.measured - np.einsum("pnm,p->nm", plain, z))
+        free = plain[: self.always].reshape(self.always, rows.size)
+        free = orthonormal(free.T).T if len(free) else free
+        taken = np.concatenate([free.reshape(-1, *rows.shape), plain[self.always :]])
+        flat = np.zeros(len(free))
+        ended = np.concatenate([flat, z[self.always :]])
+        return Left(rows, taken, np.concatenate([flat, precision]), ended)
 
     def agreement(
         self,
@@ -183,7 +190,7 @@ class FamilyDesign:
         """How far blocks (N,) of rows agree about a state, see :func:`agreement`; 1 if wholly."""
         own, _ = stack(terms, state, variance)
         columns = np.concatenate([np.arange(self.always), own + self.always]).astype(np.intp)
-        left = self.left(more, terms, state, variance)
+        left = self.left(more, terms, state, variance).rows
         A = self.columns(more)[columns].reshape(len(columns), *left.shape)
         return agreement(A, self.white(left[None])[0], blocks, float(self.live.sum()))
 

@@ -9,14 +9,22 @@ alike,
 
 .. math:: \log p = -\tfrac12 \log\det R - \tfrac n2 \log \mathrm{tr}\, e^T R^{-1} e
 
-is tried over a grid, and a correlation is taken only where the data ask for it (Schwarz 1978). As
-the state may hold slow functions of time and whatever else the library lacks, all that these
+is tried over a grid, and a correlation is taken only where the data ask for it (Schwarz 1978). What
+a fit left it left of white noise: of noise that wanders, or is shared, another one would be the
+best, and of slow noise its columns A, with priors :math:`\Lambda`, take up more. So where these are
+known all their values are integrated out, flat ones too (Harville 1977, J. Am. Stat. Assoc. 72,
+eq. 3.7):
+
+.. math:: \log p = -\tfrac12 \log\det R - \tfrac12 \log\det (A^T R^{-1} A + \Lambda)
+          - \tfrac{n - p}2 \log \min_z (|t - A z|^2_{R^{-1}} + |z|^2_\Lambda)
+
+As the state may hold slow functions of time and whatever else the library lacks, all that these
 explain may be theirs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +33,7 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.mapped import less_foretold
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.constants import JITTER
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.prior import (
     CORRELATIONS,
@@ -47,6 +56,24 @@ class RowNoise(NamedTuple):
     scatter: tuple[float, ...] = ()  # of each joint; empty if none does
 
 
+class Left(NamedTuple):
+    """What a fit leaves of rows, and what it may take up of them."""
+
+    rows: Array  # what it leaves (N, m)
+    columns: Array  # of what is fitted (P, N, m)
+    precision: Array  # of the priors of its values (P,), over that of a row's noise; 0 of flat ones
+    values: Array  # where it ended (P,); of flat ones anywhere
+
+    def of(self, rows: NDArray[np.bool_]) -> Left:
+        """The same of some rows (N,)."""
+        return self._replace(rows=self.rows[rows], columns=self.columns[:, rows])
+
+
+def left_by_nothing(rows: Array) -> Left:
+    """Of rows (N, m) that nothing is fitted to."""
+    return Left(rows, np.zeros((0, *rows.shape)), np.zeros(0), np.zeros(0))
+
+
 def correlation_of(
     left: Array,
     recording: Recording,
@@ -56,6 +83,7 @@ def correlation_of(
     *,
     in_order: bool = True,
     spread: Array | float = 1.0,
+    fitted: Left | None = None,
 ) -> tuple[RowNoise, float]:
     """What is asked for, and its log odds against the recording's own.
 
@@ -68,19 +96,20 @@ def correlation_of(
         in_order: Whether rows may wander, or be alike, with what comes before them.
         spread: In units of which noise of each component (m,) what is left is. Joints that scatter
             are instead of that.
+        fitted: The same rows with what the state takes up of them; as if nothing, if not given.
     """
-    posture = postures(recording)
     now = RowNoise(recording.wander, recording.alike, recording.jitter)
-    tried = {RowNoise(): _wandering(left, recording, noise, 0.0)}
     price = NOISE_NEGLIGIBLE + 0.5 * np.log(max(left.size, 2))
-    for r in CORRELATIONS if in_order else ():
-        tried[RowNoise(wander=r)] = _wandering(left, recording, noise, r) - price
-        if not np.array_equal(posture, np.arange(len(left))):
-            tried[RowNoise(alike=r)] = _alike(left, posture, noise, r) - price
+    tried = {RowNoise(): 0.0}
+    if in_order:
+        found = _in_order(fitted or left_by_nothing(left), recording, noise)
+        tried |= {told: gain - price for told, gain in found}
     v = np.zeros_like(left) if v is None else v
+    white = _wandering(left_by_nothing(left), recording, noise, 0.0)
     for ratio in JITTERS if v.any() else ():
         size = ratio / float(np.sqrt(np.mean(v**2)))
-        tried[RowNoise(jitter=size)] = _wide(left, size * v[None], noise.least) - price
+        likely = _wide(left, size * v[None], noise.least)
+        tried[RowNoise(jitter=size)] = likely - white - price
     near = min(tried, key=lambda found: float(np.abs(np.subtract(found[:3], now[:3])).sum()))
     own = left * spread
     square = np.mean(own**2, axis=0)
@@ -90,13 +119,13 @@ def correlation_of(
         # A device's noise is no less than it is stated, nor all but nought.
         least = noise.sigma or float(np.sqrt(LEAST_SPREAD * square.mean()))
         least = max(least, noise.least)
-        found = list(_scatters(own, moved, least))
+        scatters = list(_scatters(own, moved, least))
         if recording.scatter is not None:
             near = RowNoise(scatter=tuple(recording.scatter.tolist()))
-            found.append(recording.scatter)
-        for k in found:
+            scatters.append(recording.scatter)
+        for k in scatters:
             likely = _priced(own, moved, least, k) - handicap
-            tried[RowNoise(scatter=tuple(k.tolist()))] = likely
+            tried[RowNoise(scatter=tuple(k.tolist()))] = likely - white
     best = max(tried, key=lambda found: tried[found])
     return best, tried[best] - tried[near]
 
@@ -181,20 +210,57 @@ def _wide(left: Array, moved: Array, least: float) -> float:
     return _log_likelihood(square, log_det, trace, left, least)
 
 
-def _wandering(left: Array, recording: Recording, noise: NoisePrior, rho: float) -> float:
-    follows, m = follows_of(recording, rho=rho), left.shape[1]
-    white = less_foretold(left, np.zeros_like(left[:1]), follows) if follows.size else left
-    log_det = m * float(np.log1p(-(follows**2)).sum())
-    trace = left.size + 2.0 * m * float(np.sum(follows**2 / (1.0 - follows**2)))
-    return _log_likelihood(float(np.sum(white**2)), log_det, trace, left, noise.least)
+def _in_order(
+    left: Left, recording: Recording, noise: NoisePrior
+) -> Iterator[tuple[RowNoise, float]]:
+    """Noise that wanders, or is shared by readings of a posture, and its gain over white noise."""
+    posture = postures(recording)
+    white = _wandering(left, recording, noise, 0.0)
+    again = not np.array_equal(posture, np.arange(len(left.rows)))
+    for r in CORRELATIONS:
+        yield RowNoise(wander=r), _wandering(left, recording, noise, r) - white
+        if again:
+            yield RowNoise(alike=r), _alike(left, posture, noise, r) - white
 
 
-def _alike(left: Array, posture: NDArray[np.intp], noise: NoisePrior, c: float) -> float:
-    count, m = np.bincount(posture), left.shape[1]
-    means = np.stack([np.bincount(posture, e) / count for e in left.T], axis=1)
+def _marginal(
+    left: Left, white: Callable[[Array], Array], log_det: float, trace: float, least: float
+) -> float:
+    """Of what a fit left and takes up, each whitened (N, ...) by what R's inverse has as a root."""
+    m, flat = left.rows.shape[1], int(np.sum(left.precision == 0.0))
+    e, prior = white(left.rows).ravel(), left.precision * left.values
+    A = white(np.moveaxis(left.columns, 0, 2)).reshape(e.size, len(left.columns))
+    # Rows that a flat one is of may be missing: then it is nobody's.
+    H, g = A.T @ A + np.diag(left.precision + JITTER), A.T @ e - prior
+    square = float(e @ e + prior @ left.values - g @ np.linalg.solve(H, g))
+    log_det = m * log_det + float(np.linalg.slogdet(H)[1])
+    known = max(square, m * trace * least**2)
+    return -0.5 * (log_det + (left.rows.size - flat) * float(np.log(known)))
+
+
+def _wandering(left: Left, recording: Recording, noise: NoisePrior, rho: float) -> float:
+    follows = follows_of(recording, rho=rho)
+
+    def white(rows: Array) -> Array:
+        return less_foretold(rows, np.zeros_like(rows[:1]), follows) if follows.size else rows
+
+    log_det = float(np.log1p(-(follows**2)).sum())
+    trace = len(left.rows) + 2.0 * float(np.sum(follows**2 / (1.0 - follows**2)))
+    return _marginal(left, white, log_det, trace, noise.least)
+
+
+def _alike(left: Left, posture: NDArray[np.intp], noise: NoisePrior, c: float) -> float:
+    count = np.bincount(posture)
     own = 1.0 + (count - 1.0) * c
-    square = float(np.sum((left - means[posture]) ** 2)) / (1.0 - c)
-    square += float(np.sum((count / own)[:, None] * means**2))
-    log_det = m * float(np.sum((count - 1.0) * np.log1p(-c) + np.log(own)))
-    trace = m * float(np.sum((count - 1.0) / (1.0 - c) + 1.0 / own))
-    return _log_likelihood(square, log_det, trace, left, noise.least)
+
+    def white(rows: Array) -> Array:
+        shape = (-1,) + (1,) * (rows.ndim - 1)
+        sums = np.zeros((len(count), *rows.shape[1:]))
+        np.add.at(sums, posture, rows)
+        means = (sums / count.reshape(shape))[posture]
+        apart = (rows - means) / np.sqrt(1.0 - c)
+        return np.asarray(apart + means / np.sqrt(own[posture]).reshape(shape))
+
+    log_det = float(np.sum((count - 1.0) * np.log1p(-c) + np.log(own)))
+    trace = float(np.sum((count - 1.0) / (1.0 - c) + 1.0 / own))
+    return _marginal(left, white, log_det, trace, noise.least)

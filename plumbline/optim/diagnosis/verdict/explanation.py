@@ -17,7 +17,11 @@ from plumbline.optim.diagnosis.discrepancy.alternatives import (
     key_of,
 )
 from plumbline.optim.diagnosis.findings import Key
-from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
+from plumbline.optim.diagnosis.posterior.correlation import (
+    RowNoise,
+    correlation_of,
+    left_by_nothing,
+)
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, sample
@@ -262,13 +266,15 @@ def _correlation(
     moved = swings(recording, lever) if loose and not again else None
 
     def asked(terms: Sequence[SelectedTerm]) -> tuple[RowNoise, float] | None:
-        left, spread = alt.left(terms, problem.variance(terms))[trusted], alt.spread
+        own = alt.left(terms, problem.variance(terms)).of(trusted)
+        left, spread = own.rows, alt.spread
         if late or recording.uneven:
             left, spread = before_whitening(recording, left * spread), ones
+            own = left_by_nothing(left)
         if not late and moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
             return None  # what is missing adds to a stated noise, where noise that wanders is in it
         return correlation_of(
-            left, recording, pool.noise, v, moved, in_order=in_order, spread=spread
+            left, recording, pool.noise, v, moved, in_order=in_order, spread=spread, fitted=own
         )
 
     if again:
