@@ -12,7 +12,11 @@ from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.posterior.correlation import RowNoise, correlation_of
+from plumbline.optim.diagnosis.posterior.correlation import (
+    RowNoise,
+    correlation_of,
+    left_by_nothing,
+)
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.prior import LEAST_SPREAD
 from plumbline.optim.diagnosis.verdict.explanation import _correlation
@@ -163,7 +167,7 @@ def test_where_many_causes_are_at_work_no_joint_is_asked(many):
     alt = SimpleNamespace(
         problem=SimpleNamespace(variance=lambda terms: SIGMA**2),
         rows=np.arange(len(recording)),
-        left=lambda terms, variance: left,
+        left=lambda terms, variance: left_by_nothing(left),
         spread=np.ones(3),
     )
     found = _correlation(SimpleNamespace(pool=pool), alt, [], many=many)

@@ -16,7 +16,7 @@ known all their values are integrated out, flat ones too (Harville 1977, J. Am. 
 eq. 3.7):
 
 .. math:: \log p = -\tfrac12 \log\det R - \tfrac12 \log\det (A^T R^{-1} A + \Lambda)
-          - \tfrac{n - p}2 \log \min_z (|t - A z|^2_{R^{-1}} + |z|^2_\Lambda)
+          - \tfrac{n - p}2 \log |t - A \hat z|^2_{R^{-1}}
 
 As the state may hold slow functions of time and whatever else the library lacks, all that these
 explain may be theirs.
@@ -25,13 +25,15 @@ explain may be theirs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from plumbline.optim.core.mapped import less_foretold
+from plumbline.optim.core.mapped import back_to_rows, less_foretold
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import JITTER
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
@@ -99,7 +101,7 @@ def correlation_of(
         fitted: The same rows with what the state takes up of them; as if nothing, if not given.
     """
     now = RowNoise(recording.wander, recording.alike, recording.jitter)
-    price = NOISE_NEGLIGIBLE + 0.5 * np.log(max(left.size, 2))
+    price = 0.5 * np.log(max(left.size, 2))
     tried = {RowNoise(): 0.0}
     if in_order:
         found = _in_order(fitted or left_by_nothing(left), recording, noise)
@@ -126,7 +128,8 @@ def correlation_of(
         for k in scatters:
             likely = _priced(own, moved, least, k) - handicap
             tried[RowNoise(scatter=tuple(k.tolist()))] = likely - white
-    best = max(tried, key=lambda found: tried[found])
+    # It must do far better than none; against what else explains the rows it counts as it is.
+    best = max(tried, key=lambda told: tried[told] - NOISE_NEGLIGIBLE * (told != RowNoise()))
     return best, tried[best] - tried[near]
 
 
@@ -186,7 +189,7 @@ def _priced(left: Array, moved: Array, least: float, k: Array) -> float:
     """
     numbers = len(np.unique(k[k > 0.0]))
     ways = 0.0 if k.all() and numbers == 1 else numbers * float(np.log(len(k)))
-    price = NOISE_NEGLIGIBLE + 0.5 * numbers * float(np.log(max(left.size, 2))) + ways
+    price = 0.5 * numbers * float(np.log(max(left.size, 2))) + ways
     return _wide(left, k[:, None, None] * moved, least) - price
 
 
@@ -223,19 +226,33 @@ def _in_order(
             yield RowNoise(alike=r), _alike(left, posture, noise, r) - white
 
 
-def _marginal(
-    left: Left, white: Callable[[Array], Array], log_det: float, trace: float, least: float
-) -> float:
-    """Of what a fit left and takes up, each whitened (N, ...) by what R's inverse has as a root."""
-    m, flat = left.rows.shape[1], int(np.sum(left.precision == 0.0))
-    e, prior = white(left.rows).ravel(), left.precision * left.values
-    A = white(np.moveaxis(left.columns, 0, 2)).reshape(e.size, len(left.columns))
-    # Rows that a flat one is of may be missing: then it is nobody's.
-    H, g = A.T @ A + np.diag(left.precision + JITTER), A.T @ e - prior
-    square = float(e @ e + prior @ left.values - g @ np.linalg.solve(H, g))
-    log_det = m * log_det + float(np.linalg.slogdet(H)[1])
-    known = max(square, m * trace * least**2)
-    return -0.5 * (log_det + (left.rows.size - flat) * float(np.log(known)))
+@dataclass(frozen=True)
+class _Root:
+    """A root of R's inverse, for rows (N, k), and its transpose."""
+
+    white: Callable[[Array], Array]
+    back: Callable[[Array], Array]
+    log_det: float  # of R
+    trace: float  # of its inverse
+
+    def likely(self, left: Left, least: float) -> float:
+        """Log of how likely a fit's rows are, all its values integrated out."""
+        (N, m), flat = left.rows.shape, int(np.sum(left.precision == 0.0))
+        e, prior = self.white(left.rows).ravel(), left.precision * left.values
+        columns = np.moveaxis(left.columns, 0, 2).reshape(N, -1)
+        seen = self.white(columns)
+        A = seen.reshape(N * m, len(left.columns))
+        # Rows that a flat one is of may be missing: then it is nobody's.
+        H, g = A.T @ A + np.diag(left.precision + JITTER), A.T @ e - prior
+        # What the priors cost is in units of another noise than the one that is left.
+        square = float(np.sum((e - A @ np.linalg.solve(H, g)) ** 2))
+        floor = m * self.trace
+        if square < floor * least**2:  # what rounding leaves, or the finest device, is white
+            B = self.back(seen).reshape(A.shape)
+            floor -= float(np.trace(np.linalg.solve(H, B.T @ B)))
+        known = max(square, floor * least**2)
+        log_det = m * self.log_det + float(np.linalg.slogdet(H)[1])
+        return -0.5 * (log_det + (N * m - flat) * float(np.log(known)))
 
 
 def _wandering(left: Left, recording: Recording, noise: NoisePrior, rho: float) -> float:
@@ -246,21 +263,20 @@ def _wandering(left: Left, recording: Recording, noise: NoisePrior, rho: float) 
 
     log_det = float(np.log1p(-(follows**2)).sum())
     trace = len(left.rows) + 2.0 * float(np.sum(follows**2 / (1.0 - follows**2)))
-    return _marginal(left, white, log_det, trace, noise.least)
+    root = _Root(white, partial(back_to_rows, follows=follows), log_det, trace)
+    return root.likely(left, noise.least)
 
 
 def _alike(left: Left, posture: NDArray[np.intp], noise: NoisePrior, c: float) -> float:
     count = np.bincount(posture)
     own = 1.0 + (count - 1.0) * c
+    each = (1.0 / np.sqrt(own) - 1.0 / np.sqrt(1.0 - c)) / count
 
     def white(rows: Array) -> Array:
-        shape = (-1,) + (1,) * (rows.ndim - 1)
-        sums = np.zeros((len(count), *rows.shape[1:]))
+        sums = np.zeros((len(count), rows.shape[1]))
         np.add.at(sums, posture, rows)
-        means = (sums / count.reshape(shape))[posture]
-        apart = (rows - means) / np.sqrt(1.0 - c)
-        return np.asarray(apart + means / np.sqrt(own[posture]).reshape(shape))
+        return np.asarray(rows / np.sqrt(1.0 - c) + (each[:, None] * sums)[posture])
 
     log_det = float(np.sum((count - 1.0) * np.log1p(-c) + np.log(own)))
     trace = float(np.sum((count - 1.0) / (1.0 - c) + 1.0 / own))
-    return _marginal(left, white, log_det, trace, noise.least)
+    return _Root(white, white, log_det, trace).likely(left, noise.least)
