@@ -24,7 +24,9 @@ from plumbline.optim.diagnosis.posterior.correlation import (
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.fewer_terms import most_probable, taken_back
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
+from plumbline.optim.diagnosis.posterior.pool import make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
+from plumbline.optim.diagnosis.posterior.robust import _deletion_statistics
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows
 from plumbline.optim.diagnosis.prior import CORRELATIONS, SCALES
 from plumbline.optim.diagnosis.verdict.explanation import _correlation
@@ -174,6 +176,25 @@ def test_a_gross_reading_does_not_make_the_others_count_for_less(rows):
     assert weights[0] == 0.0
     assert weights[1:5] == pytest.approx(0.25)
     assert trust(rows) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("bad", [[], [3], [3, 20]])
+def test_a_reading_is_as_gross_however_often_it_is_copied(rows, bad):
+    """What is gone from the rows is as much as was there: a third of each of three copies."""
+    rng, few = np.random.default_rng(0), rows.select(np.arange(40))
+    measured = few.measured + 1e-4 * rng.normal(size=few.measured.shape)
+    single = replace(few, measured=measured, whole=None, place=None)
+    again = rng.permutation(np.arange(40).repeat(3))
+    copies = replace(single.select(again), whole=None, place=None, alike=1.0)
+
+    def told(recording, gross):
+        model = build_model(recording, [], weights=trust(recording))
+        folds = np.arange(len(recording)) % 2
+        pool = make_pool(model, model.start, folds, NoisePrior.of(1e-4), library=[type(OFFSET)])
+        return _deletion_statistics(pool, gross, 1e-8)
+
+    gross = np.isin(np.arange(40), bad)
+    np.testing.assert_allclose(told(copies, gross[again]), told(single, gross)[again], rtol=1e-6)
 
 
 def test_readings_that_know_of_each_other_are_left_out_together(rows):

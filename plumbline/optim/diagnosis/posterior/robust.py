@@ -202,12 +202,12 @@ def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> A
     z0 = pool.x / problem.scale
     mapped = Mapped(problem)
     if bad.any():
+        root = np.sqrt(problem.weights)[:, None]  # as much is gone as was there: a copy is a part
         for part, r, J in mapped.jacobians(pool.x):
-            A = (J[bad[part]] * problem.scale).reshape(
-                problem.equations * len(r[bad[part]]), problem.size
-            )
+            mine = bad[part]
+            A = (root[part][mine, :, None] * J[mine] * problem.scale).reshape(-1, problem.size)
             G -= A.T @ A
-            b -= A.T @ (A @ z0 - r[bad[part]].ravel())
+            b -= A.T @ (A @ z0 - (root[part][mine] * r[mine]).ravel())
     # Readings without any noise must not leave the algebra without a prior.
     size = np.diag(G).copy()
     precision = np.full(problem.size, max(sigma2, 1e-14 * float(size.max())))
