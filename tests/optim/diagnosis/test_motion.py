@@ -27,6 +27,7 @@ from plumbline.optim.diagnosis.motion.fit import (
     correlation_time,
     evaluated,
     fitted,
+    square_time,
     to_go,
 )
 from plumbline.optim.diagnosis.motion.models import Models
@@ -491,11 +492,35 @@ def test_what_has_a_memory_is_as_large_as_what_neighbours_share_not_as_what_they
     r = rng.normal(size=(40, 500)) + saw
     nothing = np.empty((0,))
     fit = JointFit((), nothing, r, np.empty((40, 500, 0)), nothing)
-    found = own_past(SimpleNamespace(dt=0.01), fit, 1.0, 2000.0)
+    found = own_past(SimpleNamespace(dt=0.01), fit, 1.0)
     kept = np.mean(saw[2:] * saw[:-2]) / fit.square
     assert found.share == pytest.approx(kept, abs=0.01)
     assert found.gain > 20.0
-    assert own_past(SimpleNamespace(dt=0.01), fit, 1.2, 2000.0).share < 0.0  # all of it is noise
+    assert own_past(SimpleNamespace(dt=0.01), fit, 1.2).share < 0.0  # all of it is noise
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.9])
+def test_a_variance_is_known_as_well_as_it_scatters_under_noise_of_any_memory(memory):
+    white = np.random.default_rng(0).normal(size=(200, 20, 600))
+    every = scipy.signal.lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], white)[:, :, 200:]
+    scatter = np.var(np.mean(every**2, axis=(1, 2))) * every[0].size / 2
+    times = [square_time(r) for r in every]
+    assert np.mean(times) == pytest.approx(scatter, rel=0.25)  # 2.5 standard errors
+    assert np.mean(times) == pytest.approx((1 + memory**2) / (1 - memory**2), rel=0.03)
+
+
+@pytest.mark.parametrize(("slow", "stated", "told"), [(0.5, 1.0, True), (0.5, 1.12, False)])
+def test_a_slow_rest_below_white_noise_has_a_memory_where_both_exceed_what_is_stated(
+    slow, stated, told
+):
+    rng = np.random.default_rng(0)
+    rest = scipy.signal.lfilter([np.sqrt(1 - 0.99**2)], [1.0, -0.99], rng.normal(size=(10, 900)))
+    r = (rng.normal(size=rest.shape) + slow * rest)[:, 400:]
+    nothing = np.empty((0,))
+    fit = JointFit((), nothing, r, np.empty((*r.shape, 0)), nothing)
+    found = own_past(SimpleNamespace(dt=0.01), fit, stated)
+    assert (found.gain > 10.0) == told
+    assert found.gain < 2.0 or told
 
 
 def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():

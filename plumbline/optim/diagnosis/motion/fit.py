@@ -159,9 +159,27 @@ def to_go(windows: Windows, fit: JointFit, effective: float) -> float:
 def correlation_time(residual: Array) -> float:
     """Integrated autocorrelation time of residuals (W, K) [samples], at least one.
 
-    Summed over pairs of autocorrelations up to where one turns negative, none counting for more
-    than one before it (Geyer 1992, Statistical Science 7:473, initial monotone sequence): what is
-    left of a motion that repeats itself returns late, and adds to the noise of the sum.
+    So many samples are worth one where they are summed, as by slopes that run as slowly.
+    """
+    return float(max(2 * _initial(residual)[0] - 1, 1.0))
+
+
+def square_time(residual: Array) -> float:
+    """The same of their squares [samples]: in a variance each correlation counts by its square.
+
+    Var(s^2) = 2 sigma^4 / n times the sum of rho_k^2 over all k (Bartlett 1946, JRSS Suppl. 8:27).
+    Of white noise on a slow rest, of which little is foretold, variance is nearly as well known as
+    of the noise alone.
+    """
+    return float(max(2 * _initial(residual)[1] - 1, 1.0))
+
+
+def _initial(residual: Array) -> tuple[float, float]:
+    """Sums of autocorrelations, and of their squares, of residuals (W, K), from lag nothing on.
+
+    Over pairs of autocorrelations up to where one turns negative, none counting for more than one
+    before it (Geyer 1992, Statistical Science 7:473, initial monotone sequence): what is left of a
+    motion that repeats itself returns late, and adds to the noise of the sum.
     """
     W, K = residual.shape
     r = residual - residual.mean()
@@ -169,9 +187,11 @@ def correlation_time(residual: Array) -> float:
     power = np.abs(np.fft.rfft(r, size, axis=1)) ** 2
     rho = np.fft.irfft(power.mean(axis=0), size)[:K] / np.arange(K, 0, -1)
     if W == 0 or rho[0] <= 0:
-        return 1.0
+        return 1.0, 1.0
     rho = rho[: max(K * 2 // 3, 1)] / rho[0]
-    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
-    ends = np.flatnonzero(pairs <= 0)
-    last = ends[0] if len(ends) else len(pairs)
-    return float(max(2 * np.minimum.accumulate(pairs[:last]).sum() - 1, 1.0))
+    both = rho[: len(rho) // 2 * 2].reshape(-1, 2)
+    ends = np.flatnonzero(both.sum(axis=1) <= 0)
+    last = ends[0] if len(ends) else len(both)
+    pairs = (np.minimum.accumulate(x[:last]) for x in (both.sum(axis=1), np.sum(both**2, axis=1)))
+    first, second = (float(x.sum()) for x in pairs)
+    return first, second

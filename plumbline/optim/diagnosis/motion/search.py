@@ -105,7 +105,7 @@ def search(begun: Begun, prior: float, sigma: float | None = None) -> JointFindi
     std = np.hypot(errors_of(models, fit, prior, sigma), _apart(models, key, fit, time))
     added = FunctionRivals(windows, fit, effective).conditional()
     if sigma is not None:
-        added = (*added, own_past(windows, fit, models.floor(fit, sigma), effective))
+        added = (*added, own_past(windows, fit, models.floor(fit, sigma)))
     outside = sum(p for names, p in share if any(name[0] == "?" for name in names))
     every, anything = _mechanisms(share)
     near = {name for name, p in probability.items() if p > CONFOUNDED}
@@ -200,7 +200,7 @@ def _weights(
         past: tuple[UnlistedFunction, ...] = ()
         if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in added):
             floor = models.floor(fit, sigma)
-            past = (own_past(models.windows, fit, floor, effective),)  # that no function tells
+            past = (own_past(models.windows, fit, floor),)  # that no function tells
         sizes = models.sizes(less)
         for u in (*added, *past):
             if u.share > LEAST_SHARE:

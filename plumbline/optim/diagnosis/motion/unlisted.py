@@ -37,7 +37,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     PASTS,
     WIDTHS,
 )
-from plumbline.optim.diagnosis.motion.fit import JointFit
+from plumbline.optim.diagnosis.motion.fit import JointFit, square_time
 from plumbline.optim.diagnosis.motion.windows import Array, Windows
 from plumbline.optim.diagnosis.prior import FINEST
 
@@ -178,7 +178,7 @@ class FunctionRivals:
         return np.asarray(np.sqrt(square) * scales)
 
 
-def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) -> UnlistedFunction:
+def own_past(windows: Windows, fit: JointFit, sigma: float) -> UnlistedFunction:
     """What the residual's own past foretells of it, as far as it exceeds the stated noise.
 
     A mechanism with a memory that no function of the moment has. It is as large as what neighbours
@@ -199,7 +199,7 @@ def own_past(windows: Windows, fit: JointFit, sigma: float, effective: float) ->
     kept, beyond = float(np.mean(r[:, APART:] * r[:, :-APART])) / square, 1 - sigma**2 / square
     cost = len(back) / 2 * float(np.log(len(now)))
     gain = -len(now) / 2 * float(np.log1p(-max(min(foretold, beyond), 0.0))) - cost
-    more = exceeds(max(square / sigma**2, 1.0), effective)
+    more = exceeds(max(square / sigma**2, 1.0), r.size / square_time(r))
     return UnlistedFunction(OWN_PAST, min(gain, more), min(max(foretold, kept), beyond))
 
 
