@@ -43,3 +43,8 @@ LONGEST_NAME = 60  # characters of a name that a message repeats
 BLOCK_NUMBERS = 20_000  # of inputs and outputs at a call: what a core keeps at hand
 FEWEST_ROWS, MOST_ROWS = 500, 10_000  # of a column: it shall outweigh the call of an operation
 MOST_WORK, AT_HAND = 4000, 8_000_000  # columns of a program, their numbers: 64 MB
+
+# Chained
+# Fadings of a lag and its servo that differ by less in a sample are told by a series, whose ninth
+# term is then below 1e-13; their quotients would lose more.
+EQUAL, TERMS = 0.1, 8  # [1]

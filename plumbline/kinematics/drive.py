@@ -22,7 +22,8 @@ of a drive on velocity. What has inertia may rub,
 (Moreau 1988, a step that is implicit in the speed), and may have a rotor, which adds to I. Soft
 friction is a constraint of MuJoCo's, :math:`s (\ddot y + r \dot y)` up to F (Todorov 2014, ICRA).
 
-Where the servo plans its way with a largest acceleration, what it plans stands for the command.
+Where the servo plans its way with a largest acceleration, what it plans stands for the command, and
+so does what is told no faster than at some speed. A way that is planned has no more than that either.
 Commands run straight from sample to sample (of velocities, lines of the same mean), or stand still
 where they are rates, torques or places that a digital controller holds (Franklin, Powell, Workman
 1998, sec. 4.3); the step of what lags is exact for both. What has inertia takes steps by the
@@ -37,6 +38,7 @@ from typing import Any
 
 import casadi as cs
 
+from plumbline.kinematics.chained import chained
 from plumbline.kinematics.constants import NULL
 from plumbline.kinematics.law import Law
 
@@ -48,9 +50,6 @@ PLANNED = 8  # steps of a sample of a planned way; twice as many change its para
 # the rate at which it slows a joint.
 STIFFNESS = 0.9 / (1 - 0.9)
 SLOWS = 2 / (0.95 * 0.02)  # [1/s]
-# Fadings of a lag and its servo that differ by less in a sample are told by a series, whose ninth
-# term is then below 1e-13; their quotients would lose more.
-EQUAL, TERMS = 0.1, 8  # [1]
 PARTS = 2  # steps of a sample of what has inertia: their error falls with the square
 
 ZERO = cs.SX(0)
@@ -96,6 +95,7 @@ class Drive:
     sag: cs.SX | None = None  #: the same inside of its loop, where what lags yields late
     slack: cs.SX | None = None  #: half the play between motor and joint [rad]
     fastest: cs.SX | None = None  #: largest speed [rad/s]; None if there is none
+    paced: cs.SX | None = None  #: largest speed of what it is told [rad/s]; None if none is known
     strongest: cs.SX | None = None  #: largest torque [N m]; None if there is none
     #: largest acceleration of a planned way [rad/s^2]; None if none is planned
     steepest: cs.SX | None = None
@@ -105,8 +105,12 @@ class Drive:
         if self.steepest is not None:
             path, pace = self._planned(before, self.steepest)
             law = Law.POSITION if self.law.ideal else self.law  # a way stands nowhere
-            after = replace(self, law=law, command=path, steepest=None).step(before)
+            fastest = self.fastest if self.paced is None else self.paced  # of a way, its own
+            way = replace(self, law=law, command=path, steepest=None, paced=None, fastest=fastest)
+            after = way.step(before)
             return replace(after, told=self.command, path=path, pace=pace)
+        if self.paced is not None:
+            return self._told_no_faster(before, self.paced)
         if self.sag is not None:
             return replace(self, command=self.command - self.sag * self.load, sag=None).step(before)
         if self.law == Law.HELD:
@@ -165,6 +169,15 @@ class Drive:
         was, now = (place + e - clipped(e, stick) for e in errors)
         far = self._met(now, place, replace(before, asked=was))
         return cs.if_else(cs.fabs(middle) < EDGE * band, close, far)
+
+    def _told_no_faster(self, before: Memory, most: cs.SX) -> Memory:
+        """A sample on where what sends commands on changes them no faster than that."""
+        was = self.command if self.law.holds else before.told
+        chased = replace(before, asked=was, place=before.path)
+        path = replace(self, lag=None)._chased(self.command, chased, most)
+        law = Law.POSITION if self.law.ideal else self.law  # what is on its way stands nowhere
+        after = replace(self, law=law, command=path, paced=None).step(before)
+        return replace(after, told=self.command, path=path)
 
     def _planned(self, before: Memory, most: cs.SX) -> tuple[cs.SX, cs.SX]:
         """Place and speed of a way to the command that could stop there, at so much at most."""
@@ -282,7 +295,7 @@ class Drive:
         went = self.command - r * late + (1 - to_place) * off + h * stays * moves - before.place
         speed = r + stays * (1 - a * h) * moves - to_speed * off - to_speed * lost
         if self.lag is not None:
-            place_by, speed_by = _chained(a * h, 1 / (self.lag / h + NULL), stays)
+            place_by, speed_by = chained(a * h, 1 / (self.lag / h + NULL), stays)
             astray = before.asked - sent + r * self.lag
             went, speed = went + place_by * astray, speed + speed_by / h * astray
         went -= to_place * lost
@@ -371,22 +384,6 @@ class Drive:
         now = {name: getattr(self, name) for name in terms}
         both: dict[str, Any] = {k: v if now[k] is None else now[k] + v for k, v in terms.items()}
         return replace(self, **both)
-
-
-def _chained(pace: cs.SX, other: cs.SX, stays: cs.SX) -> tuple[cs.SX, cs.SX]:
-    r"""Place and speed [1, 1/sample] that a servo of second order gains by what fades beside it.
-
-    Divided differences of :math:`e^{-x}` at its pace, twice, and at the other's, which a series
-    tells where these are nearly one (McCurdy, Ng, Parlett 1984, Math. Comp. 43:501).
-    """
-    apart, fades = pace - other, cs.exp(-other)
-    near = cs.fabs(apart) < EQUAL
-    x, small = cs.if_else(near, 1, apart), cs.if_else(near, apart, 0)
-    terms = [(-small) ** k / math.factorial(k) for k in range(TERMS)]
-    once, twice = (fades * sum(t / (k + n) for k, t in enumerate(terms)) for n in (1, 2))
-    once = cs.if_else(near, once, (fades - stays) / x)
-    twice = cs.if_else(near, twice, (fades - (1 + x) * stays) / x**2)
-    return pace**2 * twice, pace**2 * (once - pace * twice)
 
 
 def _beyond(error: cs.SX, band: cs.SX) -> cs.SX:

@@ -337,6 +337,20 @@ def test_a_speed_that_is_never_exceeded_is_a_velocity_limit():
     assert causes["velocity_limit", 1].parameters["fastest"].value == pytest.approx(0.6, rel=0.02)
 
 
+def test_commands_that_are_limited_before_a_lag_are_no_slower_servo():
+    t, u = multisine(20.0)
+    told = servo(t, u[:, 0], limit=0.5)
+    q = np.column_stack([servo(t, told, lag=0.05), u[:, 1]])
+    q += np.random.default_rng(0).normal(0.0, 2e-3, q.shape)
+    answer = diagnose(build_motion(robot=arm(), time=t, command=u, q=q, noise_std=2e-3))
+    found = {c.effect: [p.value for p in c.parameters.values()] for c in answer.causes}
+    assert found.keys() == {"velocity_limit", "actuation_lag"}
+    assert found["velocity_limit"] == pytest.approx([0.5], rel=0.01)
+    assert found["actuation_lag"] == pytest.approx([0.05], rel=0.03)
+    assert answer.verdict.verdict == Outcome.EXPLAINED
+    assert "of what the drive is told" in {c.variant for c in answer.causes}
+
+
 def test_a_planned_fit_at_its_least_is_converged_and_one_moved_off_is_not():
     t, u = multisine(30.0, fastest=2.0)
     rng = np.random.default_rng(0)

@@ -15,6 +15,8 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics import drive
 from plumbline.kinematics.drive import Drive, Memory
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.effects.actuation_lag import ActuationLag
+from plumbline.kinematics.effects.velocity_limit import VelocityLimit
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion import rollout
@@ -239,13 +241,18 @@ def test_a_lag_answers_a_ramp_late_by_its_time_constant():
 
 def swung(u, dt, **values):
     """What effects make of commands (N,), a lag and a bandwidth among them, from rest at zero."""
+    effects = tuple(NAMES[name](**({"inside": True} if "play" in name else {})) for name in values)
+    return swung_by(u, dt, effects, np.array([*values.values()]))
+
+
+def swung_by(u, dt, effects, values):
+    """The same of effects in forms of their own."""
     start, zeros = np.array([50]), np.zeros(len(u))
     windows = Windows(
         Law.POSITION, dt, 0.0, 0.0, u, zeros.astype(int), *[zeros] * 4, zeros + 1.0, start,
         len(u) - 51, 0,
     )  # fmt: skip
-    effects = tuple(NAMES[name](**({"inside": True} if "play" in name else {})) for name in values)
-    return roll_out(windows, effects, np.array([*values.values()]))
+    return roll_out(windows, effects, values)
 
 
 @pytest.mark.parametrize("same", [False, True])
@@ -325,6 +332,29 @@ def test_what_goes_no_faster_than_it_can_turns_between_samples(lag):
     np.testing.assert_allclose(q[0], exact, atol=2e-5)
     for k, name in enumerate(values):
         more = swung(u, dt, **values | {name: values[name] + 1e-7})[0][0]
+        np.testing.assert_allclose((more - q[0]) / 1e-7, slopes[0, :, k], atol=1e-4)
+
+
+def test_what_is_told_no_faster_lags_behind_that():
+    """Beside small steps: a rate limit, then a lag."""
+    dt, parts, fastest, lag = 0.02, 500, 0.5, 0.1
+    u = 0.5 * np.sin(4.0 * np.maximum(np.arange(300) * dt - 1.2, 0.0))
+    h, told, joint, exact = dt / parts, 0.0, 0.0, []
+    share = 1.0 - np.exp(-h / lag)
+    for k, c in enumerate(np.interp(np.arange(50 * parts, 299 * parts) / parts, np.arange(300), u)):
+        told += np.clip(c - told, -fastest * h, fastest * h)
+        joint += share * (told - joint)
+        exact += [joint] * (k % parts == parts - 1)
+    effects = ActuationLag(), VelocityLimit(told=True)
+    values = np.array([lag, fastest])
+    q, slopes = swung_by(u, dt, effects, values)
+    np.testing.assert_allclose(q[0], exact, atol=5e-4)  # a step in which they meet is a line
+    assert (
+        np.abs(swung_by(u, dt, (ActuationLag(), VelocityLimit()), values)[0][0] - exact).max()
+        > 0.02
+    )
+    for k in range(2):
+        more = swung_by(u, dt, effects, values + 1e-7 * (np.arange(2) == k))[0][0]
         np.testing.assert_allclose((more - q[0]) / 1e-7, slopes[0, :, k], atol=1e-4)
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from plumbline.kinematics.drive import Drive, Memory
 from plumbline.kinematics.effects.actuation_lag import ActuationLag
+from plumbline.kinematics.effects.velocity_limit import VelocityLimit
 from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion.constants import (
     ABREAST,
@@ -35,8 +36,8 @@ from plumbline.optim.diagnosis.motion.filtered import Filters, filtered, filters
 from plumbline.optim.diagnosis.motion.windows import Array, Effects, Integers, Windows
 
 MEMORY = tuple(field.name for field in fields(Memory))
-# What lags has more, what plans all.
-PLACE, SENT, PLAIN = (MEMORY.index(name) for name in ("place", "sent", "told"))
+# What lags has more, more what is told no faster, what plans all.
+PLACE, SENT, PLAIN, PACE = (MEMORY.index(name) for name in ("place", "sent", "told", "pace"))
 
 
 def roll_out(
@@ -162,6 +163,8 @@ def _memory(effects: Effects) -> tuple[str, ...]:
     """What a drive with these effects keeps from sample to sample."""
     if any(effect.plans for effect in effects):
         return MEMORY
+    if any(isinstance(e, VelocityLimit) and e.told for e in effects):
+        return MEMORY[:PACE]
     return MEMORY[: PLAIN if any(isinstance(e, ActuationLag) for e in effects) else SENT]
 
 
