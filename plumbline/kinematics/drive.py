@@ -23,7 +23,7 @@ of a drive on velocity. What has inertia may rub,
 friction is a constraint of MuJoCo's, :math:`s (\ddot y + r \dot y)` up to F (Todorov 2014, ICRA).
 
 Where the servo plans its way with a largest acceleration, what it plans stands for the command, and
-so does what is told no faster than at some speed. A way that is planned has no more than that either.
+so does what is told it no faster than at some speed: of a planned way that is its own largest one.
 Commands run straight from sample to sample (of velocities, lines of the same mean), or stand still
 where they are rates, torques or places that a digital controller holds (Franklin, Powell, Workman
 1998, sec. 4.3); the step of what lags is exact for both. What has inertia takes steps by the
