@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy.linalg
 
 from plumbline.experiments.benches.ar1 import NOISES, clean
 from plumbline.kinematics.effects import REGISTRY
@@ -16,7 +15,6 @@ from plumbline.optim.diagnosis.diagnose import _told_apart, _worth_the_same, dia
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import (
-    Left,
     RowNoise,
     correlation_of,
     left_by_nothing,
@@ -237,43 +235,6 @@ def test_a_correlation_has_settled_where_rows_count_for_as_much():
     assert not any(_worth_the_same(*pair) for pair in ((0.7, 0.8), (0.9, 0.8), (0.9, 0.95)))
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.9])
-def test_what_is_fitted_takes_up_noise_that_wanders_as_generalised_least_squares_do(rows, rho):
-    """The gain is a restricted likelihood's: of rows without what flat columns span.
-
-    By dense matrices: with K whose rows are orthogonal to A, K t is normal with covariance K R K^T.
-    """
-    few = rows.select(np.arange(30))
-    rng, N = np.random.default_rng(5), len(few)
-    slow = np.linspace(-1.0, 1.0, N)[:, None, None] ** np.arange(3)  # of time, as noise is
-    columns = np.einsum("nik,mj->ijnmk", slow, np.eye(3)).reshape(-1, N, 3, 3)[:, :, :, 0]
-    columns = np.concatenate([columns, rng.normal(size=(4, N, 3))])
-    A = columns.reshape(len(columns), -1).T
-    basis = np.linalg.qr(A)[0].T.reshape(-1, N, 3)
-    basis = basis[: np.linalg.matrix_rank(A)]
-    t = wandering((N, 3), rho, rng)
-    flat = basis.reshape(len(basis), -1)
-    left = (t.ravel() - flat.T @ (flat @ t.ravel())).reshape(N, 3)
-    K = scipy.linalg.null_space(flat).T
-    apart = np.abs(np.subtract.outer(np.arange(N), np.arange(N)))
-
-    def likely(r):
-        V = K @ np.kron(r**apart, np.eye(3)) @ K.T
-        x = K @ t.ravel()
-        square = x @ np.linalg.solve(V, x)
-        return -0.5 * (np.linalg.slogdet(V)[1] + len(x) * np.log(square))
-
-    none = np.zeros(len(basis))
-    told, odds = correlation_of(left, few, NoisePrior(), fitted=Left(left, basis, none, none))
-    gains = {r: likely(r) - likely(0.0) for r in CORRELATIONS}
-    best = max(gains, key=gains.get)
-    price = 0.5 * np.log(left.size)
-    asked = gains[best] > price + 5.0
-    assert told.wander == (best if asked else 0.0)
-    assert odds == pytest.approx(gains[best] - price if asked else 0.0, abs=1e-6)
-    assert (told.wander > 0.0) == (rho > 0.0)
-
-
 def test_white_noise_is_asked_for_nothing(rows):
     drawn = [np.random.default_rng(seed).normal(size=(len(rows), 3)) for seed in range(40)]
     asked = [correlation_of(left, rows, NoisePrior())[0] != RowNoise() for left in drawn]
@@ -410,15 +371,3 @@ def test_of_a_robot_with_nothing_wrong_correlated_rows_tell_nothing(noise):
     assert found.verdict.verdict == Outcome.NO_GAP
     assert any("correlate" in note for note in found.verdict.notes)
     assert found.recording.wander == (pytest.approx(0.9, abs=0.11) if noise == "drift" else 0.0)
-
-
-@pytest.mark.parametrize("number", [5, 8])
-def test_of_few_rows_and_no_stated_noise_one_that_wanders_is_no_mechanism(number):
-    """Of 30 rows a function of time, or a bump, does nearly as much as noise does by itself."""
-    drifting = NOISES["drift"](
-        clean(number, 0, rows=(30, 31)), np.random.default_rng([0, number, 29])
-    )
-    found = diagnose(replace(drifting, noise_std=None), DiagnosisOptions(force=True))
-    assert found.recording.wander > 0.5
-    assert found.verdict.outside_probability < 0.1
-    assert not found.verdict.causes

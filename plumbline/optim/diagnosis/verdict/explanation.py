@@ -270,6 +270,7 @@ def _correlation(
         left, spread = own.rows, alt.spread
         if late or recording.uneven:
             left, spread = before_whitening(recording, left * spread), ones
+        if late or recording.uneven or many:  # an open model's rows err alike, by blocks: no noise
             own = left_by_nothing(left)
         if not late and moving and np.mean(left**2) > (EARNED * pool.noise.sigma) ** 2:
             return None  # what is missing adds to a stated noise, where noise that wanders is in it
