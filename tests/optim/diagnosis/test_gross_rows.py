@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 from plumbline.experiments.reality.body_effects import BaseBump
 from plumbline.experiments.reality.joint_effects import JointCompliance, JointOffset
 from plumbline.experiments.reality.outside_effects import LooseTool
-from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
 from plumbline.optim.diagnosis.findings import Outcome
-from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit, distrusted_rows
+from plumbline.optim.diagnosis.posterior.search import _about_nothing
 from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
@@ -126,3 +128,18 @@ def spoilt(recording, rows, push):
     read = Rotation.from_quat(measured[rows, 3:], scalar_first=True)
     measured[rows, 3:] = (turned * read).as_quat(scalar_first=True)
     return replace(recording, measured=measured)
+
+
+@pytest.mark.parametrize("gross", [(), (7,), (7, 31)])
+def test_copies_of_rows_are_gross_only_where_what_they_copy_is(gross, tmp_path):
+    """Twenty rows stand in the file twice, each time on another path: each counts as half a row."""
+    recording, _ = recorded(faultless(rows=60, seed=5), tmp_path)
+    measured = recording.measured.copy()
+    measured[list(gross)] += 0.01  # [m]
+    again = np.append(np.arange(60), np.arange(20))
+    copies = replace(recording, measured=measured).select(again)
+    rows = usable(replace(copies, whole=None, place=None), force=True)
+    assert rows.alike == 1.0
+    found = distrusted_rows(_about_nothing(task_of(rows, DiagnosisOptions())))
+    assert set(again[found]) == set(gross)
+    assert found.sum() == np.isin(again, gross).sum()

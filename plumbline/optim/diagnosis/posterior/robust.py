@@ -14,6 +14,7 @@ and is kept.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,8 @@ from scipy.special import betaln, chdtri, gammaincinv, logit, logsumexp
 
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Mapped
-from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import cholesky, flat_prior
+from plumbline.optim.core.problem import Array, Indices
+from plumbline.optim.diagnosis.linearise.linear import Linear, cholesky, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.prior import (
     ALARM,
@@ -35,6 +36,7 @@ from plumbline.optim.diagnosis.prior import (
     PLACES,
     ROUNDS,
 )
+from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import rotation_lever
 from plumbline.optim.recording.recording import Recording
 
@@ -194,41 +196,46 @@ def _first_guess(pool: Pool) -> float:
     return max(_size(squares, pool.model.problem.freedom, every) / 10, pool.noise.least**2)
 
 
+def _first_of_copies(recording: Recording) -> Indices:
+    """Of every row (N,) the one that stands for it: itself, or the first that it is a copy of."""
+    if recording.alike < 1.0:
+        return np.arange(len(recording))
+    _, first, of = np.unique(postures(recording), return_index=True, return_inverse=True)
+    return np.asarray(first[of])
+
+
 def _deletion_statistics(pool: Pool, bad: NDArray[np.bool_], sigma2: float) -> Array:
-    """D (N,) of every row under the whole library fitted to the rows that are trusted."""
-    problem = pool.model.problem
-    linear = pool.whole
-    G, b = linear.G.copy(), linear.b.copy()
-    z0 = pool.x / problem.scale
-    mapped = Mapped(problem)
-    if bad.any():
-        root = np.sqrt(problem.weights)[:, None]  # as much is gone as was there: a copy is a part
-        for part, r, J in mapped.jacobians(pool.x):
-            mine = bad[part]
-            A = (root[part][mine, :, None] * J[mine] * problem.scale).reshape(-1, problem.size)
-            G -= A.T @ A
-            b -= A.T @ (A @ z0 - (root[part][mine] * r[mine]).ravel())
+    r"""D (N,) of every row under the whole library fitted to the rows that are trusted.
+
+    The first of copies stands for all, which would foretell each other. A row that the fit counts w
+    times takes as much of its own misfit, :math:`I - w_k H_k`; one that it does not count is
+    foretold, :math:`I + H_k`.
+    """
+    problem, linear = pool.model.problem, pool.whole
+    first = _first_of_copies(pool.model.recording)
+    weights = np.where(bad, 0.0, np.bincount(first, problem.weights, len(first)))
+    if (weights != problem.weights).any():
+        trusted = Mapped(replace(problem, weights=weights))
+        linear = Linear.about(trusted.gram(pool.x), pool.x, problem.scale)
+    G = linear.G.copy()
     # Readings without any noise must not leave the algebra without a prior.
     size = np.diag(G).copy()
     precision = np.full(problem.size, max(sigma2, 1e-14 * float(size.max())))
     precision[: pool.always] = flat_prior(linear, pool.always)
     G[np.diag_indices_from(G)] += precision
     lower = cholesky(G, size)
-    shift = cho_solve((lower, True), b) - z0
-    found = np.empty(len(bad))
-    m = problem.equations
-    for part, r, J in mapped.jacobians(pool.x):
+    shift = cho_solve((lower, True), linear.b) - pool.x / problem.scale
+    found, m = np.empty(len(bad)), problem.equations
+    for part, r, J in Mapped(problem).jacobians(pool.x):
         A = J * problem.scale
         left = r + A @ shift
-        half = solve_triangular(lower, A.reshape(-1, problem.size).T, lower=True).T
-        half = half.reshape(A.shape)
-        H = half @ half.transpose(0, 2, 1)
-        sign = np.where(bad[part], 1.0, -1.0)[:, None, None]
-        spread = np.eye(m) + sign * H
-        values, vectors = np.linalg.eigh(spread)
+        flat = solve_triangular(lower, A.reshape(-1, problem.size).T, lower=True)
+        half = np.asarray(flat.T).reshape(A.shape)
+        own = np.where(weights[part] > 0.0, -weights[part], 1.0)[:, None, None]
+        values, vectors = np.linalg.eigh(np.eye(m) + own * (half @ half.transpose(0, 2, 1)))
         turned = np.einsum("nji,nj->ni", vectors, left)
         found[part] = (turned**2 / np.maximum(values, 1e-6)).sum(axis=1) / sigma2
-    return found
+    return found[first]
 
 
 def _typical(freedom: Array | int) -> Array:
