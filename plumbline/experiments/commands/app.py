@@ -127,7 +127,8 @@ def _said(error: Exception) -> str | None:
     """What to say of an error that is the user's or the data's; nothing of a defect of ours."""
     if isinstance(error, USAGE):
         said = str(getattr(error, "format_message", error.__str__)()).rstrip(".")
-        return f"{said}; try 'plumbline --help'"
+        asked = getattr(getattr(error, "ctx", None), "command_path", "plumbline")
+        return f"{said}; try '{asked} --help'"
     return str(error) if isinstance(error, PlumblineError) else None
 
 

@@ -183,14 +183,29 @@ def _unit(raw: Raw, column: str) -> Unit | None:
 
 
 def clock_of(raw: Raw, wanted: Iterable[Wanted]) -> tuple[str, Unit | None] | None:
-    """The column with a table's clock and its unit, or None; refused if a map names none there."""
+    """The column with a table's clock and its unit, or None: as a map says, else by its name."""
     for want in wanted:
-        table, at, column = want.source.rpartition("@")
-        mine = not at or table in (raw.name, raw.name.rpartition(".")[0])
-        if want.target == "time" and mine and column in raw.columns:
+        if want.target == "time" and (column := _mapped_clock(raw, want)):
             return column, want.unit or _unit(raw, column)
     for column in raw.columns:
         told = units.of_header(column)[0].lower() in CLOCKS or raw.roles.get(column) == "time"
         if told:
             return column, _unit(raw, column)
     return None
+
+
+def _mapped_clock(raw: Raw, want: Wanted) -> str | None:
+    """The column of a table that a line of a map says is the clock; None if it means another's."""
+    table, at, column = want.source.rpartition("@")
+    mine = not at or table in (raw.name, raw.name.rpartition(".")[0])
+    called = [name for name in raw.columns if units.of_header(name)[0] == column]
+    there = [column] if column in raw.columns else called
+    return there[0] if mine and there else None
+
+
+def refuse_lost_clocks(raws: list[Raw], wanted: Iterable[Wanted]) -> None:
+    """Refuse a map of a clock that no table has; one may be the clock of several."""
+    for want in wanted:
+        lost = not any(_mapped_clock(raw, want) for raw in raws)
+        if want.target == "time" and lost:
+            find(raws, want.source)

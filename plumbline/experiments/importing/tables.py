@@ -41,7 +41,7 @@ class Raw:
         """Number of rows."""
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
-    def numbers(self, column: str) -> Array:
+    def numbers(self, column: str, expected: str = "a number") -> Array:
         """A column as numbers (N,), nan of empty cells, refused if one holds anything else."""
         cells = self.columns[column]
         if cells.dtype.kind in "fiub":
@@ -57,7 +57,7 @@ class Raw:
         if bad.any():
             row = int(np.argmax(bad))
             where = Spot.at(self.name, self.first + row, column)
-            raise fault(where, shown(str(cells[row])), "a number", "mend the cell, or map another")
+            raise fault(where, shown(str(cells[row])), expected, "mend the cell, or map another")
         return values
 
     def seconds(self, column: str) -> Array | None:

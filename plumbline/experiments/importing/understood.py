@@ -67,6 +67,7 @@ class Understood:
 def understand(raws: list[Raw], request: Request) -> Understood:
     """The rows of a recording (PlumblineError: a column lacks, or tables cannot be joined)."""
     _shifts_are_of(raws, request.shifts)
+    mapping.refuse_lost_clocks(raws, request.columns)
     request = _without_followers(raws, request)
     wanted = [want for want in request.columns if want.target != "time"]
     matches = list(mapping.mapped(raws, wanted))
@@ -177,7 +178,8 @@ def _clock(raw: Raw, request: Request) -> Array | None:
     if dated is not None:
         return dated + shift
     chosen = targets.unit_for("time", unit, request.units, ())
-    clock = raw.numbers(column) * chosen.factor + shift
+    clock = raw.numbers(column, "a number, or a date as 2026-11-28T10:00:00.5") * chosen.factor
+    clock = clock + shift
     latest = np.nanmax(np.abs(clock), initial=0.0)
     if latest > LATEST:
         mend = f"say its unit: --map time={raw.name}@{column}:ns (or us, ms)"

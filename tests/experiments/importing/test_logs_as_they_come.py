@@ -8,7 +8,7 @@ import pytest
 
 import plumbline
 from plumbline import PlumblineError, Robot, import_files
-from plumbline.experiments.importing import parquet, targets, text, understood
+from plumbline.experiments.importing import mapping, parquet, targets, text, understood
 from plumbline.experiments.importing.tables import Raw
 from plumbline.experiments.importing.understood import Request, understand
 from plumbline.experiments.importing.units import UNITS
@@ -47,6 +47,20 @@ def test_tables_without_a_clock_are_asked_for_it_at_once():
     bare = table("tracker.csv", dict(zip("xyz", TIPS[:5].T, strict=True)))
     refused([arm(), bare], r"say --gap 0.01 \(in s\) --map time=tracker.csv@COLUMN:s")
     refused([arm(), bare], r"say --map time=tracker.csv@COLUMN:s", gap=0.1)
+
+
+def test_a_map_of_a_clock_that_no_table_has_is_refused():
+    asked = Request(joints=JOINTS, columns=[mapping.parse("time=T")])
+    log = {**dict(zip(JOINTS, Q.T, strict=True)), **dict(zip("xyz", TIPS.T, strict=True))}
+    with pytest.raises(PlumblineError, match="--map T: no such column among 9"):
+        understand([table("log.csv", log)], asked)
+    found = understand([table("log.csv", {**log, "T [ms]": 1e3 * TIME})], asked)
+    np.testing.assert_allclose(found.samples["time"], TIME)
+
+
+def test_dates_that_are_not_iso_are_told_what_one_is():
+    dates = [f"01.02.2024 10:00:{k:02d},5" for k in range(N)]
+    refused([arm(dates), tracker()], "a date as 2026-11-28T10:00:00.5", gap=0.1)
 
 
 def test_a_gap_is_no_less_than_nothing(tmp_path):
