@@ -85,6 +85,7 @@ class Underway:
         self._shafts = Shafts(statement.bodies, 1 / constants.MM) if plant.turned else None
         self._band = constants.PASSED * np.asarray(plant.band) / statement.unit
         self._banded, self._loose = bool(self._band.any()), bool(np.any(plant.play))
+        self._dry = np.asarray(plant.dry) / statement.unit
         self._obeying = Obeying(statement, constants.MM * noise.measured)
         self.reset()
 
@@ -138,7 +139,14 @@ class Underway:
         return sent if ahead is None else back(ahead, sent)
 
     def _done(self, meant: Array) -> Array:
-        """Of a rate (n,), what a dead band lets be done: its edge, or nothing, and what is owed."""
+        """Of a rate (n,), what a dead band lets be done: its edge, or nothing, and what is owed.
+
+        What is sent against friction besides moves a tip where there is none: with it, too, a tip
+        is no faster than it may be.
+        """
+        if self._dry.any():
+            rubs = self._dry * np.sign(meant)
+            meant = self._within(rubs, meant) - rubs
         if not self._banded:
             return meant
         wanted = self._within(meant, np.where(meant == 0.0, 0.0, self._owed / self.dt))

@@ -95,6 +95,26 @@ def test_a_play_that_is_not_there_moves_a_tip_no_faster_than_it_may_be():
             np.testing.assert_allclose(crossed[3:], way, atol=1e-9)
 
 
+@pytest.mark.parametrize("dry", [0.003, 0.012])
+def test_friction_that_is_not_there_moves_a_tip_no_faster_than_it_may_be(dry):
+    """A tip sent at its limit had the friction on top: 60 mm/s became 81."""
+    sent, rubbed = [], []
+    own = Underway(Plant(dry=dry), STATEMENT)
+    way = np.array([0.03, -0.04, 0.033, 0.01, 0.0, 0.0])  # [m/s], of a tip at its limit and a slow
+    for share in (0.2, 0.8, 1.0):
+        meant = 1e3 * share * way
+        rate = own.sent(meant)
+        rubs = dry * np.sign(way)
+        assert np.linalg.norm(rate.reshape(-1, 3), axis=1).max() < 0.06 * (1 + 1e-9)
+        sent.append(rate)
+        rubbed.append(rate - rubs)
+    np.testing.assert_allclose(rubbed[0], 0.2 * way, atol=1e-12)  # a slow one is carried out whole
+    np.testing.assert_allclose(np.cross(rubbed[2][:3], way[:3]), 0.0, atol=1e-12)  # straight on
+    np.testing.assert_allclose(rubbed[2][3:], way[3:], atol=1e-12)  # and the other is not slowed
+    done = 1e3 * DT * np.sum(rubbed, axis=0)  # [mm]
+    np.testing.assert_allclose(own._sent, done, atol=1e-9)  # and nothing else is counted on
+
+
 def test_a_play_is_read_off_a_diagnosis():
     rng, t = np.random.default_rng(0), DT * np.arange(600)
     rate = 15.0 * np.sin(2 * np.pi * rng.uniform(0.1, 1.5, 4) * t[:, None] + rng.uniform(0, 6, 4))
