@@ -154,6 +154,15 @@ def test_a_rate_stands_until_the_next():
     assert signals.recording.law is Law.RATE
 
 
+@pytest.mark.parametrize(("start", "jitter"), [(0.0, 0.0), (1.7e9, 0.0), (0.0, 1e-7)])
+def test_a_rate_is_its_own_row_s_however_its_stamp_is_rounded(start, jitter):
+    """Of stamps since 1970 half the rows had the rate before them: 20 ms of a delay were lost."""
+    t, u, x = shaken(Slides(), axes=1)
+    off = np.random.default_rng(0).uniform(-jitter, jitter, len(t))
+    s = signals_of(build_tracking(time=start + t + off, rate=u, x=x))
+    assert np.abs(s.command[:-1] - u[: len(s.command) - 1]).max() < 1e-3 * np.abs(u).max()
+
+
 def test_a_lag_under_held_rates_is_its_closed_form():
     """After a step of v, a lag T is v T behind; what a window's start misses is no drive's."""
     t = DT * np.arange(200)

@@ -18,7 +18,7 @@ def on_even_clock(r: MotionRecording, rows: slice, dt: float, seconds: float) ->
     t = r.time[rows]
     even = np.minimum(np.arange(t[0], t[-1] + dt * 1e-6, dt), t[-1])
     u, q = (_between(t, a[rows], even) for a in (r.command, r.q))
-    if r.law.holds:  # what was sent last stands; a millionth of a step is rounding
+    if r.law.holds:  # what was sent last stands
         u = stood(t, r.command[rows], even, dt)
     posture = derivative(q, dt, 0, POSTURE)
     speed, acceleration = (derivative(q, dt, order, seconds) for order in (1, 2))
@@ -29,10 +29,10 @@ def on_even_clock(r: MotionRecording, rows: slice, dt: float, seconds: float) ->
 
 
 def stood(t: Array, u: Array, even: Array, dt: float) -> Array:
-    """What stood (M, n) over each sample of a clock: its mean, where that has fewer than rows."""
-    at = np.searchsorted(t, even + dt * 1e-6, side="right") - 1
-    if dt < 1.5 * np.median(np.diff(t)):
-        return u[at]
+    """Mean (M, n) of what stood over each sample of a clock: what was sent adds up to the same.
+
+    Not what stood at its beginning: where stamps err by a rounding, that is another row's.
+    """
     area = np.zeros_like(u)
     np.cumsum(np.diff(t)[:, None] * u[:-1], axis=0, out=area[1:])
     ends = np.append(even, even[-1] + dt)
