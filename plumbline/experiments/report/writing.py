@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from plumbline.errors import PlumblineError
 from plumbline.experiments.report.page.page import Made, Page, card_html, page_html
-from plumbline.kinematics.files import write_whole
+from plumbline.kinematics.files import new_file
 
 if TYPE_CHECKING:
     from plumbline.experiments.report.diagnosis.phrases import Elsewhere
@@ -92,9 +92,8 @@ def write_report(
         **more: What else its page shows, see :class:`More`.
 
     Raises:
-        OSError: The file cannot be written.
-        PlumblineError: There is no report of such an answer.
+        PlumblineError: There is no report of such an answer, or it cannot be written.
     """
     target = Path(path)
-    write_whole(target, report_html(answer, made, **more))
+    new_file(target, report_html(answer, made, **more), overwrite=True)
     return target

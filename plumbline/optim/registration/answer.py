@@ -29,8 +29,17 @@ from plumbline.optim.core.answer import Answer, plain
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
 from plumbline.optim.registration.checks import Condition
+from plumbline.optim.registration.constants import LARGEST
 from plumbline.optim.registration.fiducials import Fiducials
-from plumbline.optim.registration.target import TargetError, Unstated, arc, bent, lever, point_of
+from plumbline.optim.registration.target import (
+    TargetError,
+    Unstated,
+    arc,
+    bent,
+    lever,
+    numbers_of,
+    point_of,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +116,16 @@ class Registration(Answer):
 
     def map(self, points: ArrayLike) -> Array:
         """Coordinates in frame R of points (..., 3) of CT [m]; refused if they are none."""
-        places = np.asarray(points, dtype=float)
+        places = numbers_of(points, "points")
         if places.shape[-1:] != (3,) or not np.isfinite(places).all():
             found = f"shape {places.shape}, {np.sum(~np.isfinite(places))} numbers not finite"
             raise fault("points", found, "finite ones (..., 3) in CT, m", "give x, y and z")
-        return places @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
+        there = places @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
+        away = float(np.linalg.norm(there - self.centre, axis=-1).max(initial=0.0))
+        if away > LARGEST:
+            found, mend = f"a point {away:.4g} m from the markers", "looks like mm: divide by 1000"
+            raise fault("points", found, f"at most {LARGEST:g} m", mend)
+        return there
 
     def tre(
         self, target: ArrayLike, target_std: ArrayLike | None = 0.0, *, curved: bool = True

@@ -21,7 +21,14 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.constants import EXACT, FEWEST, LARGEST, STATED, UNEVEN
+from plumbline.optim.registration.constants import (
+    COARSEST,
+    EXACT,
+    FEWEST,
+    LARGEST,
+    STATED,
+    UNEVEN,
+)
 
 UPPER = np.triu_indices(3)
 
@@ -49,9 +56,12 @@ class MarkerNoise:
         cls, ct: ArrayLike, robot_std: ArrayLike = 0.0, *, freedoms: float = STATED
     ) -> MarkerNoise:
         """From CT's pitch [m] (slices of 5 mm against 1 mm: ``[5e-3, 1e-3, 1e-3]``)."""
-        return cls.from_std(
-            np.asarray(ct, dtype=float) / np.sqrt(12.0), robot_std, freedoms=freedoms
-        )
+        pitch = np.asarray(ct, dtype=float)
+        coarsest = max(pitch.max(initial=0.0), np.max(robot_std, initial=0.0))
+        if coarsest > COARSEST:
+            found, mend = f"{coarsest:.4g} m", "looks like mm: divide by 1000"
+            raise fault("noise", found, f"at most {COARSEST:g} m", mend)
+        return cls.from_std(pitch / np.sqrt(12.0), robot_std, freedoms=freedoms)
 
     @classmethod
     def unknown(cls) -> MarkerNoise:

@@ -104,11 +104,20 @@ class TargetError:
 
 def point_of(place: ArrayLike, where: str) -> Array:
     """A place (3,) in CT [m], refused if it is none."""
-    point = np.asarray(place, dtype=float)
+    point = numbers_of(place, where)
     if point.shape != (3,) or not np.isfinite(point).all():
         expected, mend = "three finite coordinates in CT, m", "mend the target"
         raise fault(where, f"{point.tolist()}", expected, mend)
     return point
+
+
+def numbers_of(places: ArrayLike, where: str) -> Array:
+    """Places as numbers, refused if they are none, such as a label."""
+    try:
+        return np.asarray(places, dtype=float)
+    except (TypeError, ValueError):
+        mend = "give x, y and z, not a label"
+        raise fault(where, f"{places!r}", "coordinates in CT, m", mend) from None
 
 
 def lever(arm: Array, unknowns: int = 6) -> Array:

@@ -109,6 +109,11 @@ def test_a_page_says_when_and_by_which_command_it_was_made(answer, tmp_path):
     assert re.match(r"20\d\d-\d\d-\d\d \d\d:\d\d", Made.now().date)
 
 
+def test_a_page_that_cannot_be_written_is_refused_in_one_line(answer, tmp_path):
+    with pytest.raises(PlumblineError, match=r"a\.html: cannot be written \(No such file"):
+        write_report(answer, tmp_path / "none" / "a.html")
+
+
 def test_what_has_no_page_is_refused_with_what_has():
     with pytest.raises(PlumblineError, match="object: there is none, expected one of Registration"):
         report_html(object())

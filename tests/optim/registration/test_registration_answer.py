@@ -92,6 +92,15 @@ REFUSALS = {
     "shapes": (lambda: plumbline.build_fiducials(CT, CT[:3]), "one row a marker"),
     "place": (lambda: plumbline.register(recording()).map([0.1, 0.2]), r"found shape \(2,\)"),
     "no place": (lambda: plumbline.register(recording()).map([0.1, np.nan, 0.2]), "1 numbers not"),
+    "place in mm": (
+        lambda: plumbline.register(recording()).map(1e3 * LESION),
+        "m from the markers, expected at most 5 m; looks like mm",
+    ),
+    "label": (lambda: plumbline.register(recording()).tre("M"), "give x, y and z, not a label"),
+    "noise in mm": (
+        lambda: plumbline.MarkerNoise.from_resolution([5.0, 1.0, 1.0], 1e-4),
+        r"noise: found 5 m, expected at most 0\.05 m; looks like mm",
+    ),
     "two": (lambda: plumbline.build_fiducials(CT[:2], CT[:2]), "at least 3"),
 }
 
