@@ -39,9 +39,9 @@ from plumbline.optim.diagnosis.motion.recording import (
     load_motion,
 )
 from plumbline.optim.diagnosis.motion.rollout import roll_out
-from plumbline.optim.diagnosis.motion.search import _with_parts, errors_of
+from plumbline.optim.diagnosis.motion.search import _weights, _with_parts, errors_of
 from plumbline.optim.diagnosis.motion.signals import signals_of
-from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals, own_past
+from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals, UnlistedFunction, own_past
 from plumbline.optim.diagnosis.motion.verdict import _outside_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.recording.loading import load_recording
@@ -535,6 +535,22 @@ def test_a_slow_rest_below_white_noise_has_a_memory_where_both_exceed_what_is_st
     found = own_past(SimpleNamespace(dt=0.01), fit, stated)
     assert (found.gain > 10.0) == told
     assert found.gain < 2.0 or told
+
+
+@pytest.mark.parametrize(("gain", "hidden"), [(2.9, False), (3.1, True)])
+def test_what_a_function_tells_by_chance_alone_hides_no_memory(gain, hidden, monkeypatch):
+    t, u = multisine(24.0)
+    white = np.random.default_rng(0).normal(size=(2, *u.shape))
+    rest = scipy.signal.lfilter([np.sqrt(1 - 0.99**2)], [1.0, -0.99], white[1], axis=0)
+    q = u + 2e-3 * (white[0] + 0.6 * rest)
+    signals = signals_of(build_motion(robot=arm(), time=t, command=u, q=q, noise_std=2e-3))
+    models = Models(signals.windows(0, signals.training), forms(Law.POSITION), signals.seen(0))
+    one = UnlistedFunction("angle", gain, 0.06)
+    monkeypatch.setattr(FunctionRivals, "conditional", lambda self: (one,))
+    weights = _weights(models, frozenset(), models.time, 0.2, signals.sigma)
+    names = {name for names, _ in weights for name in names}
+    assert "?angle" in names
+    assert ("?its own past" in names) != hidden
 
 
 def test_a_joint_that_sticks_and_slips_is_flagged_and_nothing_else_is_sure():

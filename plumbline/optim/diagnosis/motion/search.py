@@ -198,7 +198,7 @@ def _weights(
         rivals = FunctionRivals(models.windows, fit, effective, own.square, stated)
         added = rivals.conditional()
         past: tuple[UnlistedFunction, ...] = ()
-        if sigma is not None and not any(u.share > LEAST_SHARE and u.gain > 0 for u in added):
+        if sigma is not None and not any(_tells(u) for u in added):
             floor = models.floor(fit, sigma)
             past = (own_past(models.windows, fit, floor),)  # that no function tells
         sizes = models.sizes(less)
@@ -219,6 +219,11 @@ def _weights(
             more = models.score(other, time) - score
             found += [(names - {gone} | {new}, w + more) for names, w in beside if gone in names]
     return found
+
+
+def _tells(found: UnlistedFunction) -> bool:
+    """Whether a function of something is what is left, not just as probable as chance."""
+    return found.share > LEAST_SHARE and found.gain > NO_EVIDENCE
 
 
 def _with_parts(
