@@ -113,7 +113,7 @@ STAND = {
         "VANISHING": 1e-12,
     },
     "measurement": {
-        "ONE_MOTION": 0.05, "TURNED": 1e-05, "ASSUMED": 0.74,
+        "ONE_MOTION": 0.05, "TURNED": 1e-05, "ASSUMED": 0.58,
         "SMOOTH": 0.25, "FRAME_SCALE": (0.1, 0.1), "TOOL_SCALE": 0.05, "COINCIDENT": 1e-12,
         "WIDE_BOUNDS": 1000.0, "MASS_PER_METRE": 15.0, "LEAST_HALF": 0.001, "UNIT": 0.0001,
         "WAYS": 6, "POSE_FREEDOM": 8, "REGISTERING_STEPS": 3,

@@ -17,9 +17,9 @@ WIDE_BOUNDS = 1e3  # either side of the start, in units of typical size
 
 # Observation
 MASS_PER_METRE = 15.0  # [kg/m] of a link of which no mass is given, as of arms of 5 to 30 kg
-# [its mass], 1 sigma of a body whose mass is assumed so: in logarithms, of links beyond 5 cm of
-# 15 arms whose masses their makers give, about each arm's own mean
-ASSUMED = 0.74
+# [its mass], 1 sigma of a body whose mass is assumed so: of links beyond 5 cm of 14 arms whose
+# masses are in their files, about each arm's own mean, each weighed by its mass
+ASSUMED = 0.58
 ONE_MOTION = 0.05  # of the spread of the rows, below which steps between them are a motion's
 # Parts
 LEAST_HALF = 1e-3  # [m]: a plane on which all beams meet one spot has no width, and none matters
