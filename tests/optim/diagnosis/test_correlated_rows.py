@@ -203,6 +203,17 @@ def test_readings_that_know_of_each_other_are_left_out_together(rows):
     assert postures(copies).tolist() == np.repeat(np.arange(len(copies) // 5), 5).tolist()
 
 
+@pytest.mark.parametrize("kind", ["rows", "time"])
+def test_readings_that_come_round_again_are_folded_as_those_of_the_first_round(rows, kind):
+    """By the row of its first reading alone each had been in the first half, which is one fold."""
+    whole = np.arange(len(rows))
+    again = replace(rows.select(np.concatenate([whole, whole])), alike=0.9)
+    folds = fold_of_rows(again, kind).reshape(2, -1)
+    np.testing.assert_array_equal(folds[0], folds[1])
+    assert np.ptp(np.bincount(folds[0])) <= 1
+    assert len(set(folds[0].tolist())) == len(set(fold_of_rows(again.select(whole), kind).tolist()))
+
+
 def test_postures_that_are_read_again_are_no_motion(rows):
     assert not scope_of(five_each(rows)).moving
     assert scope_of(bench("sweeping", "tip_position")).moving

@@ -47,18 +47,28 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> Ind
     if kind == "groups" and groups is not None:
         labels = np.unique(groups, return_inverse=True)[1]
         return np.asarray(labels % MOST_FOLDS, dtype=np.intp)
-    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, MOST_FOLDS))
     if kind == "workspace":
-        return _workspace_blocks(_places(recording), count)
-    order = np.arange(len(recording))
+        return _workspace_blocks(_places(recording), _count(len(recording)))
+    reading = _readings(recording)
+    order = np.arange(int(reading.max(initial=-1)) + 1)
     if kind == "rows":
-        order = np.random.default_rng(seed).permutation(len(recording))
-    folds = np.empty(len(recording), dtype=np.intp)
-    folds[order] = np.arange(len(recording)) * count // len(recording)
-    if recording.alike:  # readings that know of each other are left out together
-        _, first, posture = np.unique(postures(recording), return_index=True, return_inverse=True)
-        folds = folds[first][posture]
-    return folds
+        order = np.random.default_rng(seed).permutation(len(order))
+    folds = np.empty(len(order), dtype=np.intp)
+    folds[order] = np.arange(len(order)) * _count(len(recording)) // len(order)
+    return folds[reading]
+
+
+def _count(rows: int) -> int:
+    """Folds of so many rows."""
+    return int(np.clip(rows // FEWEST_ROWS, 2, MOST_FOLDS))
+
+
+def _readings(recording: Recording) -> Indices:
+    """Of every row (N,) which reading it is of, in order: rows that know of each other are one."""
+    if not recording.alike:
+        return np.arange(len(recording))
+    _, first, posture = np.unique(postures(recording), return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first))[posture], dtype=np.intp)
 
 
 def _of_each(recording: Recording, kind: str, seed: int) -> Indices:
@@ -78,7 +88,7 @@ def blocks_of(recording: Recording) -> Indices:
 
     Recordings of several; else stretches of a motion, or of what has a clock, or of the workspace.
     """
-    count = int(np.clip(len(recording) // FEWEST_ROWS, 2, MOST_FOLDS))
+    count = _count(len(recording))
     if recording.several:
         return np.asarray(apart(recording)[1], dtype=np.intp)
     if recording.time is not None or scope_of(recording).moving:
