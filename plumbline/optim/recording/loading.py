@@ -296,6 +296,8 @@ def read_robot(settings: Section, folder: Path) -> RobotFiles:
     try:
         robot, data = _made(section, folder, given[0], tip_frame)
     except PlumblineError as error:
+        if error.file == SETTINGS:  # it says where it stands
+            raise
         raise PlumblineError(one_line(f"{section.where(given[0])}: {error}")) from None
     gravity = section.vector("gravity")
     return RobotFiles(robot if gravity is None else robot.with_gravity(gravity), tip_frame, data)
