@@ -18,7 +18,7 @@ A residual is divided by its shape, so that all of them have the one noise :math
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
@@ -263,11 +263,13 @@ def with_noise_shape(
     if axes is None and each is None:
         return context
     size = joints if observation in ("joint_position", "joint_torque") else TIP_AXES
-    across = np.ones(size) if axes is None else _positive(axes, "noise_std", size, origin)
-    along = np.ones(rows) if each is None else _positive(each, "noise_std", rows, origin)
+    key = origin.key("noise_std")
+    across = np.ones(size) if axes is None else _positive(axes, size, lambda _: key)
+    at = (lambda k: origin.at("noise_std", k)) if origin.lines is not None else lambda _: key
+    along = np.ones(rows) if each is None else _positive(each, rows, at)
     if observation not in ("tip_position", "pose", "joint_position") and axes is not None:
         found = f"{size} axes of {observation}"
-        raise fault("noise_std", found, "one number", "its axes are not an instrument's")
+        raise fault(key, found, "one number", "its axes are not an instrument's")
     spread = np.sqrt(np.mean(across**2))
     whole = float(spread if each is None else np.sqrt(np.mean(along**2)))
     ratio = np.outer(along / np.sqrt(np.mean(along**2)), across / spread)
@@ -276,12 +278,14 @@ def with_noise_shape(
     return {**context, "noise_std": whole, "noise_shape": ratio}
 
 
-def _positive(values: ArrayLike, name: str, size: int, origin: Origin) -> Array:
+def _positive(values: ArrayLike, size: int, at: Callable[[int], str]) -> Array:
+    """So many positive numbers, each of which stands at some place."""
     array = np.asarray(values, dtype=float)
     if array.shape != (size,):
-        raise fault(name, f"{array.size} numbers", f"{size}", "give one for each, or one for all")
+        found, mend = f"{array.size} numbers", "give one for each axis or row, or one for all"
+        raise fault(at(0), found, f"{size}", mend)
     broken = np.flatnonzero(~((array > 0.0) & (array < LARGEST)))
     if len(broken):
-        where = origin.at(name, broken[0]) if origin.lines is not None else name
-        raise fault(where, shown(float(array[broken[0]])), "a positive number", "give 1 sigma")
+        found = shown(float(array[broken[0]]))
+        raise fault(at(int(broken[0])), found, "a positive number", "give 1 sigma")
     return array

@@ -85,6 +85,20 @@ def test_a_folder_states_noise_and_scale(tmp_path):
     assert load_recording(tmp_path).scale_std is None
 
 
+@pytest.mark.parametrize(
+    ("stated", "found"), [("[1e-4, 1e-4]", "2 numbers, expected 3"), ("[1e-4, 0.0, nan]", "0, ")]
+)
+def test_a_noise_of_a_folder_that_is_none_is_refused_where_it_stands(tmp_path, stated, found):
+    settings = f'observation = "tip_position"\nnoise_std = {stated}\n[robot]\nbundled = "ur5"\n'
+    (tmp_path / "dataset.toml").write_text(settings, encoding="utf-8")
+    recording = bench("ur5", "tip_position")
+    table = np.column_stack([recording.q, recording.measured])
+    header = "q1,q2,q3,q4,q5,q6,x,y,z"
+    np.savetxt(tmp_path / "samples.csv", table, delimiter=",", header=header, comments="")
+    with pytest.raises(PlumblineError, match=f"^dataset.toml, row 2, noise_std: found {found}"):
+        load_recording(tmp_path)
+
+
 def test_a_scale_is_looked_for_within_what_its_maker_states():
     recording = bench("ur5", "tip_position", scale_std=2e-5)
     for effect in REGISTRY["sensor_scale"].candidates(scope_of(recording)):
