@@ -38,3 +38,11 @@ def selection(X, t, sigma, *, sizes=None, variants=None, allowed=None):
         found = tuple(Candidate(e, np.array([k]), share) for k, e in enumerate(variants))
     allowed = np.ones(len(found), dtype=bool) if allowed is None else np.asarray(allowed)
     return SelectionProblem(statistics(X, t), found, NoisePrior.of(sigma), allowed)
+
+
+def wandering(shape, rho, rng):
+    """Noise of variance one that wanders from row to row: AR(1)."""
+    noise = rng.normal(size=shape)
+    for k in range(1, len(noise)):
+        noise[k] = rho * noise[k - 1] + np.sqrt(1.0 - rho**2) * noise[k]
+    return noise

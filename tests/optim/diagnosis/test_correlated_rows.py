@@ -32,7 +32,7 @@ from plumbline.optim.diagnosis.verdict.judge import _correlated
 from plumbline.optim.measurement.correlated import Whitening, copied, follows_of, postures, trust
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
-from tests.designs import statistics
+from tests.designs import statistics, wandering
 
 RHO = 0.7
 OFFSET = REGISTRY["joint_offset"](joint=2)
@@ -41,13 +41,6 @@ OFFSET = REGISTRY["joint_offset"](joint=2)
 @pytest.fixture(scope="module")
 def rows():
     return replace(bench("ur5", "tip_position"), group=None)
-
-
-def wandering(shape, rho, rng):
-    noise = rng.normal(size=shape)
-    for k in range(1, len(noise)):
-        noise[k] = rho * noise[k - 1] + np.sqrt(1.0 - rho**2) * noise[k]
-    return noise
 
 
 def five_each(recording):

@@ -16,19 +16,12 @@ from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
 from plumbline.optim.diagnosis.prior import CORRELATIONS
 from plumbline.optim.diagnosis.verdict.explanation import _correlation
 from tests.benches import bench
-from tests.designs import statistics
+from tests.designs import statistics, wandering
 
 
 @pytest.fixture(scope="module")
 def rows():
     return replace(bench("ur5", "tip_position"), group=None)
-
-
-def wandering(shape, rho, rng):
-    noise = rng.normal(size=shape)
-    for k in range(1, len(noise)):
-        noise[k] = rho * noise[k - 1] + np.sqrt(1.0 - rho**2) * noise[k]
-    return noise
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.9])
