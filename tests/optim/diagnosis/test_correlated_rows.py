@@ -207,6 +207,12 @@ def test_readings_that_come_round_again_are_folded_as_those_of_the_first_round(r
     assert len(set(folds[0].tolist())) == len(set(fold_of_rows(again.select(whole), kind).tolist()))
 
 
+def test_rows_of_a_single_posture_are_left_out_in_turn(rows):
+    """As one reading they were one fold, beside which no row is left, and a traceback."""
+    one = replace(rows.select(np.zeros(30, int)), alike=0.9)
+    assert len(set(fold_of_rows(one, "time").tolist())) == 5
+
+
 def test_postures_that_are_read_again_are_no_motion(rows):
     assert not scope_of(five_each(rows)).moving
     assert scope_of(bench("sweeping", "tip_position")).moving

@@ -64,10 +64,13 @@ def _count(rows: int) -> int:
 
 
 def _readings(recording: Recording) -> Indices:
-    """Of every row (N,) which reading it is of, in order: rows that know of each other are one."""
-    if not recording.alike:
-        return np.arange(len(recording))
+    """Of every row (N,) which reading it is of, in order: rows that know of each other are one.
+
+    Of a single posture, of which nothing would be left, each row is.
+    """
     _, first, posture = np.unique(postures(recording), return_index=True, return_inverse=True)
+    if not recording.alike or len(first) < 2:
+        return np.arange(len(recording))
     return np.asarray(np.argsort(np.argsort(first))[posture], dtype=np.intp)
 
 
