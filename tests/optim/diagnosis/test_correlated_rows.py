@@ -207,6 +207,14 @@ def test_readings_that_come_round_again_are_folded_as_those_of_the_first_round(r
     assert len(set(folds[0].tolist())) == len(set(fold_of_rows(again.select(whole), kind).tolist()))
 
 
+@pytest.mark.parametrize("kind", ["rows", "time"])
+def test_of_fewer_readings_than_folds_each_is_one_fold(rows, kind):
+    again = replace(rows.select(np.tile(np.arange(3), 10)), alike=0.9)
+    folds = fold_of_rows(again, kind)
+    np.testing.assert_array_equal(np.sort(folds[:3]), np.arange(3))
+    np.testing.assert_array_equal(folds, np.tile(folds[:3], 10))
+
+
 def test_rows_of_a_single_posture_are_left_out_in_turn(rows):
     """As one reading they were one fold, beside which no row is left, and a traceback."""
     one = replace(rows.select(np.zeros(30, int)), alike=0.9)

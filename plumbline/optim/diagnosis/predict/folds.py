@@ -54,7 +54,8 @@ def fold_of_rows(recording: Recording, kind: str = "auto", seed: int = 0) -> Ind
     if kind == "rows":
         order = np.random.default_rng(seed).permutation(len(order))
     folds = np.empty(len(order), dtype=np.intp)
-    folds[order] = np.arange(len(order)) * _count(len(recording)) // len(order)
+    count = min(_count(len(recording)), len(order))
+    folds[order] = np.arange(len(order)) * count // len(order)
     return folds[reading]
 
 
