@@ -252,7 +252,7 @@ def refuse_other_set_up(r: Recording, origin: Origin) -> None:
     """
     r = r.select(some_of(len(r), constants.INERTIA_ROWS))
     read, model = r.measured, nominal_efforts(r)
-    tried = {g: nominal_efforts(r, g) for g in _mountings(r)}
+    tried = _under_each(r, _mountings(r))
     each, against = _off(r, read - model), _off(r, -read - model)
     own, turned = float(each.mean()), float(against.mean())
     left, gravity = min((float(_off(r, read - m).mean()), g) for g, m in tried.items())
@@ -299,6 +299,15 @@ def _mountings(r: Recording) -> list[tuple[float, ...]]:
     ways = [size * sign * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]
     others = [np.zeros(3), *(way for way in ways if way @ g < size**2 / 2)]
     return [tuple((way.round(3) + 0.0).tolist()) for way in others]
+
+
+def _under_each(
+    r: Recording, gravities: Sequence[tuple[float, ...]]
+) -> dict[tuple[float, ...], Array]:
+    """Efforts (N, n) [N m or N] of the model alone under each: they are linear in gravity."""
+    weightless = nominal_efforts(r, (0.0, 0.0, 0.0))
+    ways = [nominal_efforts(r, tuple(way)) - weightless for way in np.eye(3).tolist()]
+    return {g: weightless + np.tensordot(g, ways, axes=1) for g in gravities}
 
 
 def _noise_by_joint(r: Recording, shaken: Array, origin: Origin) -> Array:

@@ -105,10 +105,24 @@ def _end_of(read: Array, model: Array, basis: Array) -> tuple[float, float, Flag
         last = read.max() < mean + 2.0 * constants.SURELY * sigma
         varied = np.ptp(asked) > constants.ENDS_OFF * mean
         missed = min(float(np.sqrt(np.mean((f[over] - there) ** 2))) for f in (wanted, whole))
-        gain = over.sum() * float(np.log(max(min(asked.std(), missed) / noise, 1e-300)))
+        gain = _alone(over, there - mean) * float(
+            np.log(max(min(asked.std(), missed) / noise, 1e-300))
+        )
         if last and varied and noise < constants.FLAT * sigma and gain > most:
             most, best = gain, (mean, mean - constants.SURELY * sigma, within)
     return best
+
+
+def _alone(rows: Flags, left: Array) -> float:
+    r"""As how many independent ones those of the rows (k,) count that leave so much of their mean.
+
+    :math:`(1 - \rho) / (1 + \rho)` of them (AR(1)): noise behind an end is another in every row,
+    where a slow crest is one swing, however many rows see it.
+    """
+    near = np.diff(np.flatnonzero(rows)) == 1
+    past = float(left[1:][near] @ left[:-1][near]) / max(float(left @ left), 1e-300)
+    past = min(max(past, 0.0), 1.0)
+    return len(left) * (1.0 - past) / (1.0 + past)
 
 
 def _fitted(read: Array, basis: Array, end: float, less: float) -> tuple[Array, float, Flags]:
@@ -119,5 +133,9 @@ def _fitted(read: Array, basis: Array, end: float, less: float) -> tuple[Array, 
     within = np.abs(read) < end - less
     if within.sum() < 2 * basis.shape[1]:
         return read, np.inf, within
-    wanted = basis @ np.linalg.lstsq(basis[within], read[within], rcond=1e-6)[0]
+    some = basis[within]
+    # Directions that the rows within hardly show are told by none: pinv leaves them out.
+    wanted = basis @ (
+        np.linalg.pinv(some.T @ some, 1e-12, hermitian=True) @ (some.T @ read[within])
+    )
     return wanted, float(np.median(np.abs(read - wanted)[within])) / constants.MEDIAN, within

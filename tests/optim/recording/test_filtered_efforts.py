@@ -116,3 +116,15 @@ def test_an_end_is_told_where_enough_rows_read_it_and_it_is_one(rows, slope, see
     noise = 0.05 * np.random.default_rng(0).normal(size=len(t))
     read = np.where(wanted < end, wanted, end + slope * (wanted - end)) + noise
     assert (_end_of(read, wanted, basis_of(X)) is not None) == seen
+
+
+@pytest.mark.parametrize(("wanders", "seen"), [(0.0, True), (0.97, False)])
+def test_rows_count_for_an_end_as_many_as_know_nothing_of_each_other(wanders, seen):
+    """Two slow crests of a UR10, which a straight fit had higher, were ends of 63 and 124 rows."""
+    rng, t = np.random.default_rng(0), np.linspace(0.0, 20.0, 2000)
+    X = np.column_stack([np.sin(t), np.cos(1.7 * t), np.ones(len(t))])
+    wanted = X @ [3.0, 1.0, 0.5]
+    end = np.quantile(wanted, 0.9)
+    noise = scipy.signal.lfilter([np.sqrt(1 - wanders**2)], [1.0, -wanders], rng.normal(size=2000))
+    read = np.minimum(wanted, end) + 0.2 * noise
+    assert (_end_of(read, wanted, basis_of(X)) is not None) == seen

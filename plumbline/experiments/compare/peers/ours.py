@@ -95,7 +95,7 @@ def _recording(given: Mapping[str, Array], end: str) -> Recording:
 def _effects(recording: Recording) -> list[Effect]:
     scope = scope_of(recording)
     every = [e for name in TERMS for e in REGISTRY[name].candidates(scope)]
-    return [e for e in every if getattr(e, "power", 1.0) == 1.0]
+    return [e for e in every if not e.variant]
 
 
 def torque(given: Mapping[str, Array]) -> Array:

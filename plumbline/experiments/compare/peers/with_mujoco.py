@@ -22,7 +22,7 @@ BOUNDS = {
     "dry": (0, 50),
     "viscous": (0, 200),
     "rotor": (0, 50),
-    "scale": (-0.9, 2),
+    "scale": (-0.9, 3),
     "zero": (-20, 20),
 }  # [N m], [N m s/rad], [kg m^2], [1], [N m]; fmt: skip
 

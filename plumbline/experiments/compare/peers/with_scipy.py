@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 Array = NDArray[np.float64]
 PACKAGE = "scipy"
 LEVER = 0.1  # [m] that a radian weighs as much as
+MOST = 3.0  # share of an effort that is read beyond it, for all ways alike
 
 
 def registration(given: Mapping[str, Array]) -> Array:
@@ -92,12 +93,13 @@ def torque(given: Mapping[str, Array]) -> Array:
     """All parameters."""
     n = given["q"].shape[1]
     lower = np.concatenate([np.zeros(3 * n), np.full(n, -0.9), np.full(n, -np.inf)])
+    upper = np.repeat([np.inf, np.inf, np.inf, MOST, np.inf], n)
 
     def residuals(x: Array) -> Array:
         return (efforts(x, given, "") - given["tau"]).ravel()
 
     start = np.maximum(np.zeros(5 * n), lower + 1e-3)
-    found = least_squares(residuals, start, bounds=(lower, np.inf), x_scale="jac", max_nfev=200)
+    found = least_squares(residuals, start, bounds=(lower, upper), x_scale="jac", max_nfev=200)
     return np.asarray(found.x)
 
 
