@@ -209,7 +209,7 @@ class FamilyDesign:
         kept = np.arange(self.always, len(A))
         if self.always:
             whole = whole.without(np.arange(self.always), flat_prior(whole, self.always))
-        return _only(whole, kept), columns
+        return whole.only(kept), columns
 
     def with_listed(self, more: Sequence[Array]) -> tuple[FamilyDesign, list[Columns]]:
         """With blocks (k, N, m) of the library's columns behind its own, and which these are."""
@@ -298,7 +298,3 @@ def looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]
     if 1 < len(keys) <= MANY_CAUSES:
         found += [[c for c in chosen if pool.candidates[c.index].key != key] for key in keys]
     return found
-
-
-def _only(linear: Linear, kept: NDArray[np.intp]) -> Linear:
-    return Linear(linear.G[np.ix_(kept, kept)], linear.b[kept], linear.tt, linear.n)

@@ -59,6 +59,14 @@ class Linear:
         used = np.trace(solved(A, self.G[np.ix_(columns, columns)]))
         return Linear(G, b, max(float(tt), 0.0), self.n - float(used))
 
+    def only(self, columns: Columns) -> Linear:
+        """The same with some columns alone, all others absent."""
+        return Linear(self.block(columns, columns), self.b[columns], self.tt, self.n)
+
+    def block(self, rows: Columns, columns: Columns) -> Array:
+        """Gram block (k, m) of some columns and others: its whole rows lie together in memory."""
+        return np.asarray(self.G[rows].take(columns, axis=1))
+
     def given(
         self, columns: Columns, precision: Array, asked: Columns
     ) -> tuple[Array, Array, Array, float, float]:
@@ -69,21 +77,20 @@ class Linear:
         :math:`G'_{aa} = G_{aa} - R R^T` and :math:`b'_a = b_a - R h`; the target's square, and
         equations.
         """
-        unit, hidden, tt, n = self._factored(columns, precision)
-        return unit, self.G[np.ix_(columns, asked)].T @ unit.T, hidden, tt, n
+        unit, *found = self.only(columns).factored(precision)
+        return unit, self.block(columns, asked).T @ unit.T, *found
 
-    def left(self, columns: Columns, precision: Array) -> tuple[float, float]:
-        """Square of the target, and equations, that some columns leave."""
-        return self._factored(columns, precision)[2:]
+    def factored(self, precision: Array) -> tuple[Array, Array, float, float]:
+        """L^-1 (K, K) of the Cholesky factor of all columns, L^-1 b (K,), and what they leave.
 
-    def _factored(self, columns: Columns, precision: Array) -> tuple[Array, Array, float, float]:
-        """L^-1 (K, K) of some columns' Cholesky factor, L^-1 b (K,), and what they leave."""
-        if not len(columns):
+        That is the target's square, and equations.
+        """
+        if not len(precision):
             return np.zeros((0, 0)), np.zeros(0), self.tt, self.n
-        A = self.G[columns[:, None], columns]
-        lower = cholesky(A + np.diag(precision + JITTER * np.diag(A)), np.diag(A))
-        unit, _ = dtrtri(lower, lower=1)
-        hidden = unit @ self.b[columns]
+        A, own = self.G.copy(), np.diag(self.G)
+        np.einsum("ii->i", A)[:] += precision + JITTER * own
+        unit, _ = dtrtri(cholesky(A, own), lower=1)
+        hidden = unit @ self.b
         used = len(A) - float(precision @ np.sum(unit**2, axis=0))
         return unit, hidden, max(self.tt - float(hidden @ hidden), 0.0), self.n - used
 

@@ -153,8 +153,6 @@ class JointProblem(TermProblem):
         """The same problem of some of its terms alone, of which none is asked."""
         kept = [self.candidates[i] for i in indices]
         columns = np.concatenate([np.empty(0, np.intp), *(t.columns for t in kept)])
-        linear = self.linear
-        part = Linear(linear.G[np.ix_(columns, columns)], linear.b[columns], linear.tt, linear.n)
         ends = np.cumsum([0, *(len(t.columns) for t in kept)])
         moved = tuple(
             _Moved(np.arange(a, z), t.limits, t.widths)
@@ -163,7 +161,7 @@ class JointProblem(TermProblem):
         own = list(indices)
         return replace(
             self,
-            linear=part,
+            linear=self.linear.only(columns),
             candidates=moved,
             log_priors=self.log_priors[own],
             gross=self.gross[own],

@@ -89,7 +89,7 @@ class Reduced:
         gone, rest = own @ lower, np.delete(np.arange(len(own)), part)
         inverse = self.inverse[np.ix_(rest, rest)] - gone[rest] @ gone[rest].T
         hidden, precision = gone.T @ self.linear.b[self._columns], self.precision[rest]
-        root, b = self.linear.G[np.ix_(self._columns, self.asked)].T @ gone, self.b.copy()
+        root, b = self._beside.T @ gone, self.b.copy()
         b[self.asked] += root @ hidden
         return replace(
             self,
@@ -114,13 +114,18 @@ class Reduced:
 
     def block(self, a: Columns, b: Columns) -> Array:
         """Gram block of some columns (k,) and others (m,), given the terms."""
-        G, mine = self.linear.G, self._columns
-        return np.asarray(G[np.ix_(a, b)] - G[np.ix_(a, mine)] @ self.inverse @ G[np.ix_(mine, b)])
+        block, mine = self.linear.block, self._columns
+        return np.asarray(block(a, b) - block(a, mine) @ self.inverse @ block(mine, b))
 
     @cached_property
     def _columns(self) -> Columns:
         """Columns of the terms (K,)."""
         return stack(self.candidates, self.chosen, self.variance)[0]
+
+    @cached_property
+    def _beside(self) -> Array:
+        """Gram block of the terms and what is asked (K, R), gathered once for all of these."""
+        return self.linear.block(self._columns, self.asked)
 
     @cached_property
     def _values(self) -> Array:

@@ -70,11 +70,12 @@ class TermProblem(ABC):
     def variance(self, chosen: Sequence[SelectedTerm], near: Reduced | None = None) -> float:
         """Noise variance that these terms leave, whose priors are weighed by it."""
         start = near.variance if near else self.noise.variance(self.linear.tt, self.linear.n)
-        return float(
-            self.noise.settled(
-                lambda v: self.linear.left(*stack(self.candidates, chosen, float(v))), start
-            )
-        )
+        own = self.linear.only(stack(self.candidates, chosen, 1.0)[0])
+
+        def left(v: Array) -> tuple[float, float]:
+            return own.factored(stack(self.candidates, chosen, float(v))[1])[2:]
+
+        return float(self.noise.settled(left, start))
 
     def reduce(
         self,
@@ -97,9 +98,15 @@ class TermProblem(ABC):
         variance = self.variance(chosen, near)
         return Reduced.given(self.linear, gathered, self.candidates, chosen, variance)
 
+    @cached_property
+    def fills_slot(self) -> list[bool]:
+        """Which terms fill a slot (C,)."""
+        found: list[bool] = np.isfinite(self.log_priors).tolist()
+        return found
+
     def slots(self, chosen: Sequence[SelectedTerm]) -> list[SelectedTerm]:
         """Those of some terms that fill a slot."""
-        return [t for t in chosen if np.isfinite(self.log_priors[t.index])]
+        return [t for t in chosen if self.fills_slot[t.index]]
 
     def odds(self, reduced: Reduced) -> tuple[Array, Scores]:
         """Log odds (C,) of each term for one more slot, against none, and its scores."""
