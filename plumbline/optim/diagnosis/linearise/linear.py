@@ -77,8 +77,8 @@ class Linear:
         :math:`G'_{aa} = G_{aa} - R R^T` and :math:`b'_a = b_a - R h`; the target's square, and
         equations.
         """
-        unit, *found = self.only(columns).factored(precision)
-        return unit, self.block(columns, asked).T @ unit.T, *found
+        unit, hidden, tt, n = self.only(columns).factored(precision)
+        return unit, self.block(columns, asked).T @ unit.T, hidden, tt, n
 
     def factored(self, precision: Array) -> tuple[Array, Array, float, float]:
         """L^-1 (K, K) of the Cholesky factor of all columns, L^-1 b (K,), and what they leave.

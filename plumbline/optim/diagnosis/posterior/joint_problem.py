@@ -1,12 +1,6 @@
-r"""The joint problem: what may be at work, and the evidence of several terms together.
+"""The joint problem: what may be at work, and the posterior of several terms together.
 
-With :math:`A = S G S + \sigma^2 I` of the terms' columns at their widths S, nuisances eliminated,
-
-.. math:: \log B = -\tfrac12 \log\det (A / \sigma^2)
-          - \tfrac{\nu_0 + n}{2} \log \frac{\nu_0 \sigma_0^2 + Q}{\nu_0 \sigma_0^2 + t^T t},
-          \qquad Q = t^T t - b^T S A^{-1} S b
-
-where the noise variance and the widths weigh each other until both have settled.
+The noise variance and the widths weigh each other until both have settled.
 """
 
 from __future__ import annotations
@@ -18,11 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dtrtri
 from scipy.special import expit, gammaln, logit
 
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
+from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import (
     NoisePrior,
     Term,
@@ -30,6 +23,7 @@ from plumbline.optim.diagnosis.posterior.evidence import (
 )
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.posterior.slots import TermProblem
+from plumbline.optim.diagnosis.posterior.together import Together
 from plumbline.optim.diagnosis.prior import (
     ALIKE,
     DEVIATIONS,
@@ -105,6 +99,11 @@ class JointProblem(TermProblem):
         sizes = [len(t.columns) for t in self.candidates]
         limits = np.concatenate([t.limits for t in self.candidates])
         return np.repeat(np.arange(len(sizes)), sizes), limits
+
+    @cached_property
+    def together(self) -> Together:
+        """All terms, whose columns are the linear problem's, one after the other."""
+        return Together(self.linear, self.noise, *self.laid_out)
 
     @cached_property
     def listed(self) -> NDArray[np.bool_]:
@@ -285,7 +284,7 @@ def weighed(problem: JointProblem) -> tuple[float, list[float], float]:
         for k in range(len(scales)):
             tried = np.repeat(scales[None], len(SCALES), axis=0)
             tried[:, k] = problem.candidates[k].widths
-            logs, found = _evidence(problem, tried, variance)
+            logs, found = problem.together.evidence(tried, variance)
             logs = logs - priors[:, k] - (held.sum() - held[k])
             by_scale = logs + LOG_SCALE_WEIGHTS
             best = int(np.argmax(by_scale))
@@ -308,43 +307,9 @@ def stated(problem: JointProblem, state: Sequence[SelectedTerm]) -> float:
     variance = problem.variance(state)
     told = np.array([np.ptp(term.widths) > 0.0 for term in own.candidates])
     widths = np.interp(np.log(scales[0]), np.log(SCALES), LOG_SCALE_WEIGHTS)[told].sum()
-    evidence = float(_evidence(own, scales, variance)[0][0])
+    evidence = float(own.together.evidence(scales, variance)[0][0])
     evidence -= float(_within_priors(own, scales[0])[1].sum())
     return evidence + float(widths) + own.log_prior(range(len(state)))
-
-
-def _evidence(problem: JointProblem, scales: Array, variance: float) -> tuple[Array, Array]:
-    """Log evidence (S,) of all terms against none, and the noise that they leave (S,).
-
-    The share of their priors within their limits is left out: see :func:`_within_priors`.
-
-    Args:
-        problem: The terms (C), of its linear problem's columns one after the other.
-        scales: Their scales, so many ways (S, C).
-        variance: Of the noise, a guess.
-    """
-    linear, noise = problem.linear, problem.noise
-    owner, limits = problem.laid_out
-    s = scales[:, owner]
-    G = linear.G * (s[:, :, None] * s[:, None, :])
-    b = linear.b * s
-    base = float(noise.variance(linear.tt, linear.n))
-    lower, hidden, before = G, b, np.empty(0)
-
-    def left(v: Array) -> tuple[Array, float]:
-        nonlocal lower, hidden, before
-        (lower, hidden), before = _factors(G, b, linear.tt, v), v
-        return np.maximum(linear.tt - np.sum(hidden**2, axis=1), 0.0), linear.n
-
-    v = noise.settled(left, np.full(len(s), variance))
-    occam = -np.log(np.einsum("sii->si", lower)).sum(axis=1) + 0.5 * len(owner) * np.log(before)
-    log = occam - 0.5 * (noise.freedom + linear.n) * np.log(v / base)
-    if np.isfinite(limits).any():
-        inverse = np.stack([dtrtri(one, lower=1)[0] for one in lower])
-        mean = s * np.einsum("skj,sk->sj", inverse, hidden)
-        std = s * np.sqrt(v[:, None] * np.sum(inverse**2, axis=1))
-        log = log + log_within(limits, mean, std).sum(axis=1)
-    return log, v
 
 
 def _within_priors(problem: JointProblem, scales: Array) -> tuple[Array, Array]:
@@ -360,22 +325,3 @@ def _within_priors(problem: JointProblem, scales: Array) -> tuple[Array, Array]:
     starts = np.searchsorted(owner, np.arange(len(scales)))
     found = np.add.reduceat(each, starts, axis=1)
     return found[:-1], found[-1]
-
-
-def _factors(G: Array, b: Array, tt: float, variance: Array) -> tuple[Array, Array]:
-    """Of Gram matrices (S, K, K) and variances (S,) of the noise, and what stands on the right.
-
-    The lower Cholesky factors L (S, K, K) and L^-1 b (S, K), which is the last row of the factor
-    of A bordered by b: with the target's square ``tt`` or more in its corner that is definite.
-    """
-    K = G.shape[1]
-    A = np.empty((len(G), K + 1, K + 1))
-    A[:, :K, :K], A[:, K, :K] = G, b
-    np.einsum("sii->si", A)[:, :K] += variance[:, None]
-    A[:, K, K] = 2.0 * tt + 1.0
-    try:
-        lower = np.asarray(np.linalg.cholesky(A))
-    except np.linalg.LinAlgError:
-        lower = cholesky(A[:, :K, :K], np.einsum("sii->si", G))
-        return lower, np.asarray(np.linalg.solve(lower, b[:, :, None]))[:, :, 0]
-    return lower[:, :K, :K], lower[:, K, :K]
