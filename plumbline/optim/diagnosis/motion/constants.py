@@ -49,6 +49,9 @@ POSTURE = 0.3  # [s] the same of the places at which loads are worked out: bodie
 # (Savitzky and Golay 1964; test_motion_clocks.py fails at 3).
 QUINTIC = 5
 SMOOTHED = (0.3, 0.2, 0.1, 0.05)  # [s], the same where accelerations of neighbours are loads
+# [s] over which readings correct what drives are foretold to push each other by: over half of it
+# their noise is a load of its own (test_motion_commands.py fails at 0.5), longer it is no less.
+SLOWLY = 1.0
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
 
 # Fits
@@ -68,12 +71,7 @@ DEVIATIONS = (0.1, 0.3, 1.0)  # of that effect's own size, by which its form is 
 WIDTHS = (0.05, 0.2, 1.0, 4.0)  # prior widths of such functions, in residual RMS
 LONGEST_GAP = 3.0  # times the usual step: a clock that leaps by more begins a new run
 MOST_STATES = 20_000  # at which loads are worked out, 7 microseconds each with seven joints
-MOVES = 6  # exchanges and drops after the climb; two or three are usual
-# [1] searches anew, what neighbours give being known: the second confirms the first; each costs as
-# much as the first search. Two may lead to each other for ever: of a motor that MuJoCo limits to 5
-# N m the even ones end right and the odd ones blame its neighbour, with the greater evidence
-# (test_a_motor_s_largest_torque_is_found_and_its_neighbour_not_blamed_for_it fails at 0, 1 and 3).
-AGAIN = 2
+MOVES = 6  # exchanges and drops after the climb, searches by what neighbours give; two are usual
 RIVAL_FROM = 1.5  # of the effective samples, in log evidence: a square that falls to a twentieth
 SEARCHED = 0.4  # of these windows the search looks at; what it finds is fitted to all of them
 SEARCH_SAMPLES = 250  # of such a window where commands are positions: 50 a second

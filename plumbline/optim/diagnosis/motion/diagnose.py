@@ -14,11 +14,12 @@ from plumbline.kinematics.law import Law
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import (
-    AGAIN,
+    MOVES,
     SEARCH_SAMPLES,
     SEARCHED,
     STILL,
 )
+from plumbline.optim.diagnosis.motion.fit import correlation_time
 from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import Models, nested
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -90,38 +91,47 @@ def _searched(
     """An even clock, and where the search of each joint that moved stands on a few windows.
 
     Under torques what is found at one joint is part of what its neighbours feel: the search begins
-    anew until it finds the same.
+    anew with that, while what all joints did becomes more probable.
     """
     plain = smoothed(r)
-    signals, begun = _begun(plain, options, progress)
-    for _ in range(AGAIN if r.law.pushes else 0):
-        before, keys = begun, [one.key for one in begun]
-        if not any(keys):
+    signals, begun = _begun(signals_of(r, plain=plain), options, progress)
+    for _ in range(MOVES if r.law.pushes else 0):
+        known = {one.number - 1: (one.near.effects, one.near.theta) for one in begun}
+        if not any(effects for effects, _ in known.values()):
             break
-        signals, begun = _begun(plain, options, progress, before)
-        if [one.key for one in begun] == keys:
+        drives = [known.get(j, ((), np.empty(0))) for j in range(r.n)]
+        other, anew = _begun(signals_of(r, drives=drives, plain=plain), options, progress)
+        if _log_odds(anew, begun) <= 0:
+            break
+        before, signals, begun = begun, other, anew
+        if [one.key for one in begun] == [one.key for one in before]:
             break
     done = [replace(one, key=one.quick.from_pairs(one.key, one.sigma)) for one in begun]
     return signals, tuple(done)
 
 
+def _log_odds(some: Sequence[Begun], others: Sequence[Begun]) -> float:
+    """Of one search's drives against another's, by what all joints together did.
+
+    Of one drive alone no odds tell whose neighbours are the right ones.
+    """
+    more = 0.0
+    for pair in zip(some, others, strict=True):
+        time = correlation_time(min((one.near for one in pair), key=lambda f: f.square).residual)
+        its, own = (one.quick.score(one.key, time) for one in pair)
+        more += its - own
+    return more
+
+
 def _begun(
-    plain: Sequence[Signals],
-    options: DiagnosisOptions,
-    progress: Progress | None,
-    before: Sequence[Begun] = (),
+    signals: Signals, options: DiagnosisOptions, progress: Progress | None
 ) -> tuple[Signals, tuple[Begun, ...]]:
     """An even clock, and where the search of each joint that moved begins.
-
-    Each joint's load is of what its neighbours do: by drives that were found before, if any were.
 
     Raises:
         PlumblineError: No run is as long as a window.
     """
-    r = plain[0].recording
-    found_before = {one.number - 1: (one.near.effects, one.near.theta) for one in before}
-    nothing = ((), np.empty(0))
-    signals = signals_of(r, drives=[found_before.get(j, nothing) for j in range(r.n)], plain=plain)
+    r = signals.recording
     kinds = [e for e in MOTION_EFFECTS if e.name not in options.without]
     effects = tuple(e for c in kinds for e in c.candidates(r.law, masses=signals.has_masses))
     training = signals.training

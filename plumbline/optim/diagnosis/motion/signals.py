@@ -36,6 +36,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     MOST_WINDOWS,
     POSTURE,
     SETTLE,
+    SLOWLY,
     SMOOTH,
     SMOOTHED,
 )
@@ -67,6 +68,8 @@ class Signals:
         held: Whether no fit may see it (M,).
         length: Samples of a window after its start.
         averaged: Noise of a sample, as a share of a reading's: between two they are averaged.
+        pushes: By what torque (M, n) [N m] the other joints push each that stands still, given what
+            drives them; None where they are taken to go as they were read.
     """
 
     recording: MotionRecording
@@ -82,6 +85,7 @@ class Signals:
     held: NDArray[np.bool_]
     length: int
     averaged: float
+    pushes: Array | None = None
 
     @property
     def sigma(self) -> float | None:
@@ -119,7 +123,9 @@ class Signals:
         chosen, masses, h = self.bodies
         inertia = np.diagonal(masses, axis1=1, axis2=2)
         law = self.recording.law
-        if law.known or law.pushes:
+        if self.pushes is not None:
+            h, inertia = h + self.pushes[chosen], _free(masses)
+        elif law.known or law.pushes:
             # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
             a = self.acceleration[chosen]
             h = h + np.einsum("kij,kj->ki", masses, a) - inertia * a
@@ -253,7 +259,7 @@ def signals_of(
 
     Under torques the other joints' accelerations are part of a load: readings are smoothed over
     that time which leaves drives the least misfit, all joints together, with what torques
-    foretell of a fast motion or, where a drive does not give them, without.
+    foretell of a fast motion or, where no drive is known and ideal ones do not give them, without.
 
     Args:
         recording: What was recorded.
@@ -268,30 +274,58 @@ def signals_of(
     if not recording.law.pushes:
         return plain[0]
     known = drives or [((), np.empty(0))] * recording.n
-    foretold = (_foretold(s, span, known) for s, span in zip(plain, SMOOTHED, strict=True))
-    return min((*foretold, *plain), key=lambda s: _misfit(s, known))
+    foretold = [_foretold(s, span, known) for s, span in zip(plain, SMOOTHED, strict=True)]
+    return min((*foretold, *(() if drives else plain)), key=lambda s: _misfit(s, known))
 
 
 def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
-    """The same, smoothed over so long, with what the model foretells of a fast motion.
+    r"""The same, smoothed over so long, with what the model foretells of a fast motion.
 
     Of the way x that the drives make of the bodies, x less its own smoothed form is what
     smoothing would take: it is given back. So readings tell what is slow, whatever is wrong with
     a drive, and no fast swing of a neighbour is lost.
+
+    With torques t beyond gravity and Coriolis, and others that give way,
+
+    .. math:: J_j a_j = t_j - p_j, \qquad J_j = 1 / (M^{-1})_{jj}, \qquad
+              p = t - J M^{-1} t = (M - J)\, a
+
+    in which p is of the others' torques alone: no drive is judged by a load that its own was
+    taken for. By the drives, and slowly by readings, it is made in the same way.
     """
-    chosen, *bodies = s.bodies
-    masses, h = (scipy.interpolate.interp1d(chosen, x, axis=0)(np.arange(len(s.q))) for x in bodies)
-    moved = [s.posture.copy(), s.speed.copy(), s.acceleration.copy()]
+    chosen, masses, h = s.bodies
+    at, every = np.arange(len(s.q)), (masses, _free(masses), h)
+    masses, free, h = (
+        np.asarray(scipy.interpolate.interp1d(chosen, x, axis=0)(at), dtype=float) for x in every
+    )
+    found = [s.posture.copy(), s.speed.copy(), s.acceleration.copy(), np.zeros_like(s.q)]
     given = [
         pushed(s.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
     ]
-    free = np.column_stack(given) - (h[:-1] + h[1:]) / 2
-    mean = np.linalg.solve((masses[:-1] + masses[1:]) / 2, free[..., None])[..., 0].astype(float)
+    torque, M, J = np.column_stack(given) - _mean(h), _mean(masses), _mean(free)
+    a = np.linalg.solve(M, torque[..., None])[..., 0].astype(float)
     for begin, end in pairwise([*np.unique(s.first), len(s.q)]):
-        way = _way(mean[begin : end - 1], s.dt)
+        steps, now = slice(begin, end - 1), slice(begin, end)
+        way = _way(a[steps], s.dt)
         for order, span in enumerate((POSTURE, seconds, seconds)):
-            moved[order][begin:end] += way[order] - derivative(way[0], s.dt, order, span)
-    return replace(s, posture=moved[0], speed=moved[1], acceleration=moved[2])
+            found[order][now] += way[order] - derivative(way[0], s.dt, order, span)
+        b = derivative(s.q[now], s.dt, 2, 0.0)  # as it was read
+        read = np.einsum("kij,kj->ki", masses[now], b) - free[now] * b
+        way, seen = _way((torque - J * a)[steps], s.dt), _way(_mean(read), s.dt)
+        found[3][now] = way[2] - derivative(way[0] - seen[0], s.dt, 2, SLOWLY)
+    posture, speed, acceleration, pushes = found
+    return replace(s, posture=posture, speed=speed, acceleration=acceleration, pushes=pushes)
+
+
+def _mean(values: Array) -> Array:
+    """Over each step (K - 1, ...) of values at its ends (K, ...)."""
+    return np.asarray((values[:-1] + values[1:]) / 2)
+
+
+def _free(masses: Array) -> Array:
+    """Inertia about each joint, the others free (K, n) [kg m^2], of mass matrices (K, n, n)."""
+    inverse = np.linalg.inv(masses)
+    return np.asarray(1 / np.diagonal(inverse, axis1=1, axis2=2))
 
 
 def _way(mean: Array, dt: float) -> tuple[Array, Array, Array]:
@@ -299,7 +333,7 @@ def _way(mean: Array, dt: float) -> tuple[Array, Array, Array]:
     nothing = np.zeros((1, mean.shape[1]))
     speed = np.cumsum(np.concatenate([nothing, dt * mean]), axis=0)
     place = np.cumsum(np.concatenate([nothing, dt / 2 * (speed[:-1] + speed[1:])]), axis=0)
-    now = np.concatenate([mean[:1], (mean[:-1] + mean[1:]) / 2, mean[-1:]])
+    now = np.concatenate([mean[:1], _mean(mean), mean[-1:]])
     return place, speed, now
 
 
