@@ -14,8 +14,10 @@ of y and of p, by the same Kalman filter of c, are :math:`\tilde y` and
 .. math:: J(\tau) = \min_\gamma \sum_k \frac{(\tilde y_k - \gamma\, \tilde p_{\tau, k})^2}{s_k^2}
           + \frac{(\gamma - 1)^2}{\sigma_\gamma^2} + \frac{\tau^2}{\sigma_\tau^2}
 
-on a grid, refined by a parabola. The sum forgets by the way gone: nothing is learnt at rest, and
-nothing lost. Every :math:`\tau` with :math:`J - \min J \le 9\, \max(1, \min J / N)` may be true;
+on a grid, refined by a parabola. Rows that no :math:`\tau` explains within three standard errors
+count the less, by the square of how far they are off: a load that came on, or a drive that stuck,
+tells of no lateness. The sum forgets by the way gone: nothing is learnt at rest, and nothing lost.
+Every :math:`\tau` with :math:`J - \min J \le 9\, \max(1, \min J / N)` may be true;
 how far the state may come to rest from where it is thought to, by any of them, is a bias that the
 distances are widened for. At the beginning that is all that was sent.
 
@@ -193,6 +195,10 @@ class Underway:
         if not moves.any():
             return
         kept = np.where(moves, np.exp(-np.abs(p[self._told]) / constants.LEARNT), 1.0)
+        # What no lateness explains, such as a load that comes on, tells of none.
+        least = ((y - self._gain * p) ** 2).min(axis=0)
+        most = constants.STANDARD**2 * size
+        moves = moves * most / np.maximum(least, most)
         fresh = np.stack([np.broadcast_to(y * y, p.shape), y * p, p * p]) / size
         self._sums = kept * self._sums + moves * fresh
         self._count = kept * self._count + moves
@@ -301,33 +307,41 @@ class Underway:
         return np.asarray(self._gain * (self._sent - self._then))
 
     def then(self, goal: Array, p: int) -> Array:
-        """A goal as it will be when the state is there: (g,), or of a path (m, g) p points."""
+        """A goal as it will be when the state is there: (g,), or of a path (m, g) p points.
+
+        What lags follows a path in time where it is led by as much as the path goes meanwhile.
+        """
         if goal.ndim == 1:
             return goal
-        own = self.late
-        if self._frames is not None:
-            return self._led(goal, own / self.dt, p)
-        late = own if goal.shape[1] == len(own) else np.full(goal.shape[1], own.max())
-        known, wanted = np.arange(len(goal)), np.arange(p)
-        columns = zip(goal.T, late / self.dt, strict=True)
-        return np.column_stack([np.interp(wanted + more, known, g) for g, more in columns])
-
-    def _led(self, path: Array, late: Array, p: int) -> Array:
-        """Points (p, n) of a path (m, n), along each axis of a shaft as late as that is."""
-        assert self._frames is not None
-        at = np.minimum(np.arange(p) + late.reshape(-1, 3).T[..., None], len(path) - 1.0)
-        low = np.minimum(at.astype(int), max(len(path) - 2, 0))  # (3, I, p)
-        high, into = np.minimum(low + 1, len(path) - 1), (at - low)[..., None]
-        points, own = path.reshape(len(path), -1, 3), np.arange(low.shape[1])[:, None]
-        then = (1.0 - into) * points[low, own] + into * points[high, own]  # (3, I, p, 3)
+        if goal.shape[1] != len(self._lag):
+            return _at(goal, np.full(goal.shape[1], self.late.max()) / self.dt, p)
+        if not self._lag.any() and self._frames is None:
+            return _at(goal, self.late / self.dt, p)
+        wait, ways = (self.late - self._lag) / self.dt, self._ways_of(goal)
+        if self._frames is None:
+            return _at(goal, wait, p) + self._lag / self.dt * _at(ways, wait, p)
         R = self._frames[1]
-        along_axes = np.einsum("aipj,ija->ipa", then, R)
-        return np.asarray(np.einsum("ipa,ija->pij", along_axes, R).reshape(p, -1))
+        parts = (along(R[None], part) for part in (goal, ways))
+        there, on = (_at(part, wait, p) for part in parts)
+        return back(R[None], there + self._lag / self.dt * on)
+
+    def _ways_of(self, path: Array) -> Array:
+        """How far (m, n) a path goes in a step, where it goes as fast as a tip may."""
+        own, ways = self.statement, np.gradient(path, axis=0) if len(path) > 1 else 0.0 * path
+        fast = norms(ways, own.groups) / (own.speed * self.dt)
+        return np.asarray(ways / np.maximum(fast, 1.0))
 
     def moved(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
         """Obstacles as they will be by then."""
         late = float(self.late.max() + self.late.min()) / 2  # Plant.bias counts from there
         return [_later(o, late) if late and o.usable and any(o.velocity) else o for o in obstacles]
+
+
+def _at(path: Array, later: Array, p: int) -> Array:
+    """Points (p, n) of a path (m, n), those of each axis so many steps later (n,)."""
+    known, wanted = np.arange(len(path)), np.arange(p)
+    columns = zip(path.T, later, strict=True)
+    return np.column_stack([np.interp(wanted + more, known, g) for g, more in columns])
 
 
 def _points(tracked: Array) -> Array:

@@ -158,3 +158,47 @@ def test_a_distance_that_is_kept_is_what_may_be_sent_unseen():
             own.sent(np.array([60.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
             steps += 1
         assert 54.0 * DT * (steps - 1) == pytest.approx(1e3 * safe + 60.0 * 0.2, abs=2.4)
+
+
+def sagging(by):
+    """Lateness (60, 2) as it is learnt, of tips that sag by so much as the loop begins [mm]."""
+    rng, own, found = np.random.default_rng(1), Underway(Plant(), STATEMENT), []
+    reality = Reality(START.reshape(2, 3), Mismatch(0.1, delay=0.05, lag=0.02), DT, 20, rng)
+    rates = 25.0 * np.sin(rng.uniform(2.0, 6.0, 6) * DT * np.arange(60)[:, None])
+    for k, rate in enumerate(rates):
+        sags = by * (1.0 - np.exp(-DT * k / 0.05)) * np.array([0, 0, -1, 0, 0, -1])
+        own.seen(reality.measure().ravel() + sags)
+        own.sent(rate)
+        reality.move(rate.reshape(2, 3))
+        found.append(own.later.copy())
+    return np.array(found)
+
+
+def test_a_load_that_comes_on_tells_of_no_lateness():
+    """Arms that sagged by 2.3 mm as the loop began were thought 15 ms later for four seconds."""
+    still, sagged = (sagging(by)[15:] for by in (0.0, 5.0))
+    assert np.abs(sagged - still).max() < 0.03
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_lags_follows_a_path_in_time_and_cuts_no_corner(turned):
+    """Led by its lag alone it came too near the middle of a wave by 0.3 mm of 9."""
+    lag, t = 0.1, DT * np.arange(400)
+    waves = np.sin(np.array([2.0, 2.5, 1.8, 2.2, 1.5, 2.4]) * t[:, None])
+    way, fades = START + 9.0 * waves * np.array([1, 1, 0, 1, 1, 0]), np.exp(-DT / lag)
+    own, off = Underway(Plant(delay=0.03, lag=lag, turned=turned), STATEMENT), []
+    tips = before = way[0]
+    for k in range(300):
+        own.seen(way[k])
+        rest = own.then(way[k + 1 :], 3)[0]
+        behind = lag / DT * (rest - before)  # of what comes to rest at places along a line
+        tips, before = rest - behind + (tips - before + behind) * fades, rest
+        off.append(tips - [np.interp(t[k + 1] + 0.03, t, g) for g in way.T])
+    assert np.abs(off[50:]).max() < 0.05
+
+
+def test_a_path_that_leaps_is_led_no_further_than_a_tip_may_go():
+    own = Underway(Plant(lag=0.1), STATEMENT)
+    path = START + np.repeat([0.0, 30.0], 5)[:, None] * np.eye(6)[0]
+    ahead = own.then(path, 10) - path
+    assert np.abs(ahead).max() == pytest.approx(0.1 * 60.0)
