@@ -127,24 +127,36 @@ def _with_pose_noise(rows: Recording, selected: SelectedModel) -> Recording:
 
 
 def _told_apart(found: Explained) -> Explained:
-    """All of it again where rows know of each other: then they count for less than they seemed."""
-    options = found.options
+    """All of it again where rows know of each other: then they count for less than they seemed.
+
+    Where what is then left tells of noise that was assumed before, neither is told by the rows: it
+    stays as it was then, at first of rows that know nothing of each other.
+    """
+    options, asked = found.options, [found]
     for _ in range(prior.ROUNDS):
-        rows = found.task.recording
-        wander, alike, jitter, k = found.explanation.correlation
-        alike = max(alike, float(rows.alike == 1.0))  # copies are known, however few
-        low, high = sorted((jitter, rows.jitter))
-        settled = low**2 >= (1.0 - prior.SETTLED_WITHIN) * high**2
-        scatter = np.array(k) if k else None
-        settled = settled and _as_loose(rows, scatter)
-        settled = settled and abs(alike - rows.alike) <= prior.SETTLED_WITHIN
-        if settled and _worth_the_same(wander, rows.wander):
-            break
-        rows = replace(rows, wander=wander, alike=alike, jitter=jitter, scatter=scatter)
+        rows, told = found.task.recording, found.explanation.correlation
+        alike = max(told.alike, float(rows.alike == 1.0))  # copies are known, however few
+        rows = replace(rows, wander=told.wander, alike=alike, jitter=told.jitter)
+        rows = replace(rows, scatter=np.array(told.scatter) if told.scatter else None)
+        for one in reversed(asked):
+            if _settled(rows, one.task.recording):
+                return one
         folds = fold_of_rows(rows, options.held_out, options.seed)
         task = replace(found.task, recording=rows, folds=folds)
         found = _explained(options, task, *find_causes(task, silent, found.bad))
+        asked.append(found)
     return found
+
+
+def _settled(rows: Recording, before: Recording) -> bool:
+    """Whether noise is told of rows nearly as it was before."""
+    low, high = sorted((rows.jitter, before.jitter))
+    return (
+        low**2 >= (1.0 - prior.SETTLED_WITHIN) * high**2
+        and _as_loose(before, rows.scatter)
+        and abs(rows.alike - before.alike) <= prior.SETTLED_WITHIN
+        and _worth_the_same(rows.wander, before.wander)
+    )
 
 
 def _as_loose(rows: Recording, scatter: Array | None) -> bool:

@@ -11,7 +11,7 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.core.solvers.scipy_trust_region import TrustRegion
-from plumbline.optim.diagnosis.diagnose import _told_apart, _worth_the_same, diagnose, usable
+from plumbline.optim.diagnosis.diagnose import _worth_the_same, diagnose, usable
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import (
@@ -149,16 +149,6 @@ def test_copies_are_known_before_anything_is_searched(rows, apart, are_copies):
     assert usable(again, force=True).alike == float(are_copies)
     assert not copied(rows)
     assert usable(rows, force=True).alike == 0.0
-
-
-def test_copies_are_that_however_little_so_few_of_them_tell():
-    known = SimpleNamespace(wander=0.0, alike=1.0, jitter=0.0, scatter=None)
-    found = SimpleNamespace(
-        options=None,
-        task=SimpleNamespace(recording=known),
-        explanation=SimpleNamespace(correlation=RowNoise()),
-    )
-    assert _told_apart(found) is found  # what is no copy would be searched again, by its options
 
 
 def test_a_gross_reading_does_not_make_the_others_count_for_less(rows):
