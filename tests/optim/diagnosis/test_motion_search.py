@@ -12,9 +12,11 @@ from plumbline import build_motion, diagnose
 from plumbline.experiments.reality import drives
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
+from plumbline.optim.diagnosis.motion import diagnose as diagnose_module
 from plumbline.optim.diagnosis.motion import fit, models, rollout, search
 from plumbline.optim.diagnosis.motion.constants import ENOUGH, RACE, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.signals import signals_of
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.motions import arm, multisine, recorded
 
 
@@ -217,6 +219,19 @@ def test_a_search_goes_on_from_what_all_windows_alone_have_shown():
     whole.fit(both, whole.found[frozenset()])
     assert whole.again(few, frozenset()) >= both
     assert both in few.found
+
+
+def test_commands_that_run_otherwise_between_rows_are_searched_from_what_was_found(monkeypatch):
+    """Of the same motion, the same drive: a search from nothing had been made twice."""
+    r = recorded([{"lag": 0.05, "play": 0.01}, {}], seconds=20.0)
+    climbed, own = [], models.Models.climb
+    monkeypatch.setattr(models.Models, "climb", lambda self, *a: climbed.append(1) or own(self, *a))
+    _, begun = diagnose_module._begun(signals_of(r), DiagnosisOptions(), None)
+    assert len(climbed) == 2
+    other = signals_of(replace(r, law=Law.SMOOTH))
+    _, anew = diagnose_module._begun(other, DiagnosisOptions(), None, begun)
+    assert len(climbed) == 2
+    assert [models.names_of(one.key) for one in anew] == [models.names_of(b.key) for b in begun]
 
 
 def test_what_stands_in_a_cause_s_place_is_told_in_one_order():

@@ -53,7 +53,7 @@ def diagnose_motion(
     if (law := _between_rows(r)) is not None:
         other = replace(r, law=law)
         if _more_evident(signals_of(other), signals, begun):
-            signals, begun = _searched(other, options, progress)
+            signals, begun = _begun(signals_of(other), options, progress, begun)
     r, prior = signals.recording, prior_at(options.unlisted, len(begun))
     joints = []
     for k, one in enumerate(begun):
@@ -124,9 +124,14 @@ def _log_odds(some: Sequence[Begun], others: Sequence[Begun]) -> float:
 
 
 def _begun(
-    signals: Signals, options: DiagnosisOptions, progress: Progress | None
+    signals: Signals,
+    options: DiagnosisOptions,
+    progress: Progress | None,
+    before: Sequence[Begun] = (),
 ) -> tuple[Signals, tuple[Begun, ...]]:
     """An even clock, and where the search of each joint that moved begins.
+
+    From what a search found before, with other commands between rows, if any did.
 
     Raises:
         PlumblineError: No run is as long as a window.
@@ -147,8 +152,9 @@ def _begun(
         if progress is not None:
             progress(f"{r.noun} {j + 1}", k / len(moved) / 2)
         quick = Models(coarse.windows(j, looked_at), effects, signals.seen(j))
-        found.append(Begun(j + 1, signals.windows(j, training), quick,
-                           quick.settle(quick.climb()), coarse.sigma))  # fmt: skip
+        key = quick.begun_by(before[k].quick, before[k].key) if before else quick.climb()
+        windows = signals.windows(j, training)
+        found.append(Begun(j + 1, windows, quick, quick.settle(key), coarse.sigma))
     return signals, tuple(found)
 
 

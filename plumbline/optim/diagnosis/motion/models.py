@@ -10,7 +10,7 @@ ended.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -76,6 +76,7 @@ class Models:
         self.windows, self.library, self.seen = windows, library, seen
         self.found: dict[Key, JointFit] = {frozenset(): fitted(windows, (), np.empty(0))}
         self.began: dict[Key, float] = {}  # what was left where the fit of a model began
+        self.before: Mapping[Key, JointFit] = {}  # fits of another search, which these begin from
         forms = Counter(e.name for e in library)  # which share an effect's odds
         self.odds = {name: ODDS - float(np.log(count)) for name, count in forms.items()}
 
@@ -129,6 +130,8 @@ class Models:
         known = dict(zip(near.effects, near.theta, strict=True))
         new = [e for e in effects if e not in known]
         starts = [[known.get(e, np.nan) for e in effects]]
+        if key in self.before:
+            starts, new = [self.before[key].theta.tolist()], []
         for e in new:
             values = np.multiply(e.starts(self.seen), self.windows.sizes((e,)))
             at = effects.index(e)
@@ -172,6 +175,12 @@ class Models:
             here, moved = self._best(here, self.with_one_more(here))
             if not moved:
                 return here
+
+    def begun_by(self, other: Models, key: Key) -> Key:
+        """Where a search begins that knows what another found, of the same motion."""
+        self.before = other.found
+        self.fit(key, other.found[key])
+        return key
 
     def from_pairs(self, key: Key, sigma: float | None) -> Key:
         """Where the best pair of effects leads, if that is better and more than noise is left.
