@@ -207,29 +207,58 @@ def _rolled(values: Values, t: Array, u: Array) -> Array:
     """Places (N, P, n) of plants under rates (N, n) that are held, from rest at zero [m]."""
     asked = np.einsum("pij,kj->kpi", values["mix"], u) + values["offset"]
     rate = np.where(np.abs(asked) < values["band"], 0.0, asked)
-    if values["play"].any():
-        rate = _taken(rate, values["play"], t)
-    dry, lag = values["dry"], np.maximum(values["lag"], constants.NO_LAG)
-    place, speed = (np.zeros((len(t) + 1, *rate.shape[1:])) for _ in range(2))
+    dry, lag, play = values["dry"], np.maximum(values["lag"], constants.NO_LAG), values["play"]
+    place, behind = (np.zeros((len(t) + 1, *rate.shape[1:])) for _ in range(2))
     for k, dt in enumerate(np.diff(t)):
-        way, speed[k + 1] = advanced(speed[k], rate[k], dry, lag, dt)
+        way, behind[k + 1] = _moved(behind[k], rate[k], dry, lag, play, dt)
         place[k + 1] = place[k] + way
     then = t[:, None, None] - values["delay"]
     at = np.searchsorted(t, then.ravel(), side="right").reshape(then.shape) - 1
     into = np.where(at < 0, 0.0, then - t[np.maximum(at, 0)])
     at, own = np.maximum(at, 0), np.indices(then.shape)[1:]
     here = (at, *own)
-    return np.asarray(place[here] + advanced(speed[here], rate[here], dry, lag, into)[0])
+    return np.asarray(place[here] + _moved(behind[here], rate[here], dry, lag, play, into)[0])
 
 
-def _taken(rate: Array, play: Array, t: Array) -> Array:
-    """Rates (N, P, n) of what stays behind a drive by up to half a play (P, n)."""
-    found, drive, place = np.zeros_like(rate), np.zeros_like(play), np.zeros_like(play)
-    for k, dt in enumerate(np.diff(t)):
-        drive, before = drive + dt * rate[k], place
-        place = np.clip(before, drive - play, drive + play)
-        found[k] = (place - before) / dt
-    return found
+def _moved(
+    behind: Array, rate: Array, dry: Array, lag: Array, play: Array, dt: Array | float
+) -> tuple[Array, Array]:
+    """Way after a time, and what each axis is behind by: a rate [m/s], or with play a place [m]."""
+    way, after = advanced(behind, rate, dry, lag, dt)
+    if not play.any():
+        return way, after
+    left = np.sign(rate) * np.maximum(np.abs(rate) - dry, 0.0)
+    loose = drawn(behind, left, play, lag, dt)
+    return np.where(play > 0.0, loose[0], way), np.where(play > 0.0, loose[1], after)
+
+
+def drawn(
+    behind: Array, rate: Array, play: Array, lag: Array, dt: Array | float
+) -> tuple[Array, Array]:
+    r"""Way after a time of what follows a drive, and what it is behind it by then [m].
+
+    A position loop whose friction stops it at b short of its command, or what stays behind by play,
+    goes at :math:`(|d| - b)\, \operatorname{sign} d / T` where it is behind by more than b, and
+    rests where not; the drive goes on at its rate.
+    """
+    left, d = np.broadcast_to(np.asarray(dt, float), np.shape(behind)), np.asarray(behind)
+    for _ in range(3):  # it may come to rest, and set off again
+        side = np.where(np.abs(d) > play, np.sign(d), 0.0)
+        edge = np.sign(rate) * play
+        side = np.where((d == edge) & (rate != 0.0), np.sign(rate), side)
+        beyond, aim = d - side * play, rate * lag
+        turns, goes = side * aim < 0.0, (side == 0.0) & (rate != 0.0)
+        rests = lag * np.log1p(-beyond / np.where(turns, aim, -1.0) * turns)
+        until = np.where(
+            turns, rests, np.where(goes, (edge - d) / np.where(goes, rate, 1.0), np.inf)
+        )
+        first = np.clip(until, 0.0, left)
+        moves = aim + (beyond - aim) * np.exp(-first / lag) + side * play
+        after = np.where(side == 0.0, d + rate * first, moves)
+        ends = until <= left
+        after = np.where(ends & turns, side * play, np.where(ends & goes, edge, after))
+        d, left = after, left - first
+    return rate * dt - (d - behind), d
 
 
 def advanced(

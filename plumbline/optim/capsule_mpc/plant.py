@@ -17,6 +17,8 @@ band's edge is asked for, whichever is nearer to what is owed, and the rest is o
 is an integrator without delay or lag, whatever d and T are (Smith 1957, Chem. Eng. Progress 53(5);
 Artstein 1982, IEEE TAC 27(4)): the controller plans with z, on a goal and obstacles as they will be
 d + T later, and the tip follows z that much later but for curvature, :math:`T^2 \ddot r / 2`.
+What has play, or friction that stops its position loop short by b, follows the places w that the
+rates come to as :math:`T \dot x = (|w - x| - b)_+ \operatorname{sign}(w - x)`.
 All of that may be so along the axes of shafts that drives turn and slide (:mod:`.shafts`).
 """
 
