@@ -28,6 +28,7 @@ from plumbline.optim.diagnosis.prior import (
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
     LEAST_NAMED,
+    LEAST_TOLD,
     LOG_SCALE_WEIGHTS,
     MOVES,
     NEXT_SLOT_ODDS,
@@ -246,6 +247,22 @@ def test_what_the_rest_of_the_rows_says_counts_by_the_likelihood_s_power():
     [part] = asked.share(power).parts([0, 1]).values()
     assert logit(part) == pytest.approx(logit(PART_OF_UNLISTED**2) - max(log, 0.0))
     assert asked.parts([0, 1])[0] < 1e-6 < 0.1 < part
+
+
+@pytest.mark.parametrize("size", [0.6, 0.001, 1e-6])
+def test_the_least_states_are_not_asked_for_parts_and_have_them_as_the_others_do(size):
+    asked = []
+    shared = SimpleNamespace(of=lambda _, state: asked.append(state) or {0: 0.25})
+    some = replace(problem(*drawn(3)), unlisted=np.arange(7) == 1, shared=shared)
+    states = [frozenset(k) for n in range(1, 7) for k in combinations(range(7), n)]
+    weights = np.random.default_rng(0).permutation(0.9 ** np.arange(len(states)))
+    weights *= size / weights.sum()
+    found = some.as_parts(states, weights)
+    held = sum(weights[states.index(s)] for s in asked)
+    np.testing.assert_allclose(found[1:], 0.0)
+    least = LEAST_TOLD * max(size, LEAST_TOLD)
+    assert size - least <= held <= max(size - 0.5 * least, 0.0)
+    assert found[0] == pytest.approx(0.25 * size if size > least else 0.0)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

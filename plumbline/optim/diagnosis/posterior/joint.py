@@ -389,12 +389,7 @@ def _marginals(
     for level, size in zip(problem.labels, problem.sizes, strict=True):
         at, label = np.divmod(np.unique(owner * size + level[held]), size)
         found.append(np.asarray(np.bincount(label, weights[at], size), dtype=float))
-    # Of the least states, which together hold a tenth of what is told, parts are no matter.
-    ranked = np.argsort(-weights)
-    heavy = ranked[np.cumsum(weights[ranked]) - weights[ranked] < 1.0 - 0.1 * prior.LEAST_TOLD]
     if problem.unlisted is not None:
         states, having = list(seen), np.unique(owner[problem.unlisted[held]])
-        for k in heavy[np.isin(heavy, having)].tolist():
-            for i, part in problem.parts(states[k]).items():
-                found[0][i] -= part * float(weights[k])
+        found[0] -= problem.as_parts([states[k] for k in having.tolist()], weights[having])
     return tuple(np.minimum(total, 1.0) for total in found), np.minimum(gross, 1.0)

@@ -29,6 +29,7 @@ from plumbline.optim.diagnosis.prior import (
     DEVIATIONS,
     FIRST_SLOT_ODDS,
     GROSS_ODDS,
+    LEAST_TOLD,
     LOG_SCALE_WEIGHTS,
     NEXT_SLOT_ODDS,
     ROUNDS,
@@ -123,6 +124,20 @@ class JointProblem(TermProblem):
     def parts(self, indices: Iterable[int]) -> Mapping[int, float]:
         """Labels of these terms that may be parts of what is unlisted, with the probability."""
         return self.shared.of(self, indices) if self.shared else {}
+
+    def as_parts(self, states: Sequence[State], weights: Array) -> Array:
+        """With what weight each label (L,) is part of what is unlisted in states that have one.
+
+        The least of these, which hold as little as is not told, have parts as the others do.
+        """
+        found, ranked = np.zeros(self.sizes[0]), np.argsort(-weights)
+        rest = np.cumsum(weights[ranked][::-1])[::-1]
+        total = float(rest[0]) if len(rest) else 0.0
+        heavy = ranked[rest > LEAST_TOLD * max(total, LEAST_TOLD)]
+        for k in heavy.tolist():
+            for i, part in self.parts(states[k]).items():
+                found[i] += part * weights[k]
+        return found * (total / weights[heavy].sum() if len(heavy) else 1.0)
 
     def share(self, of: float) -> JointProblem:
         """The same where all rows together are worth a share of their number."""
