@@ -23,7 +23,8 @@ from plumbline.optim.recording.settings import read_settings
 from tests.recording_folders import URDF, complaint, with_text, write_folder
 
 FILES = ("dataset.toml", "samples.csv", "robot.urdf")
-SECONDS = 5  # what any refusal may take, on a busy machine
+SECONDS = 5  # of processor that any refusal may take
+STANDS = 60  # of time: on a busy machine it may have to wait
 
 
 class HangError(Exception):
@@ -37,11 +38,15 @@ def no_hang() -> Iterator[None]:
     def stop(signum: int, frame: object) -> None:
         raise HangError
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(SECONDS)
+    kinds = (signal.SIGALRM, signal.SIGPROF)
+    before = [signal.signal(kind, stop) for kind in kinds]
+    signal.alarm(STANDS)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
     yield
+    signal.setitimer(signal.ITIMER_PROF, 0.0)
     signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+    for kind, handler in zip(kinds, before, strict=True):
+        signal.signal(kind, handler)
 
 
 def pipe(path: Path) -> None:
