@@ -68,8 +68,8 @@ class Signals:
         held: Whether no fit may see it (M,).
         length: Samples of a window after its start.
         averaged: Noise of a sample, as a share of a reading's: between two they are averaged.
-        pushes: By what torque (M, n) [N m] the other joints push each that stands still, given what
-            drives them; None where they are taken to go as they were read.
+        pushes: By what torque (M, n) [N m] the other joints push each that stands still over the
+            step to a sample, given what drives them; None where they are taken to go as read.
     """
 
     recording: MotionRecording
@@ -124,7 +124,7 @@ class Signals:
         inertia = np.diagonal(masses, axis1=1, axis2=2)
         law = self.recording.law
         if self.pushes is not None:
-            h, inertia = h + self.pushes[chosen], _free(masses)
+            inertia = _free(masses)
         elif law.known or law.pushes:
             # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
             a = self.acceleration[chosen]
@@ -132,8 +132,8 @@ class Signals:
         between = scipy.interpolate.interp1d(
             chosen, np.stack([h, np.maximum(inertia, LEAST_INERTIA)]), axis=1
         )
-        found = between(np.arange(len(self.q)))
-        return found[0], found[1]
+        load, inertia = between(np.arange(len(self.q)))
+        return load, inertia
 
     @cached_property
     def bare(self) -> Array:
@@ -198,6 +198,7 @@ class Signals:
             h[:, joint], inertia[:, joint],
             starts, self.length, self.settle, r.size, self.bare[joint], self._push(joint),
             tuple((self.posture[:, k], self.speed[:, k]) for k in range(r.n) if k != joint),
+            None if self.pushes is None else self.pushes[:, joint],
         )  # fmt: skip
 
     def seen(self, joint: int) -> Seen:
@@ -309,10 +310,12 @@ def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
         way = _way(a[steps], s.dt)
         for order, span in enumerate((POSTURE, seconds, seconds)):
             found[order][now] += way[order] - derivative(way[0], s.dt, order, span)
-        b = derivative(s.q[now], s.dt, 2, 0.0)  # as it was read
-        read = np.einsum("kij,kj->ki", masses[now], b) - free[now] * b
-        way, seen = _way((torque - J * a)[steps], s.dt), _way(_mean(read), s.dt)
-        found[3][now] = way[2] - derivative(way[0] - seen[0], s.dt, 2, SLOWLY)
+        b, inner = np.diff(s.q[now], 2, axis=0) / s.dt**2, slice(begin + 1, end - 1)  # as read
+        read = np.einsum("kij,kj->ki", masses[inner], b) - free[inner] * b
+        own = (torque - J * a)[steps]
+        off = np.zeros_like(way[0])  # two differences of a way are two steps' mean, of both
+        off[2:] = s.dt**2 * np.cumsum(np.cumsum(_mean(own) - read, axis=0), axis=0)
+        found[3][begin + 1 : end] = own - _mean(derivative(off, s.dt, 2, SLOWLY))
     posture, speed, acceleration, pushes = found
     return replace(s, posture=posture, speed=speed, acceleration=acceleration, pushes=pushes)
 

@@ -46,6 +46,7 @@ class Windows:
     bare: float = 1.0  # inertia about the joint at its zero, the others free [kg m^2]
     push: float = 1.0  # what a newton metre of command is in this joint's usual ones
     others: tuple[tuple[Array, Array], ...] = ()  # places and speeds (N,) of each other joint
+    pushes: Array | None = None  # of the other joints, over the step to each sample (N,) [N m]
 
     def __len__(self) -> int:
         """How many windows there are."""
@@ -90,7 +91,7 @@ class Windows:
         if not self.law.known and not self.law.pushes:
             return self.load[at], self.inertia[at]
         load, inertia = ((x[at] + x[at - 1]) / 2 for x in (self.load, self.inertia))
-        return load, inertia
+        return (load if self.pushes is None else load + self.pushes[at]), inertia
 
     def level(self, misses: Array) -> Array:
         """Misses (W, K, ...) without what a window's unknown start makes of them."""
