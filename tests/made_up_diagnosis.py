@@ -41,7 +41,7 @@ class MadeUp:
     places: np.ndarray
     options: DiagnosisOptions = field(default_factory=DiagnosisOptions)
 
-    def transfer(self, other: Recording) -> SimpleNamespace:
+    def transfer(self, other: Recording, *, force: bool = False) -> SimpleNamespace:
         """Half the gap is left on any other recording."""
         gap = self.verdict.gap
         sizes = {"before": gap.before, "after": gap.before / 2, "unit": gap.unit}

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.toml", help="What --model wrote.")]
 Folder = Annotated[Path, typer.Argument(help="Another recording of the same robot.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Try even what another set-up explains far better.")
+]
 Urdf = Annotated[Path | None, typer.Option(metavar="FILE", help="Links and zeros as URDF.")]
 Mjcf = Annotated[Path | None, typer.Option(metavar="FILE", help="The same, or drives, for MuJoCo.")]
 Dh = Annotated[Path | None, typer.Option(metavar="FILE", help="The same as DH rows in TOML.")]
@@ -28,17 +31,17 @@ C = Annotated[Path | None, typer.Option(metavar="FILE", help="The whole model as
 
 
 @with_report
-def apply(out: Out, model: ModelFile, folder: Folder) -> None:
+def apply(out: Out, model: ModelFile, folder: Folder, force: Force = False) -> None:
     """Try a model on another recording: before, after, and whether it still holds."""
     out.check([folder])
-    found = _tried(model, folder)
+    found = _tried(model, folder, force=force)
     said = [f"Not carried over: {', '.join(found.left_out)}."] if found.left_out else []
     said += [f"Note: {note}." for note in found.judged.failures]
     out.write_page(found)
     out.say({"model": str(model)} | found.to_dict(), "\n".join([found.words, *said]))
 
 
-def _tried(path: Path, folder: Path) -> Applied:
+def _tried(path: Path, folder: Path, *, force: bool) -> Applied:
     from plumbline.optim.diagnosis.motion.recording import MotionRecording
     from plumbline.optim.loading import load, load_model, load_to_diagnose
     from plumbline.optim.model import Drives
@@ -46,7 +49,7 @@ def _tried(path: Path, folder: Path) -> Applied:
 
     model = load_model(path)
     if not isinstance(model, Drives):
-        return apply_model(model, load_to_diagnose(folder))
+        return apply_model(model, load_to_diagnose(folder), force=force)
     other = load(folder)
     if not isinstance(other, MotionRecording):
         what = f"{folder}: found {other.observation}, expected a motion"

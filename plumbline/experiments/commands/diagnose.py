@@ -121,13 +121,13 @@ def diagnose(
         refuse_for_parts(recording, {**refused, "--rehearse": calibrate})
     other = None if also is None else load_to_diagnose(also)
     if other is not None:
-        _check_same_robot(recording, other)
+        _check_same_robot(recording, other, force=force)
     diagnosis = _diagnosed(recording, options, quiet=outputs.silent)
     check = None
     if calibrate:
         check = _calibrated(diagnosis, calibrate, quiet=outputs.silent)
         diagnosis = replace(diagnosis, verdict=check.recalibrated)
-    elsewhere = None if other is None else _elsewhere(diagnosis, other)
+    elsewhere = None if other is None else _elsewhere(diagnosis, other, force=force)
     content = _content(diagnosis, elsewhere, check)
     ranks = () if check is None else check.ranks
     outputs.hand_out_verdict(diagnosis, content, seed=seed, elsewhere=elsewhere, ranks=ranks)
@@ -176,9 +176,10 @@ def _calibrated(diagnosis: Diagnosis, cases: int, *, quiet: bool) -> Calibration
         return check_calibration(diagnosis, cases, progress=progress)
 
 
-def _check_same_robot(recording: Recording, other: Recording) -> None:
+def _check_same_robot(recording: Recording, other: Recording, *, force: bool) -> None:
     """Refuse a second recording that the first one's model cannot predict."""
     from plumbline.optim.recording.session import placed_alike
+    from plumbline.optim.recording.set_up import refuse_wrong_set_up
 
     for what, one, two in (
         ("joints", recording.chain.n, other.chain.n),
@@ -194,13 +195,15 @@ def _check_same_robot(recording: Recording, other: Recording) -> None:
             f"--also {other.name}: robot {other.robot.name} with joints placed elsewhere, expected "
             f"{recording.robot.name} as in {recording.name}; give a recording of the same robot"
         )
+    if not force:  # before the first one is diagnosed, which may take long
+        refuse_wrong_set_up(other)
 
 
-def _elsewhere(diagnosis: Diagnosis, other: Recording) -> Elsewhere:
+def _elsewhere(diagnosis: Diagnosis, other: Recording, *, force: bool) -> Elsewhere:
     from plumbline.experiments.report.diagnosis.phrases import Elsewhere
     from plumbline.optim.core.quantities import percent
 
-    found = diagnosis.transfer(other)
+    found = diagnosis.transfer(other, force=force)
     stays = ", ".join(found.left_out)
     note = f"not carried over, since it lacks what they need or they belong to one session: {stays}"
     outside = f"{percent(found.outside_share)} of its rows lie outside of the range that was fitted"

@@ -89,15 +89,17 @@ def diagnose_several(
         found = diagnosed(given, options, progress=progress)
     content, lines = found.to_dict(), []
     if other is not None:
-        tried = _tried(found, other)
+        tried = _tried(found, other, force=options.force)
         content, lines = content | {"also": tried.to_dict()}, [f"\n{tried.words}"]
     outputs.hand_out_verdict(found, content, lines, _models)
 
 
-def _tried(found: Any, other: Any) -> Applied:
+def _tried(found: Any, other: Any, *, force: bool) -> Applied:
     from plumbline.optim.diagnosis.several.sections import Sections, tried
 
-    return found.transfer(other) if isinstance(found, Sections) else tried(found, other)
+    if isinstance(found, Sections):
+        return found.transfer(other, force=force)
+    return tried(found, other, force=force)
 
 
 def _models(found: Any, path: Path) -> Models:

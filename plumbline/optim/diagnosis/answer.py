@@ -116,20 +116,21 @@ class Diagnosis(WithVerdict):
         given = (rows, self.effects, self.solution)
         return _fit_of(self, as_spectra(*given, self.options.effects))
 
-    def transfer(self, other: Recording) -> Applied:
+    def transfer(self, other: Recording, *, force: bool = False) -> Applied:
         """The causes held on another recording of the robot, what is always fitted fitted again.
 
         Left out are effects that belong to the first session (a drift, a bump) and those that need
         a column which the other recording lacks.
 
         Raises:
-            PlumblineError: It is of another robot, or measures something else.
+            PlumblineError: It is of another robot, or measures something else, or, without force,
+                another simple set-up explains its rows far better.
         """
         session = self.recording.session
         alike = (
             [p.name for p in session.parts if p.observation == other.observation] if session else []
         )
-        return apply(self.model(*alike[:1]), other)
+        return apply(self.model(*alike[:1]), other, force=force)
 
 
 def nuisances_found(diagnosis: Diagnosis) -> dict[str, Estimate]:

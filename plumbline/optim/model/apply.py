@@ -39,6 +39,7 @@ from plumbline.optim.model.fitted import Fitted, by_effect
 from plumbline.optim.model.rows import columns_of
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.session import placed_alike
+from plumbline.optim.recording.set_up import refuse_wrong_set_up
 from plumbline.optim.recording.table import row_numbers
 
 NUISANCES = (
@@ -142,13 +143,16 @@ class Applied:
         }
 
 
-def apply(model: Fitted, other: Recording) -> Applied:
-    """Try a model on another recording of the robot.
+def apply(model: Fitted, other: Recording, *, force: bool = False) -> Applied:
+    """Try a model on another recording of the robot; with force on one set up otherwise, too.
 
     Raises:
-        PlumblineError: It is of another robot, or measures something else.
+        PlumblineError: It is of another robot, or measures something else, or another simple set-up
+            explains its rows far better: what a cause would be found to have changed is that.
     """
     refuse_another_robot(model, other)
+    if not force:
+        refuse_wrong_set_up(other)
     always = always_fitted(other)
     carried, left_out = _carried(model, other)
     free = [e for e in carried.effects if e.name in (*model.always, *other.always)]

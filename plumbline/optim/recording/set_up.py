@@ -99,7 +99,7 @@ def refuse_wrong_set_up(recording: Recording) -> None:
     """Refuse a recording that another simple set-up explains far better, and name that."""
     wrong = wrong_set_up(recording)
     if wrong is not None:
-        mend = "mend it, or diagnose as it is with --force (in Python: force=True)"
+        mend = "mend it, or take it as it is with --force (in Python: force=True)"
         raise PlumblineError(one_line(f"{recording.name}: {wrong.words}; {mend}"))
 
 

@@ -154,6 +154,17 @@ def test_another_robot_s_recording_cannot_try_the_model(folder, quick, tmp_path,
     assert "robot ur10 with joints placed elsewhere, expected ur5" in message
 
 
+def test_what_is_set_up_otherwise_cannot_try_the_model_unless_forced(
+    folder, quick, tmp_path, capsys
+):
+    other = write_folder(tmp_path / "other")
+    text = (other / "samples.csv").read_text()
+    (other / "samples.csv").write_text(text.replace("q1,q2,q3", "q2,q1,q3"))
+    message = refused(capsys, "diagnose", folder, "--also", other)
+    assert "with q1 and q2 swapped; mend it, or take it as it is with --force" in message
+    assert run(["diagnose", str(folder), "--also", str(other), "--force"]) == 0
+
+
 def test_another_kind_of_recording_cannot_try_the_model(folder, quick, tmp_path, capsys):
     pose, slider = (write_folder(tmp_path / kind, kind) for kind in ("pose", "slider"))
     assert "observation pose, expected tip_position" in refused(

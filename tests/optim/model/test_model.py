@@ -381,6 +381,14 @@ def test_a_recording_of_another_robot_is_refused(model):
         apply(model, replace(bench, robot=robot, chain=robot.chain()))
 
 
+def test_a_recording_set_up_otherwise_is_refused_before_causes_are_blamed_unless_forced(model):
+    bench = load_recording("plumbline/experiments/recordings/bench-ur5")
+    turned = replace(bench, q=bench.q * [1, 1, -1, 1, 1, 1])
+    with pytest.raises(PlumblineError, match="with the sign of q3 turned; mend it, or take it"):
+        apply(model, turned)
+    assert not apply(model, turned, force=True).holds
+
+
 def test_the_commands_take_a_model_home_and_try_it(diagnosis, model, stored, tmp_path, capsys):
     files = {o: tmp_path / f"out.{o}" for o in ("urdf", "mjcf", "dh", "csv", "c")}
     options = [word for o, path in files.items() for word in (f"--{o}", str(path))]

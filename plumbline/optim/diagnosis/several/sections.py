@@ -77,7 +77,7 @@ class Sections(WithVerdict):
         one = self.of(recording)
         return one.model() if isinstance(one, MotionDiagnosis) else one.model(recording)
 
-    def transfer(self, other: Recording | MotionRecording) -> Applied:
+    def transfer(self, other: Recording | MotionRecording, *, force: bool = False) -> Applied:
         """The causes of the section of its kind held on another recording.
 
         Raises:
@@ -85,7 +85,7 @@ class Sections(WithVerdict):
         """
         for one in self.sections:
             if _family(one.recording) == _family(other):
-                return tried(one, other)
+                return tried(one, other, force=force)
         kinds = ", ".join(one.recording.observation for one in self.sections)
         raise fault(other.name, other.observation, kinds, "give a recording of one of these kinds")
 
@@ -94,7 +94,7 @@ class Sections(WithVerdict):
         return self.verdict.to_dict() | {"sections": [one.to_dict() for one in self.sections]}
 
 
-def tried(one: Section, other: Recording | MotionRecording) -> Applied:
+def tried(one: Section, other: Recording | MotionRecording, *, force: bool = False) -> Applied:
     """How what a diagnosis found does on another recording.
 
     Raises:
@@ -103,7 +103,7 @@ def tried(one: Section, other: Recording | MotionRecording) -> Applied:
     if isinstance(one, MotionDiagnosis) and isinstance(other, MotionRecording):
         return one.model().tried(other)
     if isinstance(one, Diagnosis) and isinstance(other, Recording):
-        return one.transfer(other)
+        return one.transfer(other, force=force)
     raise fault(other.name, other.observation, one.recording.observation, "give one of its kind")
 
 
