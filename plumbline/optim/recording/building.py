@@ -133,6 +133,7 @@ def build(
         measured=_measured(measured, observation, rows, chain.n, origin),
         tool_offset=_vector(tool_offset),
         held_out=held_flags(held_out, rows, origin),
+        in_file=origin.columns,
         **columns,
     )
     assumed = _assumed_pairs(recording)

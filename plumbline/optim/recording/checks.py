@@ -61,8 +61,8 @@ def moves(r: Recording, origin: Origin) -> Iterator[str]:
         mend = "record other postures: a single one tells nothing of the robot"
         raise fault(origin.at("q1"), "one posture in every row", "several", mend)
     if still.any():
-        names = ", ".join(f"q{j + 1}" for j in np.flatnonzero(still))
-        never = f"{names} never move{'s' if still.sum() == 1 else ''}"
+        names = list(dict.fromkeys(origin.column(f"q{j + 1}") for j in np.flatnonzero(still)))
+        never = f"{', '.join(names)} never move{'s' if len(names) == 1 else ''}"
         yield f"{origin.file}: {never}: what errs with such a joint's own angle is one constant"
 
 

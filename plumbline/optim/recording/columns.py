@@ -18,7 +18,7 @@ A residual is divided by its shape, so that all of them have the one noise :math
 """
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
@@ -182,6 +182,7 @@ def elsewhere_columns(table: Table, observation: str) -> None:
 
 
 MOVING = ("velocity", "acceleration")  # that follow with the multiplier alone
+PER_JOINT = ("q", *MOVING, "direction", "effort", "m")  # columns numbered by joint
 
 
 def with_mimics(table: Table, robot: Robot, chain: Chain) -> Table:
@@ -205,15 +206,30 @@ def _filled(
 ) -> Table:
     """The table of the free joints with columns of all that move."""
     place = {name: k for k, name in enumerate(free, start=1)}
-    columns = dict(table.columns)
-    for prefix in ("q", *MOVING, "direction", "effort", "m"):
+    columns, called = dict(table.columns), {}
+    for prefix in PER_JOINT:
         if f"{prefix}1" not in table:
             continue
         for k in range(1, len(free) + 1):
             columns.pop(f"{prefix}{k}", None)
         for number, name in enumerate(movable, start=1):
             columns[f"{prefix}{number}"] = _cells(table, prefix, name, place, mimics)
-    return replace(table, columns=columns)
+            moved_by = place.get(name) or place.get(mimics[name][0], number)
+            called[f"{prefix}{number}"] = f"{prefix}{moved_by}"
+    return replace(table, columns=columns, origin=replace(table.origin, columns=called))
+
+
+def as_counted(table: Table, joints: Joints) -> Mapping[str, str]:
+    """What the file calls the columns of the chain's joints, by their numbers along the chain."""
+    each = [(p, j, k) for p in PER_JOINT for j, k in enumerate(joints.numbers, start=1)]
+    return {f"{p}{j}": table.origin.column(f"{p}{k}") for p, j, k in each}
+
+
+def counted_otherwise(called: Mapping[str, str], joints: Joints) -> Iterator[str]:
+    """A note on which joint is which column, where the chain counts otherwise than the file."""
+    own = {j: called[f"q{j}"] for j in range(1, len(joints.numbers) + 1)}
+    if other := [f"{j} with {name}" for j, name in own.items() if name != f"q{j}"]:
+        yield f"joints are counted along the chain: joint {', '.join(other)}"
 
 
 def _cells(

@@ -20,7 +20,9 @@ from plumbline.kinematics.files import is_file, is_folder, read_file, reason
 from plumbline.kinematics.robot import Robot, refuse_xacro
 from plumbline.optim.recording.building import build, chain_to, check_observation
 from plumbline.optim.recording.columns import (
+    as_counted,
     context_columns,
+    counted_otherwise,
     coupled,
     elsewhere_columns,
     joint_columns,
@@ -157,13 +159,13 @@ def load_recording(
     chain = chain_to(made.robot, made.tip_frame, where, observation, max(columns, default=None))
     table = with_mimics(table, made.robot, chain)
     joints = joint_columns(table, made.robot, chain)
-    known = known_columns(joints, observation)
+    known, called = known_columns(joints, observation), as_counted(table, joints)
     measured, measured_joints = measured_columns(table, observation, joints, settings)
     context = context_columns(table, joints, observation)
     if "velocity" in context:
         context["velocity"] = coupled(context["velocity"], joints.numbers, settings)
     return build(
-        opened.origin,
+        replace(opened.origin, columns=called),
         name=opened.name,
         observation=observation,
         robot=made.robot,
@@ -172,7 +174,10 @@ def load_recording(
         measured=measured,
         measured_joints=measured_joints,
         sha256=opened.sha256(made.data),
-        notes=(*_unused(settings), *table.notes, *table.unused(known)),
+        notes=(
+            *_unused(settings), *table.notes, *table.unused(known),
+            *counted_otherwise(called, joints),
+        ),
         known_effects=known_effects,
         noise_by_joint=_noise_by_joint(settings, observation, chain.n, context),
         **given,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import html
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
@@ -103,6 +104,8 @@ class Recording:
     #: the recordings that these rows are of, where they are several; None of one
     session: Session | None = field(default=None, repr=False)
     part: Integers | None = None  #: which of them each row is of (N,), from 0
+    #: what the file calls columns that the chain counts otherwise: ``{"q4": "q3"}``
+    in_file: Mapping[str, str] = field(default_factory=dict, repr=False)
     sha256: str = ""  #: hash of the files' bytes, or of the arrays
     notes: tuple[str, ...] = ()  #: what is odd but no fault, one line each
     unjudged: str = ""  #: what it holds that takes no part in a diagnosis, such as ``"3 targets"``

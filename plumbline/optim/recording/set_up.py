@@ -15,6 +15,7 @@ the robot itself, however large, is mended by none of them.
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -104,6 +105,15 @@ def refuse_wrong_set_up(recording: Recording) -> None:
 
 
 def wrong_set_up(recording: Recording) -> WrongSetUp | None:
+    """The simple set-up that explains the rows far better, its columns called as in the file."""
+    wrong, called = _wrong_set_up(recording), recording.in_file
+    if wrong is None:
+        return None
+    told = re.sub(r"\b[qm]\d+\b", lambda m: called.get(m[0], m[0]), wrong.change)
+    return replace(wrong, change=told)
+
+
+def _wrong_set_up(recording: Recording) -> WrongSetUp | None:
     """The simple set-up that leaves the least, if it leaves a tenth of what the recording's does.
 
     None as well where the misfit is below :data:`ASKED` of :func:`plausible`, or where there are

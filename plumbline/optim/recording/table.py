@@ -48,6 +48,12 @@ class Origin:
     lines: Integers | None = None
     # where each setting stands, by its name: ``{"noise_std": "dataset.toml, row 3, ..."}``
     keys: Mapping[str, str] = field(default_factory=dict)
+    # what columns that are counted otherwise within are called in the file: ``{"q4": "q3"}``
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    def column(self, name: str) -> str:
+        """What the file calls a column."""
+        return self.columns.get(name, name)
 
     def key(self, name: str) -> str:
         """Where a setting stands, or just its name."""
@@ -55,6 +61,7 @@ class Origin:
 
     def at(self, column: str, index: int | np.integer | None = None) -> Spot:
         """``samples.csv, row 17, column 'q3'`` for the row of that index."""
+        column = self.column(column)
         if index is None:
             return Spot.at(self.file, None, column)
         if self.lines is None:

@@ -10,6 +10,7 @@ from plumbline.kinematics.effects.effect import State
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.set_up import refuse_wrong_set_up
 from tests.random_trees import Tree
 
 FOLLOWS = '<mimic joint="{}" multiplier="-0.5" offset="0.1"/>'
@@ -84,6 +85,47 @@ LINKED = Robot.from_urdf(TWO_ARMS.format(ARM.format("left", 0.2) + ARM.format("r
 def linked(q):
     """Readings (N, 3) of one arm, of those of its two drives (N, 2)."""
     return np.column_stack([q[:, 0], -0.8 * q[:, 0], q[:, 1]])
+
+
+def driven(tmp_path, q, tips=None):
+    """The folder of the left arm, with columns of its two drives (N, 2) alone."""
+    (tmp_path / "robot.urdf").write_text(LINKED.urdf, encoding="utf-8")
+    (tmp_path / "dataset.toml").write_text(
+        'observation = "tip_position"\n[robot]\nurdf = "robot.urdf"\ntip_frame = "left3"\n'
+        "[tool]\noffset = [0.1, 0, 0.1]\n",
+        encoding="utf-8",
+    )
+    tips = LINKED.chain("left3").tips(linked(q), [0.1, 0.0, 0.1]) if tips is None else tips
+    table = np.hstack([q, tips])
+    np.savetxt(tmp_path / "samples.csv", table, delimiter=",", header="q1,q2,x,y,z", comments="")
+    return tmp_path
+
+
+def test_which_joint_is_which_column_is_told_where_the_chain_counts_more_of_them(tmp_path):
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 2))
+    read = load_recording(driven(tmp_path, q))
+    assert "joints are counted along the chain: joint 2 with q1, 3 with q2" in read.notes
+
+
+def test_a_fault_names_the_column_of_the_file_and_not_the_joint_s_number(tmp_path):
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 2))
+    for value, words in ((np.nan, "row 6, column 'q2': found 'nan'"), (70.0, "column 'q2'")):
+        broken = q.copy()
+        broken[4, 1] = value
+        tips = np.zeros((20, 3)) + np.arange(20)[:, None] * [0.01, -0.01, 0.02]
+        with pytest.raises(PlumblineError, match=words):
+            load_recording(driven(tmp_path, broken, tips))
+
+
+def test_a_turned_sign_and_a_joint_at_rest_are_told_of_the_column_of_the_file(tmp_path):
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 2))
+    tips = LINKED.chain("left3").tips(linked(q), [0.1, 0.0, 0.1])
+    turned = load_recording(driven(tmp_path, q * [1, -1], tips))
+    assert any("with the sign of q2 turned" in note for note in turned.notes)
+    with pytest.raises(PlumblineError, match="with the sign of q2 turned"):
+        refuse_wrong_set_up(turned)
+    still = load_recording(driven(tmp_path, q * [0, 1]))
+    assert any("samples.csv: q1 never moves" in note for note in still.notes)
 
 
 @pytest.mark.parametrize("arm", ["left", "right"])
