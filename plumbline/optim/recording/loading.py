@@ -175,7 +175,9 @@ def load_recording(
         measured_joints=measured_joints,
         sha256=opened.sha256(made.data),
         notes=(
-            *_unused(settings), *table.notes, *table.unused(known),
+            *_unused(settings),
+            *table.notes,
+            *table.unused(known),
             *counted_otherwise(called, joints),
         ),
         known_effects=known_effects,

@@ -72,13 +72,14 @@ def _check_joint(file: str, joint: ElementTree.Element, links: set[str]) -> str:
         if link not in links:
             found = f"{tag} {shown(link or 'none')}"
             raise fault(where, found, "a link of the file", "mend its name or add the link")
+    if kind in LIMITED and joint.find("limit") is None:
+        mend = 'add <limit lower="..." upper="..." effort="..." velocity="..."/>'
+        raise fault(where, "no <limit>", f"one, as every {kind} joint has", mend)
     for tag, key, size, needed in _numbers(kind):
         text = _attribute(joint, tag, key)
         if text is None and not needed:
             continue
-        if not _is_vector(text or "", size):
-            what = f"<{tag} {key}={shown(text or '')}>"
-            raise fault(where, what, f"{size} finite numbers", f"mend <{tag}>")
+        _check_vector(where, tag, key, text or "", size)
     if kind in LIMITED:
         _check_limits(where, joint)
     return _attribute(joint, "child", "link") or ""
@@ -100,9 +101,8 @@ def _check_inertial(file: str, link: ElementTree.Element) -> None:
     where = f"{file}, link {shown(link.get('name', ''))}, <inertial>"
     for tag, key, size, needed in INERTIAL:
         text = _attribute(inertial, tag, key)
-        if (needed or text is not None) and not _is_vector(text or "", size):
-            found, what = f"<{tag} {key}={shown(text or '')}>", "number" if size == 1 else "numbers"
-            raise fault(where, found, f"{size} finite {what}", f"mend <{tag}>")
+        if needed or text is not None:
+            _check_vector(where, tag, key, text or "", size)
     mass = float(_attribute(inertial, "mass", "value") or 0.0)
     if mass < 0.0:
         raise fault(where, f"a mass of {mass:.6g} kg", "0 kg or more", "mend <mass>")
@@ -120,6 +120,13 @@ def _numbers(kind: str) -> Iterator[tuple[str, str, int, bool]]:
 def _attribute(joint: ElementTree.Element, tag: str, key: str) -> str | None:
     element = joint.find(tag)
     return None if element is None else element.get(key)
+
+
+def _check_vector(where: str, tag: str, key: str, text: str, size: int) -> None:
+    """Refuse what is not as many finite numbers as there should be."""
+    if not _is_vector(text, size):
+        what = "number" if size == 1 else "numbers"
+        raise fault(where, f"<{tag} {key}={shown(text)}>", f"{size} finite {what}", f"mend <{tag}>")
 
 
 def _is_vector(text: str, size: int) -> bool:

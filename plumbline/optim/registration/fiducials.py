@@ -14,7 +14,7 @@ read:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -239,21 +239,33 @@ def touches_of(table: Table) -> tuple[Table, int, tuple[str, ...]]:
     markers = _rows(table, rows)
     for columns in (CT, ROBOT):
         _check_metres(markers, columns, markers.block(columns))
-    return markers, len(roles) - len(rows), table.notes
+    return markers, len(roles) - len(rows), (*table.notes, *_nearly_the_same(table))
 
 
 def _points(table: Table) -> tuple[Points, Points, tuple[str, ...]]:
     """Markers, targets and notes."""
     labels, roles = _words(table, once=True)
     rows = [[k for k, r in enumerate(roles) if r == role] for role in ROLES]
-    markers, targets = (
-        _select(table, labels, k, role) for k, role in zip(rows, ROLES, strict=True)
-    )
+    markers = _select(table, labels, rows[0], ROLES[0])
+    targets = _select(table, labels, rows[1], ROLES[1], markers if len(markers) else None)
     if len(markers) < FEWEST:
         found = f"{len(markers)} rows of role marker"
         mend = "give three markers that are not on one line, or more"
         raise fault(f"{table.origin.file}, column 'role'", found, f"at least {FEWEST}", mend)
-    return markers, targets, (*table.notes, *table.unused(FIDUCIALS))
+    notes = (*table.notes, *table.unused(FIDUCIALS), *_nearly_the_same(table))
+    return markers, targets, notes
+
+
+def _nearly_the_same(table: Table) -> Iterator[str]:
+    """A note on labels of different points that a hand that typed them may have meant as one."""
+    labels = dict.fromkeys(cell.strip() for cell in table.columns["label"])
+    alike: dict[str, list[str]] = {}
+    for label in labels:
+        alike.setdefault("".join(label.casefold().split()), []).append(shown(label))
+    for one in alike.values():
+        if len(one) > 1:
+            said = f"{' and '.join(one)} differ by case or blanks alone and are points of their own"
+            yield f"{table.origin.file}, column 'label': {said}: rename them if they are one"
 
 
 def _words(table: Table, *, once: bool) -> tuple[list[str], list[str]]:
@@ -276,12 +288,18 @@ def _words(table: Table, *, once: bool) -> tuple[list[str], list[str]]:
     return labels, roles
 
 
-def _select(table: Table, labels: Sequence[str], rows: Sequence[int], role: str) -> Points:
-    """The points of one role, in m."""
+def _select(
+    table: Table,
+    labels: Sequence[str],
+    rows: Sequence[int],
+    role: str,
+    about: Points | None = None,
+) -> Points:
+    """The points of one role, in m, none of them far from the points about which they are."""
     part = _rows(table, rows)
     ct, robot = part.block(CT), _measured(part, role)
-    for columns, values in ((CT, ct), (ROBOT, robot)):
-        _check_metres(part, columns, values)
+    _check_metres(part, CT, ct, None if about is None else about.ct)
+    _check_metres(part, ROBOT, robot, None if about is None else about.robot)
     return Points(tuple(labels[k] for k in rows), ct, robot)
 
 
@@ -306,9 +324,13 @@ def _rows(table: Table, rows: Sequence[int]) -> Table:
     return Table(replace(table.origin, lines=lines), columns)
 
 
-def _check_metres(table: Table, columns: Sequence[str], values: ArrayLike) -> None:
+def _check_metres(
+    table: Table, columns: Sequence[str], values: ArrayLike, others: ArrayLike | None = None
+) -> None:
+    """Refuse the place that is farthest from the middle of all, or of others, if it is too far."""
     points = np.asarray(values, dtype=float)
-    away = np.abs(points - np.nanmedian(points, axis=0)) if np.isfinite(points).any() else points
+    middle = np.asarray(points if others is None else others, dtype=float)
+    away = np.abs(points - np.nanmedian(middle, axis=0)) if np.isfinite(points).any() else points
     away = np.nan_to_num(away)
     if len(away) and away.max() > LARGEST:
         row, axis = np.unravel_index(int(away.argmax()), away.shape)

@@ -183,3 +183,10 @@ def test_a_joint_that_stands_where_it_is_told_beyond_any_dead_band_has_no_drive(
     else:
         with pytest.raises(PlumblineError, match=r"'q2': found .* rad in every row while u2 moves"):
             motion(command, q)
+
+
+def test_a_joint_that_is_told_to_rest_and_trembles_is_taken_without_a_warning():
+    rng = np.random.default_rng(0)
+    command = Q * [1.0, 0.0]
+    read = motion(command, command + rng.normal(0.0, 1e-4, Q.shape))
+    assert read.n == 2

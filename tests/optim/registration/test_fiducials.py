@@ -113,6 +113,10 @@ SAMPLES_FAULTS = {
     "mm": (None, "label,role,ct_x,ct_y,ct_z,robot_x,robot_y,robot_z\n"
            "A,marker,0,0,0,0,0,0\nB,marker,100,0,0,0.1,0,0\nC,marker,0,100,0,0,0.1,0\n",
            "looks like mm: divide by 1000"),
+    "target in mm": (None, "label,role,ct_x,ct_y,ct_z,robot_x,robot_y,robot_z\n"
+                     "A,marker,0,0,0,0,0,0\nB,marker,0.1,0,0,0.1,0,0\nC,marker,0,0.1,0,0,0.1,0\n"
+                     "M,target,50,13,6,,,\n",
+                     "row 5, column 'ct_x': found 50, 50 m from the others"),
     "words": (",0.", ",zero.", "expected a number"),
 }  # fmt: skip
 
@@ -127,6 +131,12 @@ def test_a_fault_in_the_samples_is_named_by_row_and_column(folder, name):
     message = complaint(folder)
     assert message.startswith("samples.csv")
     assert words in message
+
+
+def test_labels_that_differ_by_case_or_blanks_alone_are_told(folder):
+    spoil(folder, "samples.csv", "B,marker", "a ,marker")
+    said = "'A' and 'a' differ by case or blanks alone and are points of their own"
+    assert [said in note for note in load_fiducials(folder).notes] == [True]
 
 
 SETTINGS_FAULTS = {

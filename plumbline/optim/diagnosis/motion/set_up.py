@@ -177,7 +177,8 @@ def _refuse_turns(r: Motion, origin: Origin) -> None:
         mend = "count it on from turn to turn (numpy.unwrap)"
         raise fault(origin.at(f"q{j + 1}", row + 1), found, "a joint's way", mend)
     for j, off in enumerate(np.median(r.q - r.command, axis=0).tolist()):
-        alike = np.corrcoef(r.command[:, j], r.q[:, j])[0, 1] > ALIKE if np.ptp(r.q[:, j]) else 0
+        both = np.column_stack([r.command[:, j], r.q[:, j]])
+        alike = np.ptp(both, axis=0).all() and np.corrcoef(both.T)[0, 1] > ALIKE
         if alike and abs(off) > ActuationOffset.offset.upper:
             found = f"{off:+.4g} rad off u{j + 1}, in the median"
             expected = f"zeros at most {ActuationOffset.offset.upper:g} rad apart"
