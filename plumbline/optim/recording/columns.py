@@ -220,15 +220,15 @@ def _filled(
 
 
 def as_counted(table: Table, joints: Joints) -> Mapping[str, str]:
-    """What the file calls the columns of the chain's joints, by their numbers along the chain."""
+    """What the file calls columns of joints, by those of the chain, where they differ."""
     each = [(p, j, k) for p in PER_JOINT for j, k in enumerate(joints.numbers, start=1)]
-    return {f"{p}{j}": table.origin.column(f"{p}{k}") for p, j, k in each}
+    called = {f"{p}{j}": table.origin.column(f"{p}{k}") for p, j, k in each}
+    return {ours: theirs for ours, theirs in called.items() if ours != theirs}
 
 
-def counted_otherwise(called: Mapping[str, str], joints: Joints) -> Iterator[str]:
+def counted_otherwise(called: Mapping[str, str]) -> Iterator[str]:
     """A note on which joint is which column, where the chain counts otherwise than the file."""
-    own = {j: called[f"q{j}"] for j in range(1, len(joints.numbers) + 1)}
-    if other := [f"{j} with {name}" for j, name in own.items() if name != f"q{j}"]:
+    if other := [f"{ours[1:]} with {theirs}" for ours, theirs in called.items() if ours[0] == "q"]:
         yield f"joints are counted along the chain: joint {', '.join(other)}"
 
 

@@ -178,7 +178,7 @@ def load_recording(
             *_unused(settings),
             *table.notes,
             *table.unused(known),
-            *counted_otherwise(called, joints),
+            *counted_otherwise(called),
         ),
         known_effects=known_effects,
         noise_by_joint=_noise_by_joint(settings, observation, chain.n, context),

@@ -107,8 +107,8 @@ def refuse_wrong_set_up(recording: Recording) -> None:
 def wrong_set_up(recording: Recording) -> WrongSetUp | None:
     """The simple set-up that explains the rows far better, its columns called as in the file."""
     wrong, called = _wrong_set_up(recording), recording.in_file
-    if wrong is None:
-        return None
+    if wrong is None or not called:
+        return wrong
     told = re.sub(r"\b[qm]\d+\b", lambda m: called.get(m[0], m[0]), wrong.change)
     return replace(wrong, change=told)
 
