@@ -269,6 +269,27 @@ def test_rows_kept_back_do_not_touch_the_fit(offset_recording):
     assert second.verdict.gap.after > 5 * first.verdict.gap.after
 
 
+@pytest.mark.parametrize(
+    ("off", "verdict"), [(0.0, "no-gap"), (4.0, "no-gap"), (8.0, "outside-library")]
+)
+def test_rows_kept_back_that_are_missed_by_more_than_chance_are_a_gap(
+    offset_recording, off, verdict
+):
+    """Four readings tell next to nothing of a joint's zero; the others show that it is off.
+
+    Chance alone may miss them by three times their noise.
+    """
+    kept = np.ones(40, dtype=bool)
+    kept[[3, 14, 25, 36]] = False
+    place = offset_recording.chain.placement(offset_recording.q)[:, :3, 3]
+    noise = 1e-4 * np.random.default_rng(0).normal(size=place.shape)
+    away = off * 1e-4 * np.sin(3.0 * offset_recording.q[:, [1]]) * kept[:, None]
+    told = replace(offset_recording, held_out=kept, measured=place + noise + away, noise_std=1e-4)
+    found = diagnose(told, DiagnosisOptions(library=SMALL)).verdict
+    assert found.verdict == verdict
+    assert not found.causes
+
+
 # The interval
 
 

@@ -44,6 +44,7 @@ from plumbline.optim.diagnosis.verdict.lack_of_fit import (
     implausible_noise,
     is_far,
     is_noisier,
+    is_seen,
     lack_of_fit,
     noisiest_joint,
     quieter,
@@ -94,9 +95,8 @@ def judge(
     known = noise.source != "fit" and not noisier
     earned = max(told.conditional, left) < prior.UNLISTED and known
     earned = earned and _is_earned(gap, causes, judged, least)
-    # What foretells rows that no fit has seen is a gap, whatever it is to be called.
-    foretold = bool(selected.chosen) and gap.shrink_ci95[0] > 0.0
-    kind = Outcome.of(bool(causes), beyond=foretold or beyond > 0.5, earned=earned)
+    seen = is_seen(recording, selected, gap, least if known else np.inf)
+    kind = Outcome.of(bool(causes), beyond=seen or beyond > 0.5, earned=earned)
     words = told.words or noisiest_joint(recording, selected)
     return Verdict(
         verdict=kind,

@@ -187,3 +187,14 @@ def _values(model: FoldModel) -> dict[Effect, Array]:
     ends = np.cumsum([len(effect.parameters) for effect in model.effects], dtype=int)
     pairs = zip(model.effects, ends, strict=True)
     return {effect: model.values[k - len(effect.parameters) : k] for effect, k in pairs}
+
+
+def is_seen(recording: Recording, selected: SelectedModel, gap: Gap, chance: float) -> bool:
+    """Whether rows that no fit has seen tell of a gap, whatever it is to be called.
+
+    What foretells them does, and so do rows kept back that are missed by more than chance, of whose
+    ratio to a noise that is known this is the limit, would miss them by.
+    """
+    if selected.chosen and gap.shrink_ci95[0] > 0.0:
+        return True
+    return recording.held_out is not None and gap.after > chance * gap.noise_floor
