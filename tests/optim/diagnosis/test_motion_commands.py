@@ -29,7 +29,7 @@ TORQUE = '<motor joint="a"/><motor joint="b"/>'
 
 
 def moved(actuators, command, *, start=(0.0, 0.0), act=lambda k, told, q, v: told[k], noise=NOISE,
-          held=False):  # fmt: skip
+          held=False, integrator=mujoco.mjtIntegrator.mjINT_RK4):  # fmt: skip
     """Times (N,), commands (N, 2) and positions (N, 2): MuJoCo at 1 kHz, logged at 100 Hz.
 
     ``command(t, q, v)`` is what is logged, ``act`` what the actuators get of it; it may be held
@@ -41,7 +41,7 @@ def moved(actuators, command, *, start=(0.0, 0.0), act=lambda k, told, q, v: tol
         MJCF.replace(SERVOS, actuators).replace("\n</actuator>", "</actuator>").format(step=STEP)
     )
     if actuators == TORQUE:
-        model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        model.opt.integrator = integrator
     data = mujoco.MjData(model)
     data.qpos[:] = start
     told, seen = [], []
@@ -228,6 +228,24 @@ def test_what_neighbours_are_held_at_pushes_a_joint_over_the_whole_of_a_row():
     for j in range(2):
         left = fitted(signals.windows(j, signals.training), (), np.empty(0))
         assert left.square**0.5 < 1.03 * noise
+
+
+def test_half_a_simulator_s_step_is_of_one_clock_and_no_drive_s_delay():
+    """Steps that move places by the speed they end with lead, all joints alike."""
+    noise = 1e-4
+
+    def act(k, told, q, v):
+        return [told[max(k - 10, 0)][0], told[k][1]]
+
+    t, u, q = moved(
+        TORQUE, lambda t, q, v: torques(2.0 * t, q, v), start=(0.0, 0.2), noise=noise, held=True,
+        act=act, integrator=mujoco.mjtIntegrator.mjINT_EULER,
+    )  # fmt: skip
+    answer = diagnose(replace(recorded("torque", t, u, q), noise_std=noise))
+    assert [(c.effect, c.element) for c in answer.verdict.causes] == [("actuation_delay", 1)]
+    assert answer.verdict.causes[0].parameters["delay"].value == pytest.approx(0.01, abs=1e-4)
+    assert answer.recording.lead == pytest.approx(STEP / 2, rel=0.2)
+    assert any("all drives lead" in note for note in answer.verdict.notes)
 
 
 def test_a_limit_that_no_row_comes_near_is_not_seen_and_one_that_acts_is_no_longer_there():

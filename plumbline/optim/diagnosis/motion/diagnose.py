@@ -20,6 +20,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     STILL,
 )
 from plumbline.optim.diagnosis.motion.fit import correlation_time
+from plumbline.optim.diagnosis.motion.lead import others
 from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import Models, nested
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -96,14 +97,16 @@ def _searched(
     plain = smoothed(r)
     signals, begun = _begun(signals_of(r, plain=plain), options, progress)
     for _ in range(MOVES if r.law.pushes else 0):
-        known = {one.number - 1: (one.near.effects, one.near.theta) for one in begun}
-        if not any(effects for effects, _ in known.values()):
+        if not any(one.near.effects for one in begun):
             break
-        drives = [known.get(j, ((), np.empty(0))) for j in range(r.n)]
-        other, anew = _begun(signals_of(r, drives=drives, plain=plain), options, progress)
-        if _log_odds(anew, begun) <= 0:
+        before, was = begun, signals
+        for given in others(signals, begun, plain):
+            other, anew = _begun(given, options, progress)
+            if _log_odds(anew, begun) > 0:
+                signals, begun = other, anew
+                break
+        if signals is was:
             break
-        before, signals, begun = begun, other, anew
         if [one.key for one in begun] == [one.key for one in before]:
             break
     done = [replace(one, key=one.quick.from_pairs(one.key, one.sigma)) for one in begun]

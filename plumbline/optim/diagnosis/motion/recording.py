@@ -71,6 +71,8 @@ class MotionRecording:
         noise_std: Noise of a measured position, 1 sigma [rad]; None if unknown.
         sha256: Hash of the files' bytes, or of the arrays.
         notes: What is odd but no fault, one line each.
+        lead: By how long positions were read, or worked out, after their rows' times, as far as
+            that was found [s]: of one clock, of all joints.
     """
 
     name: str
@@ -89,6 +91,7 @@ class MotionRecording:
     sha256: str = ""
     notes: tuple[str, ...] = ()
     observation: str = OBSERVATION
+    lead: float = 0.0
 
     def __len__(self) -> int:
         """Number of rows."""

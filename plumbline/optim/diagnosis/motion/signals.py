@@ -21,7 +21,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
-from plumbline.optim.diagnosis.motion.clock import derivative, on_even_clock
+from plumbline.optim.diagnosis.motion.clock import derivative, mean_of_ends, on_even_clock, way_of
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
     LEAST_INERTIA,
@@ -275,8 +275,15 @@ def signals_of(
     if not recording.law.pushes:
         return plain[0]
     known = drives or [((), np.empty(0))] * recording.n
+    plain = [_earlier(s, recording) for s in plain] if recording.lead else plain
     foretold = [_foretold(s, span, known) for s, span in zip(plain, SMOOTHED, strict=True)]
     return min((*foretold, *(() if drives else plain)), key=lambda s: _misfit(s, known))
+
+
+def _earlier(s: Signals, recording: MotionRecording) -> Signals:
+    """Loads of positions that were read after their rows' times are of a state before them."""
+    posture, speed = s.posture - recording.lead * s.speed, s.speed - recording.lead * s.acceleration
+    return replace(s, recording=recording, posture=posture, speed=speed)
 
 
 def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
@@ -299,45 +306,37 @@ def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
     masses, free, h = (
         np.asarray(scipy.interpolate.interp1d(chosen, x, axis=0)(at), dtype=float) for x in every
     )
-    found = [s.posture.copy(), s.speed.copy(), s.acceleration.copy(), np.zeros_like(s.q)]
+    q = s.q.copy()
+    found = [s.posture.copy(), s.speed.copy(), s.acceleration.copy(), np.zeros_like(q)]
     given = [
         pushed(s.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
     ]
-    torque, M, J = np.column_stack(given) - _mean(h), _mean(masses), _mean(free)
+    torque, M, J = (
+        np.column_stack(given) - mean_of_ends(h),
+        mean_of_ends(masses),
+        mean_of_ends(free),
+    )
     a = np.linalg.solve(M, torque[..., None])[..., 0].astype(float)
     for begin, end in pairwise([*np.unique(s.first), len(s.q)]):
         steps, now = slice(begin, end - 1), slice(begin, end)
-        way = _way(a[steps], s.dt)
+        way = way_of(a[steps], s.dt)
         for order, span in enumerate((POSTURE, seconds, seconds)):
             found[order][now] += way[order] - derivative(way[0], s.dt, order, span)
-        b, inner = np.diff(s.q[now], 2, axis=0) / s.dt**2, slice(begin + 1, end - 1)  # as read
+        q[now] -= s.recording.lead * found[1][now]  # read so much later
+        b, inner = np.diff(q[now], 2, axis=0) / s.dt**2, slice(begin + 1, end - 1)
         read = np.einsum("kij,kj->ki", masses[inner], b) - free[inner] * b
         own = (torque - J * a)[steps]
         off = np.zeros_like(way[0])  # two differences of a way are two steps' mean, of both
-        off[2:] = s.dt**2 * np.cumsum(np.cumsum(_mean(own) - read, axis=0), axis=0)
-        found[3][begin + 1 : end] = own - _mean(derivative(off, s.dt, 2, SLOWLY))
+        off[2:] = s.dt**2 * np.cumsum(np.cumsum(mean_of_ends(own) - read, axis=0), axis=0)
+        found[3][begin + 1 : end] = own - mean_of_ends(derivative(off, s.dt, 2, SLOWLY))
     posture, speed, acceleration, pushes = found
-    return replace(s, posture=posture, speed=speed, acceleration=acceleration, pushes=pushes)
-
-
-def _mean(values: Array) -> Array:
-    """Over each step (K - 1, ...) of values at its ends (K, ...)."""
-    return np.asarray((values[:-1] + values[1:]) / 2)
+    return replace(s, q=q, posture=posture, speed=speed, acceleration=acceleration, pushes=pushes)
 
 
 def _free(masses: Array) -> Array:
     """Inertia about each joint, the others free (K, n) [kg m^2], of mass matrices (K, n, n)."""
     inverse = np.linalg.inv(masses)
     return np.asarray(1 / np.diagonal(inverse, axis1=1, axis2=2))
-
-
-def _way(mean: Array, dt: float) -> tuple[Array, Array, Array]:
-    """Place, speed and acceleration (K, n) from rest, of their means over steps (K - 1, n)."""
-    nothing = np.zeros((1, mean.shape[1]))
-    speed = np.cumsum(np.concatenate([nothing, dt * mean]), axis=0)
-    place = np.cumsum(np.concatenate([nothing, dt / 2 * (speed[:-1] + speed[1:])]), axis=0)
-    now = np.concatenate([mean[:1], _mean(mean), mean[-1:]])
-    return place, speed, now
 
 
 def _misfit(signals: Signals, drives: Drives) -> float:

@@ -289,6 +289,12 @@ def _notes(found: MotionFindings) -> list[str]:
             "commands are taken to run smoothly between rows: were they straight, a lag would look "
             f"like a servo of second order of {1e3 * step * np.pi / 3**0.5:.3g} ms"
         )
+    if (lead := found.recording.lead) > 0:
+        told.append(
+            f"all drives lead by {1e3 * lead:.3g} ms alike, which a clock does and no drive: a "
+            "simulator's step leads by half of it, a row that states what acted since the one "
+            "before by half a row"
+        )
     late = ((joint, _delay(joint)) for joint in found.joints)
     return [*told, *(_held(joint, 1e3 * step, d) for joint, d in late if d < step)]
 
