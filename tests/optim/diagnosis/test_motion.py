@@ -733,7 +733,7 @@ def test_readings_under_torques_are_smoothed_as_fits_best_from_a_twentieth_of_a_
     monkeypatch.setattr(signals_module, "_smoothed", lambda _, seconds, __: seconds)
     monkeypatch.setattr(signals_module, "_foretold", lambda _, seconds, __: seconds)
     monkeypatch.setattr(signals_module, "_misfit", lambda seconds, _: abs(seconds - best))
-    pushed = SimpleNamespace(law=Law.TORQUE, n=1)
+    pushed = SimpleNamespace(law=Law.TORQUE, n=1, lead=0.0)
     assert signals_of(pushed) == pytest.approx(best, rel=0.2)
 
 

@@ -32,8 +32,10 @@ UR5 = Robot.bundled("ur5")
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_good_folder_loads_without_a_note(tmp_path, kind):
+    """But for which joint is which column, where the chain is a part of the robot."""
     recording = load_recording(write_folder(tmp_path, kind))
-    assert recording.notes == ()
+    part = "joints are counted along the chain: joint 1 with q2, 2 with q3, 3 with q4"
+    assert recording.notes == ((part,) if kind == "slider" else ())
     assert len(recording) == ROWS
     assert recording.measured.shape == (ROWS, {"pose": 7, "fixed_point": 0, "joint_position": 6}
                                         .get(kind, 3))  # fmt: skip
