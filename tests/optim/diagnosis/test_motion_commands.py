@@ -217,6 +217,18 @@ def test_readings_correct_what_pushes_a_joint_too_slowly_to_add_their_noise():
     assert left.square**0.5 < 0.965 * NOISE
 
 
+def test_readings_correct_what_pushes_a_joint_soon_enough_where_a_drive_is_not_as_told():
+    """A motor that gives nine tenths, taken for ideal, leaves its neighbour little but noise."""
+
+    def act(k, told, q, v):
+        return [0.9 * told[k][0], told[k][1]]
+
+    r = recorded("sampled_torque", *moved(TORQUE, torques, start=(0.0, 0.2), act=act))
+    signals = signals_of(r, drives=[((), np.empty(0))] * 2)
+    left = fitted(signals.windows(1, signals.training), (), np.empty(0))
+    assert left.square**0.5 < 1.5 * NOISE
+
+
 def test_what_neighbours_are_held_at_pushes_a_joint_over_the_whole_of_a_row():
     """Straight from row to row they would leave 2.6 times a good encoder's noise."""
     noise = 1e-4

@@ -49,8 +49,10 @@ POSTURE = 0.3  # [s] the same of the places at which loads are worked out: bodie
 # (Savitzky and Golay 1964; test_motion_clocks.py fails at 3).
 QUINTIC = 5
 SMOOTHED = (0.3, 0.2, 0.1, 0.05)  # [s], the same where accelerations of neighbours are loads
-# [s] over which readings correct what drives are foretold to push each other by: over half of it
-# their noise is a load of its own (test_motion_commands.py fails at 0.5), longer it is no less.
+# [s] over which readings correct what drives are foretold to push each other by: of MuJoCo's two
+# joints over 0.5 s their noise is a load of its own, and over 2 s a motor that gives nine tenths of
+# what it is asked for leaves its neighbour 1.9 times the noise (test_motion_commands.py fails at
+# either); 1.2 times at this.
 SLOWLY = 1.0
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
 
