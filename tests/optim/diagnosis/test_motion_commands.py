@@ -257,7 +257,7 @@ def test_half_a_simulator_s_step_is_of_one_clock_and_no_drive_s_delay():
     assert [(c.effect, c.element) for c in answer.verdict.causes] == [("actuation_delay", 1)]
     assert answer.verdict.causes[0].parameters["delay"].value == pytest.approx(0.01, abs=1e-4)
     assert answer.recording.lead == pytest.approx(STEP / 2, rel=0.2)
-    assert any("all drives lead" in note for note in answer.verdict.notes)
+    assert any("joints lead by" in note for note in answer.verdict.notes)
 
 
 def test_a_limit_that_no_row_comes_near_is_not_seen_and_one_that_acts_is_no_longer_there():

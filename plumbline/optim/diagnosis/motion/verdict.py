@@ -291,7 +291,7 @@ def _notes(found: MotionFindings) -> list[str]:
         )
     if (lead := found.recording.lead) > 0:
         told.append(
-            f"all drives lead by {1e3 * lead:.3g} ms alike, which a clock does and no drive: a "
+            f"joints lead by {1e3 * lead:.3g} ms, taken for one clock of all, as no drive can: a "
             "simulator's step leads by half of it, a row that states what acted since the one "
             "before by half a row"
         )
