@@ -20,6 +20,8 @@ from plumbline.experiments.console import outputs
 from plumbline.experiments.console.progress_bar import progress_bar
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from rich.table import Table
 
     from plumbline.optim.diagnosis.design.next_experiment import (
@@ -187,21 +189,36 @@ def in_new_groups(recording: Recording, found: NextExperiment) -> NextExperiment
 
 def table_to_fill(folder: Path, recording: Recording, found: NextExperiment) -> str:
     """The rows in the columns of the folder's own samples.csv; what is to be measured is empty."""
-    from plumbline.optim.recording.columns import joint_columns
-    from plumbline.optim.recording.loading import SAMPLES, read_bytes
-    from plumbline.optim.recording.table import decode, read_table
+    from plumbline.optim.recording.loading import SAMPLES, open_folder, read_bytes
+    from plumbline.optim.recording.planned import as_in_file
+    from plumbline.optim.recording.table import decode
 
+    opened = open_folder(folder)
+    joints = as_in_file(
+        opened.table, recording.robot, recording.chain, opened.settings, _jointwise(found.rows)
+    )
     data = read_bytes(folder, SAMPLES)
-    numbers = joint_columns(read_table(SAMPLES, data), recording.robot, recording.chain).numbers
     lines = csv_module.reader(io.StringIO(decode(SAMPLES, data), newline=""))
     header = next(line for line in lines if "".join(line).strip())
     out = io.StringIO()
     writer = csv_module.writer(out, lineterminator="\n")
     writer.writerow(header)
-    for row, time in zip(found.rows, _times(recording, found), strict=True):
-        cells = _cells(row, numbers, time)
+    for k, (row, time) in enumerate(zip(found.rows, _times(recording, found), strict=True)):
+        cells = {name: f"{values[k]:.9g}" for name, values in joints.items()} | _cells(row, time)
         writer.writerow(cells.get(name.strip(), "") for name in header)
     return out.getvalue()
+
+
+def _jointwise(rows: Sequence[Suggestion]) -> dict[str, NDArray[np.float64]]:
+    """What the joints are to do (N, n), by the prefix of its columns; what no row has, left out."""
+    import numpy as np
+
+    named = {"q": "pose", "direction": "direction", "velocity": "velocity"}
+    return {
+        prefix: np.array([getattr(row, name) for row in rows], dtype=float)
+        for prefix, name in named.items()
+        if getattr(rows[0], name) is not None
+    }
 
 
 def _times(recording: Recording, found: NextExperiment) -> list[float]:
@@ -215,15 +232,9 @@ def _times(recording: Recording, found: NextExperiment) -> list[float]:
     return [float(time) for time in recording.time.max() + gaps]
 
 
-def _cells(row: Suggestion, numbers: Sequence[int], time: float) -> dict[str, str]:
-    """Cells of a row by the names of their columns; joints have the numbers of the file."""
-    named = {"q": row.pose, "direction": row.direction, "velocity": row.velocity}
-    cells = {
-        f"{name}{j}": f"{value:.9g}"
-        for name, values in named.items()
-        for j, value in zip(numbers, values or (), strict=False)
-    }
-    cells |= {"time": f"{time:.12g}", "held_out": "0"}
+def _cells(row: Suggestion, time: float) -> dict[str, str]:
+    """Cells of a row, but for those of joints, by the names of their columns."""
+    cells = {"time": f"{time:.12g}", "held_out": "0"}
     if row.payload is not None:
         cells["payload"] = f"{row.payload:.6g}"
     whole = {"socket": row.socket, "group": row.group}

@@ -556,7 +556,9 @@ def folder(tmp_path):
     return Path(shutil.copytree(BENCH, tmp_path / "bench"))
 
 
-def test_the_command_prints_rows_and_writes_a_table_to_fill(folder, quick_rows, tmp_path, capsys):
+def test_the_command_prints_rows_and_writes_a_table_to_fill(quick_rows, tmp_path, capsys):
+    recorded(WEAK, 4, tmp_path)
+    folder = tmp_path / "case"
     out, table = tmp_path / "next.json", tmp_path / "next.csv"
     words = ["next", str(folder), "--count", "3", "--json", str(out), "--csv", str(table)]
     before = sorted(p.name for p in folder.iterdir())

@@ -2,14 +2,14 @@ r"""Rows that could be recorded next: postures within reach, sides of approach, 
 
 Joints are drawn evenly over the range that the recording has used (or over the joints' limits), and
 the tip stays within the box that it has been in: there the device is known to see it, and below it
-there may be a table.
+there may be a table. A joint that follows another by a linkage goes where that takes it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
 
 import casadi as cs
 import numpy as np
@@ -66,6 +66,35 @@ class FutureRows:
         return {name: array for name, array in values.items() if array is not None}
 
 
+@dataclass(frozen=True, eq=False)
+class Linkage:
+    """How joints that follow another move with it, q = share q + rest; all others move alone."""
+
+    share: Array  # (n, n); a follower's column is zero
+    rest: Array  # (n,) [rad or m]
+
+    @classmethod
+    def of(cls, recording: Recording) -> Self:
+        """A follower's zero is where the recording has it, read on its own or not."""
+        share = np.eye(recording.chain.n)
+        for j, joint in enumerate(recording.chain.joints):
+            for k, times in joint.drags:
+                share[k] = times * np.eye(len(share))[j]
+        return cls(share, np.median(recording.q - recording.q @ share.T, axis=0))
+
+    def postures(self, q: Array) -> Array:
+        """Readings (N, n) with those of the followers where the others take them."""
+        return np.asarray(q @ self.share.T + self.rest)
+
+    def taken(self, rows: FutureRows) -> FutureRows:
+        """The rows as the linkage has them: each follower's posture, side and speed."""
+        side, speed = (
+            None if v is None else v @ self.share.T for v in (rows.direction, rows.velocity)
+        )
+        side = None if side is None else np.sign(side)
+        return replace(rows, q=self.postures(rows.q), direction=side, velocity=speed)
+
+
 def draw_rows(
     recording: Recording,
     count: int,
@@ -86,9 +115,10 @@ def draw_rows(
     """
     rng = np.random.default_rng([seed, 11])
     lower, upper = joint_range(recording, within)
+    linkage = Linkage.of(recording)
     found, numbers = [np.empty((0, len(lower)))], [np.empty(0, dtype=np.int64)]
     for _ in range(DRAW_ROUNDS):
-        q = rng.uniform(lower, upper, (count, len(lower)))
+        q = linkage.postures(rng.uniform(lower, upper, (count, len(lower))))
         number = rng.integers(0, 1 if sockets is None else len(sockets), count)
         if sockets is not None:
             q = _brought_to(recording, q, sockets[number])
@@ -134,6 +164,7 @@ def changed_in_one(
             column[turned, np.arange(sides)] *= -1.0
     if masses and found.payload is not None and recording.payload is not None:
         found.payload[-1] = recording.payload.min() + recording.payload.max() - found.payload[-1]
+    found = Linkage.of(recording).taken(found)
     # A posture that is kept is within reach, wherever it came from.
     seen = within == RECORDED and row.socket is None
     return found.select(_within_reach(recording, found.q, lower, upper, seen=seen))
@@ -172,16 +203,16 @@ def _within_reach(
 
 def _brought_to(recording: Recording, q: Array, goal: Array) -> Array:
     """Postures (N, n) near q whose nominal tips are at the goals (N, 3) [m], by damped steps."""
-    symbol = cs.SX.sym("q", recording.chain.n)
+    symbol, share = cs.SX.sym("q", recording.chain.n), Linkage.of(recording).share
     tip = recording.chain.forward(symbol).point(constant(recording.tool_offset))
     both = cs.Function("tip", [symbol], [cs.densify(tip), cs.densify(cs.jacobian(tip, symbol).T)])
     for _ in range(REACHING_STEPS):
         tips, J = over_rows(both, q)
-        gap = goal - tips[:, 0]
+        J, gap = J @ share, goal - tips[:, 0]
         square = J @ J.transpose(0, 2, 1) + 1e-9 * np.eye(3)
         step = np.einsum("nij,ni->nj", J, np.linalg.solve(square, gap[..., None])[..., 0])
         size = np.linalg.norm(step, axis=1, keepdims=True)
-        q = q + step * np.minimum(1.0, 0.5 / np.maximum(size, 1e-12))
+        q = q + step @ share.T * np.minimum(1.0, 0.5 / np.maximum(size, 1e-12))
     return q
 
 
@@ -204,4 +235,4 @@ def _with_context(
         context["payload"] = np.where(mass, recording.payload.max(), recording.payload.min())
     if recording.socket is not None:
         context["socket"] = np.unique(recording.socket)[number]
-    return FutureRows(q, **context)
+    return Linkage.of(recording).taken(FutureRows(q, **context))
