@@ -131,6 +131,10 @@ def _scan(found: ScanRecording) -> dict[str, Any]:
 
 
 def _fiducials(found: Fiducials) -> dict[str, Any]:
+    """Refused where registration would refuse the markers: on one line, mirrored, exchanged."""
+    from plumbline.optim.registration import checks
+
+    checks.check(found.checked())
     return {
         "rows": len(found.markers) + len(found.targets),
         "markers": list(found.markers.labels),

@@ -216,3 +216,21 @@ def test_no_two_causes_are_each_most_of_an_error(tmp_path, capsys):
     assert "most of it is how well the target itself is read in CT" in line
     assert "comes from the rotation over an arm" in line
     assert line.count("most of it") == 1
+
+
+def test_what_registration_refuses_is_refused_by_check(tmp_path, capsys):
+    """Markers on a line or mirrored are told before anything is made of them."""
+    places = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.05, 0.08, 0], [0.02, 0.03, 0.09]])
+    line = np.linspace(0.0, 0.2, 4)[:, None] * [1.0, 0.5, 0.2]
+    for name, ct, robot, words in (
+        ("line", line, line, "on one line within"),
+        ("mirror", places * [1.0, 1.0, -1.0], places, "a mirror image"),
+    ):
+        points = Points(("A", "B", "C", "D"), ct, robot)
+        none = Points((), np.empty((0, 3)), np.empty((0, 3)))
+        place = save_fiducials(Fiducials(name, points, none), tmp_path / name)
+        assert run(["check", str(place)]) == 2
+        (told,) = capsys.readouterr().err.splitlines()
+        assert words in told
+        assert run(["register", str(place)]) == 2
+        assert words in capsys.readouterr().err
