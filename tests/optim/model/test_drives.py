@@ -1,6 +1,7 @@
 """Drives taken home: other commands foretold, a file for MuJoCo alone, kept and brought back."""
 
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -143,6 +144,13 @@ def test_soft_friction_is_left_as_mujoco_has_it(soft):
     text = drives(rubs, one(), law=Law.TORQUE).as_mjcf().text
     assert 'frictionloss="0.3"' in text
     assert ("solreffriction" in text) != soft
+
+
+@pytest.mark.parametrize(("law", "more"), [(Law.TORQUE, 0.0), (Law.POSITION, LEAST_INERTIA)])
+def test_what_torques_move_is_no_heavier_than_its_file_states(law, more):
+    root = ElementTree.fromstring(drives(one(), one(), law=law).as_mjcf().text)
+    armatures = [float(joint.get("armature", 0.0)) for joint in root.iter("joint")]
+    assert max(armatures) == pytest.approx(more)
 
 
 def test_an_actuator_is_what_was_found():

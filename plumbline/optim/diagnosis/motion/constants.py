@@ -55,6 +55,9 @@ SMOOTHED = (0.3, 0.2, 0.1, 0.05)  # [s], the same where accelerations of neighbo
 # either); 1.2 times at this.
 SLOWLY = 1.0
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
+# [kg m^2] where torques act, as much or less is none stated: a last link of 10 g, 1 cm across, has
+# 1e-7 (test_motion_light_joints.py fails at 1e-3: a wrist is then eight times too heavy).
+UNSTATED = 1e-9
 
 # Fits
 ITERATIONS = 40  # of Levenberg and Marquardt; warm starts take 5 to 10

@@ -39,6 +39,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     SLOWLY,
     SMOOTH,
     SMOOTHED,
+    UNSTATED,
 )
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -129,10 +130,12 @@ class Signals:
             # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
             a = self.acceleration[chosen]
             h = h + np.einsum("kij,kj->ki", masses, a) - inertia * a
-        between = scipy.interpolate.interp1d(
-            chosen, np.stack([h, np.maximum(inertia, LEAST_INERTIA)]), axis=1
+        # A torque moves what the file states, be it as light as a wrist: a rotor is a cause.
+        least = UNSTATED if law.pushes else LEAST_INERTIA
+        inertia = np.where(inertia > least, inertia, LEAST_INERTIA)
+        load, inertia = scipy.interpolate.interp1d(chosen, np.stack([h, inertia]), axis=1)(
+            np.arange(len(self.q))
         )
-        load, inertia = between(np.arange(len(self.q)))
         return load, inertia
 
     @cached_property

@@ -145,7 +145,7 @@ def _root(drives: Driven, robot: Robot, numbers: Mapping[int, int]) -> ElementTr
     }
     own = {
         numbers[k]: {
-            "armature": LEAST_INERTIA + a.rotor,
+            "armature": a.rotor + (0.0 if drives.law.pushes else LEAST_INERTIA),
             "frictionloss": a.friction,
             "damping": a.damping,
         }

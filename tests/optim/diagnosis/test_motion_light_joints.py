@@ -1,0 +1,97 @@
+"""Torques of an arm of six joints, its wrist a thousandth as heavy as its base: MuJoCo carries."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from plumbline import build_motion, diagnose
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.motion.fit import fitted
+from plumbline.optim.diagnosis.motion.signals import signals_of
+
+STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 10.0, 1e-4
+AT = np.array([0.0, -0.9, 1.4, -0.5, 0.3, 0.0])  # [rad] about which it swings
+# Of each link: place [m], axis, centre [m], mass [kg], inertias [kg m^2]; sizes are of a UR5.
+LINKS = (
+    ("0 0 .0892", "0 0 1", "0 -.005 0", 3.7, ".0102 .0102 .0067"),
+    ("0 .1358 0", "0 1 0", ".2125 0 0", 8.393, ".0151 .2269 .2269"),
+    (".425 -.1197 0", "0 1 0", ".1961 0 0", 2.33, ".0041 .0312 .0312"),
+    (".3922 0 0", "0 1 0", "0 .093 0", 1.219, ".0026 .0022 .0026"),
+    ("0 .093 0", "0 0 1", "0 0 .0946", 1.219, ".0026 .0026 .0022"),
+    ("0 0 .0946", "0 1 0", "0 .05 0", 0.1879, ".00021 .00013 .00021"),
+)
+
+
+def files():
+    """The same arm as URDF and as MJCF."""
+    urdf, bodies, before = '<robot name="six"><link name="base"/>', "", "base"
+    for k, (place, axis, centre, mass, inertia) in enumerate(LINKS):
+        x, y, z = inertia.split()
+        urdf += (
+            f'<joint name="j{k}" type="revolute"><origin xyz="{place}"/><parent link="{before}"/>'
+            f'<child link="l{k}"/><axis xyz="{axis}"/><limit lower="-6" upper="6" effort="500" '
+            f'velocity="50"/></joint><link name="l{k}"><inertial><origin xyz="{centre}"/>'
+            f'<mass value="{mass}"/><inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" '
+            'iyz="0"/></inertial></link>'
+        )
+        bodies += (
+            f'<body pos="{place}"><joint name="j{k}" axis="{axis}"/>'
+            f'<inertial pos="{centre}" mass="{mass}" diaginertia="{inertia}"/>'
+        )
+        before = f"l{k}"
+    motors = "".join(f'<motor joint="j{k}"/>' for k in range(len(LINKS)))
+    return urdf + "</robot>", (
+        f'<mujoco><option timestep="{STEP}" integrator="RK4"/><worldbody>{bodies}'
+        f"{'</body>' * len(LINKS)}</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+def recorded(late=(0,) * 6):
+    """Torques that hold the arm near a path, each obeyed so many steps late."""
+    urdf, mjcf = files()
+    model, n = mujoco.MjModel.from_xml_string(mjcf), len(LINKS)
+    data, plan = mujoco.MjData(model), mujoco.MjData(model)
+    rng = np.random.default_rng(100)
+    size, turn = rng.uniform(0.2, 0.5, (n, 2)), rng.uniform(1.5, 4.0, (n, 2)) * [1.0, 2.2]
+    phase, push = rng.uniform(0.0, 6.0, (n, 2)), np.zeros(n)
+    data.qpos[:] = AT + (size * np.sin(phase)).sum(axis=1)
+    told, seen = [], []
+    for k in range(round(SECONDS / STEP)):
+        if k % EVERY == 0:
+            angle = turn * k * STEP + phase
+            error = AT + (size * np.sin(angle)).sum(axis=1) - data.qpos
+            slower = (size * turn * np.cos(angle)).sum(axis=1) - data.qvel
+            plan.qpos[:], plan.qvel[:] = data.qpos, data.qvel
+            mujoco.mj_forward(model, plan)
+            mujoco.mj_mulM(model, plan, push, 625.0 * error + 35.0 * slower)
+            asked = push + plan.qfrc_bias
+        told.append(asked.copy())
+        seen.append(data.qpos.copy())
+        data.ctrl[:] = [told[max(k - late[j], 0)][j] for j in range(n)]
+        mujoco.mj_step(model, data)
+    q = np.array(seen) + np.random.default_rng(0).normal(0.0, NOISE, (len(seen), n))
+    return build_motion(
+        robot=Robot.from_urdf(urdf), time=STEP * np.arange(len(q))[::EVERY],
+        command=np.array(told)[::EVERY], q=q[::EVERY], kind="torque", noise_std=NOISE,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def as_told():
+    return recorded()
+
+
+def test_a_wrist_as_light_as_its_file_states_leaves_noise_alone(as_told):
+    """Were it taken to be 1e-3 kg m^2 it would leave a hundred times as much."""
+    signals = signals_of(as_told)
+    for j in range(len(LINKS)):
+        left = fitted(signals.windows(j, signals.training), (), np.empty(0))
+        assert left.square**0.5 < 1.05 * NOISE
+    assert signals.loads[1][:, -1].max() < 3e-4
+
+
+def test_an_arm_of_six_joints_that_does_as_told_has_no_gap(as_told):
+    verdict = diagnose(as_told).verdict
+    assert verdict.verdict is Outcome.NO_GAP
+    assert not verdict.causes
