@@ -22,7 +22,7 @@ import numpy as np
 from plumbline.errors import fault
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.set_up import missed as misfit_of
-from plumbline.optim.recording.set_up import wrong_set_up
+from plumbline.optim.recording.set_up import plausible, wrong_set_up
 from plumbline.optim.recording.slips import whole_turns
 from plumbline.optim.recording.table import Array, Origin
 from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of, spread
@@ -41,14 +41,18 @@ def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:
 
 
 def unmet(r: Recording, share: float = constants.UNMET) -> str:
-    """What to doubt where tips miss the model by a share of their spread; empty if they do not.
+    """What to doubt where tips, or encoders, miss the model by a share of their spread, or nothing.
 
     Of several recordings each is asked on its own: its device stands where it likes.
     """
     if r.session is not None:
         each = ((part.name, unmet(part, share)) for part in r.session.parts)
         return next((f"{name}: {words}" for name, words in each if words), "")
-    if not r.kind.device or len(r) < constants.FEWEST:
+    if len(r) < constants.FEWEST:
+        return ""
+    if r.kind.encoders:
+        return _encoders_unmet(r)
+    if not r.kind.device:
         return ""
     some = r.select(some_of(len(r)))
     missed, wide = misfit_of(some), spread(some.measured[:, :3])
@@ -56,6 +60,22 @@ def unmet(r: Recording, share: float = constants.UNMET) -> str:
         return ""
     said = f"the tips miss the model by {missed:.2g} m over a spread of {wide:.2g} m"
     return f"{said}: joint order, joint signs, robot, tip frame or unit wrong?"
+
+
+def _encoders_unmet(r: Recording) -> str:
+    """The joint whose second encoder misses it by a share of how far it moved; empty if none."""
+    for j in r.measured_joints:
+        missed, wide = _about_median(r.measured[:, j] - r.q[:, j]), _about_median(r.measured[:, j])
+        if missed > max(constants.UNMET * wide, plausible(r)):
+            unit = "rad" if r.chain.turning[j] else "m"
+            said = f"m{j + 1} misses q{j + 1} by {missed:.2g} {unit} over a spread of {wide:.2g}"
+            return f"{said} {unit}: rows of another time, joint order, joint signs or unit wrong?"
+    return ""
+
+
+def _about_median(values: Array) -> float:
+    """Median distance from the median: a few gross errors do not move it."""
+    return float(np.median(np.abs(values - np.median(values))))
 
 
 def counted_from_one_turn(r: Recording, origin: Origin) -> tuple[Recording, list[str]]:
