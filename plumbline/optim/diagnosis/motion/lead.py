@@ -22,7 +22,11 @@ from plumbline.optim.diagnosis.motion.windows import Array, Effects, Windows
 
 
 def others(signals: Signals, begun: Sequence[Begun], plain: Sequence[Signals]) -> Iterator[Signals]:
-    """The same motion by drives that were found: of a clock that leads, and as told."""
+    """The same motion by drives that were found: of a clock that leads, and as told.
+
+    Of a clock that leads by ideal drives, too: what was found besides may have stood for its lead,
+    and is what neighbours feel.
+    """
     was, now = signals.recording.lead, signals
     for _ in range(MOVES):
         fits = {}
@@ -34,6 +38,7 @@ def others(signals: Signals, begun: Sequence[Begun], plain: Sequence[Signals]) -
         now = _by(now, begun, plain, (was, lead), fits)
     if now.recording.lead != was:
         yield now
+        yield signals_of(now.recording, plain=plain)
     yield _by(signals, begun, plain, (was, was), {})
 
 
