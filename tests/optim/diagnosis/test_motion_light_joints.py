@@ -108,3 +108,20 @@ def test_six_joints_that_lead_do_so_by_one_clock_whatever_was_taken_for_it(monke
     monkeypatch.setattr(diagnose_module, "MOVES", 1)
     signals, _ = diagnose_module._searched(recorded("implicitfast"), DiagnosisOptions(), None)
     assert signals.recording.lead == pytest.approx(STEP / 2, abs=STEP / 5)
+
+
+@pytest.mark.parametrize(("stated", "moved"), [(0.0, 1e-3), (1e-8, 1e-8)])
+def test_torques_move_what_a_file_states_and_a_rotor_where_it_states_nothing(stated, moved):
+    inertia = f'ixx="{stated}" iyy="{stated}" izz="{stated}" ixy="0" ixz="0" iyz="0"'
+    body = f'<inertial><mass value="{stated}"/><inertia {inertia}/></inertial>'
+    urdf = (
+        '<robot name="r"><link name="b"/><joint name="a" type="revolute"><parent link="b"/>'
+        '<child link="l"/><axis xyz="0 0 1"/><limit lower="-6" upper="6" effort="5" velocity="5"/>'
+        f'</joint><link name="l">{body}</link></robot>'
+    )
+    t = np.arange(400) * 0.005
+    q, command = 0.1 * np.sin(9 * t)[:, None], 1e-3 * np.sin(9 * t)[:, None]
+    told = build_motion(
+        robot=Robot.from_urdf(urdf), time=t, command=command, q=q, kind="torque", noise_std=1e-4
+    )
+    assert np.allclose(signals_of(told).loads[1], moved)

@@ -96,10 +96,7 @@ class Signals:
 
     @cached_property
     def bodies(self) -> tuple[Integers, Array, Array]:
-        """Samples (K,), mass matrices (K, n, n) [kg m^2], gravity and Coriolis (K, n) [N m].
-
-        So many samples at most, spread evenly.
-        """
+        """Samples (K,) [even], masses (K, n, n) [kg m^2], gravity and Coriolis (K, n) [N m]."""
         r = self.recording
         model = pin.Model(r.robot.model)
         model.gravity.linear = np.asarray(r.robot.gravity, dtype=float)
@@ -113,7 +110,10 @@ class Signals:
             q = pin.integrate(model, neutral, moved[k])
             masses[k] = pin.crba(model, data, q)[:, index]
             h[k] = pin.rnea(model, data, q, v[k], still)
-        return chosen, masses[:, index], h[:, index]
+        masses, own = masses[:, index], np.arange(r.n)
+        if r.law.pushes:  # torques move a rotor where the file states nothing
+            masses[:, own, own] += LEAST_INERTIA * (masses[:, own, own] <= UNSTATED)
+        return chosen, masses, h[:, index]
 
     @cached_property
     def loads(self) -> tuple[Array, Array]:
