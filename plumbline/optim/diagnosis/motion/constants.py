@@ -55,8 +55,9 @@ SMOOTHED = (0.3, 0.2, 0.1, 0.05)  # [s], the same where accelerations of neighbo
 # either); 1.2 times at this.
 SLOWLY = 1.0
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
-# [kg m^2] where torques act, as much or less is none stated: a last link of 10 g, 1 cm across, has
-# 1e-7 (test_motion_light_joints.py fails at 1e-3: a wrist is then eight times too heavy).
+# [kg m^2] where torques act, as much or less is none stated: by hand, between a ball of 10 g, 1 cm
+# (2/5 m r^2 = 1e-7) and a grain of 1 g and 1 mm across (1e-10), which no joint turns about itself.
+# test_motion_light_joints.py fails at 4e-10 (a placeholder is moved) and 3e-9 (a link is not).
 UNSTATED = 1e-9
 
 # Fits

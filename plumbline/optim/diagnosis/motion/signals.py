@@ -130,9 +130,8 @@ class Signals:
             # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
             a = self.acceleration[chosen]
             h = h + np.einsum("kij,kj->ki", masses, a) - inertia * a
-        # A torque moves what the file states, be it as light as a wrist: a rotor is a cause.
-        least = UNSTATED if law.pushes else LEAST_INERTIA
-        inertia = np.where(inertia > least, inertia, LEAST_INERTIA)
+        if not law.pushes:  # a torque moves what the file states, be it as light as a wrist
+            inertia = np.maximum(inertia, LEAST_INERTIA)
         load, inertia = scipy.interpolate.interp1d(chosen, np.stack([h, inertia]), axis=1)(
             np.arange(len(self.q))
         )
