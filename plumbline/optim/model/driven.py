@@ -17,6 +17,7 @@ from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import played
+from plumbline.optim.diagnosis.motion.signals import Drives as Felt
 from plumbline.optim.diagnosis.motion.signals import signals_of, spread
 from plumbline.optim.model.apply import Applied
 from plumbline.optim.model.constants import LOAD_ROUNDS, MARGIN
@@ -61,6 +62,8 @@ class Driven:
     servos: Mapping[int, Servo]  # what was found, by the joint's number from 1
     before: float  # RMS of the ideal drives on what no fit has seen [rad]
     after: float  # the same with the causes [rad]
+    lead: float = 0.0  # by how long its clock read positions after their rows' times [s]
+    felt: Felt = ()  # under torques, by what drives of its neighbours each was found; none if ideal
 
     def __repr__(self) -> str:
         count = sum(len(servo.effects) for servo in self.servos.values())
@@ -117,7 +120,7 @@ class Driven:
             self.recording, self.robot, self.joints, self.index, self.law, time, command, q,
             None, None, self.kp, self.kd,
         )  # fmt: skip
-        signals = signals_of(asked)
+        signals = signals_of(asked, drives=self.felt)
         found = q.copy()
         for number, servo in self.servos.items():
             windows = signals.windows(number - 1, np.zeros(1, np.int64))
@@ -151,7 +154,8 @@ class Driven:
                 f"{other.name}: {other.n} joints by {other.law}, expected {n} by {self.law} "
                 f"as in {self.recording}; give a motion of the same drives"
             )
-        signals = signals_of(replace(other, law=self.law))
+        read = replace(other, law=self.law, lead=self.lead)
+        signals = signals_of(read, drives=self.felt)
         starts = spread(signals.starts, MOST_JUDGED)
         before, after = np.full((2, n), np.nan)
         for number, servo in self.servos.items():

@@ -99,5 +99,5 @@ def drives_of(signals: Signals, joints: Sequence[JointFindings], gap: Gap) -> Dr
         )
     return Drives(
         r.name, r.robot, r.joints, r.index, r.law, r.kp, r.kd, servos,
-        gap.before, gap.after,
+        gap.before, gap.after, r.lead, signals.drives,
     )  # fmt: skip

@@ -15,8 +15,10 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion import diagnose as diagnose_module
 from plumbline.optim.diagnosis.motion import rollout
+from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.fit import fitted
 from plumbline.optim.diagnosis.motion.signals import signals_of
+from plumbline.optim.model import Drives
 from tests.motions import arm, multisine
 from tests.optim.diagnosis.test_motion_physics import MJCF, STEP, URDF
 
@@ -242,8 +244,9 @@ def test_what_neighbours_are_held_at_pushes_a_joint_over_the_whole_of_a_row():
         assert left.square**0.5 < 1.03 * noise
 
 
-def test_half_a_simulator_s_step_is_of_one_clock_and_no_drive_s_delay():
-    """Steps that move places by the speed they end with lead, all joints alike."""
+@pytest.fixture(scope="module")
+def ahead():
+    """Steps that move places by the speed they end with lead, all joints alike; one is late."""
     noise = 1e-4
 
     def act(k, told, q, v):
@@ -253,11 +256,32 @@ def test_half_a_simulator_s_step_is_of_one_clock_and_no_drive_s_delay():
         TORQUE, lambda t, q, v: torques(2.0 * t, q, v), start=(0.0, 0.2), noise=noise, held=True,
         act=act, integrator=mujoco.mjtIntegrator.mjINT_EULER,
     )  # fmt: skip
-    answer = diagnose(replace(recorded("torque", t, u, q), noise_std=noise))
-    assert [(c.effect, c.element) for c in answer.verdict.causes] == [("actuation_delay", 1)]
-    assert answer.verdict.causes[0].parameters["delay"].value == pytest.approx(0.01, abs=1e-4)
-    assert answer.recording.lead == pytest.approx(STEP / 2, rel=0.2)
-    assert any("joints lead by" in note for note in answer.verdict.notes)
+    return diagnose(replace(recorded("torque", t, u, q), noise_std=noise))
+
+
+def test_half_a_simulator_s_step_is_of_one_clock_and_no_drive_s_delay(ahead):
+    assert [(c.effect, c.element) for c in ahead.verdict.causes] == [("actuation_delay", 1)]
+    assert ahead.verdict.causes[0].parameters["delay"].value == pytest.approx(0.01, abs=1e-4)
+    assert ahead.recording.lead == pytest.approx(STEP / 2, rel=0.2)
+    assert any("joints lead by" in note for note in ahead.verdict.notes)
+
+
+def test_what_neighbours_feel_of_a_late_drive_and_of_a_clock_is_kept_and_taken_home(
+    ahead, tmp_path
+):
+    """As if all drives were ideal, the drive beside the late one would leave twice the noise."""
+    ahead.save(tmp_path / "answer.json")
+    again = MotionDiagnosis.load(tmp_path / "answer.json")
+    for joint, other in zip(ahead.joints, again.joints, strict=True):
+        assert other.fit.square == pytest.approx(joint.fit.square, rel=1e-9)
+    ahead.model().save(tmp_path / "drives.toml")
+    drives = Drives.load(tmp_path / "drives.toml")
+    left = [joint.fit.square**0.5 for joint in ahead.joints]
+    np.testing.assert_allclose(drives.gaps(ahead.recording)[1], left, rtol=0.02)
+    np.testing.assert_allclose(ahead.transfer(ahead.recording)[1], left, rtol=0.02)
+    without = replace(drives, felt=()), replace(drives, lead=0.0)
+    for one in without:
+        assert max(one.gaps(ahead.recording)[1] / left) > 1.2
 
 
 def test_a_limit_that_no_row_comes_near_is_not_seen_and_one_that_acts_is_no_longer_there():

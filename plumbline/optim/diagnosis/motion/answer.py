@@ -12,6 +12,7 @@ from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import JointFindings
+from plumbline.optim.diagnosis.motion.signals import Drives as Felt
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -74,12 +75,14 @@ def _joint(data: Any, signals: Signals) -> JointFindings:
 def _taken(d: MotionDiagnosis) -> dict[str, Any]:
     """What is stored of a diagnosis; its even clock is made again."""
     own = parts_of(d, "signals", "options")
-    return own | {"joints": list(map(_of_joint, d.joints)), "asked": d.options}
+    own |= {"joints": list(map(_of_joint, d.joints)), "drives": d.signals.drives}
+    return own | {"asked": d.options}
 
 
 def _again(data: Any) -> MotionDiagnosis:
     given = restored_parts(data, MotionDiagnosis, "joints")
-    signals = signals_of(given["recording"])
+    drives = restored(data.get("drives", []), Felt)
+    signals = signals_of(given["recording"], drives=drives)
     joints = tuple(_joint(one, signals) for one in data["joints"])
     asked = restored(data["asked"], DiagnosisOptions)
     return MotionDiagnosis(**given, signals=signals, joints=joints, options=asked)

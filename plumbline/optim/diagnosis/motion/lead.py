@@ -61,7 +61,7 @@ def _by(
             late = [e.name == ActuationDelay.name for e in near.effects]
             more = (leads[1] - leads[0]) * np.array(late, dtype=float)
             drives[one.number - 1] = near.effects, near.theta + more
-    return signals_of(replace(r, lead=leads[1]), drives=drives, plain=plain)
+    return signals_of(replace(r, lead=leads[1]), drives=tuple(drives), plain=plain)
 
 
 def _leading(one: Begun, signals: Signals, was: float) -> JointFit | None:

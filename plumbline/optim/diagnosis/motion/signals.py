@@ -48,7 +48,7 @@ from plumbline.optim.diagnosis.motion.windows import Array, Effects, Windows
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
 
 Integers = NDArray[np.int64]
-Drives = Sequence[tuple[Effects, Array]]  # of each joint, with their values
+Drives = tuple[tuple[Effects, Array], ...]  # of each joint, with their values
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,7 @@ class Signals:
         averaged: Noise of a sample, as a share of a reading's: between two they are averaged.
         pushes: By what torque (M, n) [N m] the other joints push each that stands still over the
             step to a sample, given what drives them; None where they are taken to go as read.
+        drives: What drives them, each joint's causes with their values; none if all are ideal.
     """
 
     recording: MotionRecording
@@ -87,6 +88,7 @@ class Signals:
     length: int
     averaged: float
     pushes: Array | None = None
+    drives: Drives = ()
 
     @property
     def sigma(self) -> float | None:
@@ -276,10 +278,11 @@ def signals_of(
     plain = plain or smoothed(recording, most)
     if not recording.law.pushes:
         return plain[0]
-    known = drives or [((), np.empty(0))] * recording.n
+    known = drives or (((), np.empty(0)),) * recording.n
     plain = [_earlier(s, recording) for s in plain] if recording.lead else plain
     foretold = [_foretold(s, span, known) for s, span in zip(plain, SMOOTHED, strict=True)]
-    return min((*foretold, *(() if drives else plain)), key=lambda s: _misfit(s, known))
+    best = min((*foretold, *(() if drives else plain)), key=lambda s: _misfit(s, known))
+    return replace(best, drives=drives)
 
 
 def _earlier(s: Signals, recording: MotionRecording) -> Signals:
@@ -313,11 +316,8 @@ def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
     given = [
         pushed(s.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
     ]
-    torque, M, J = (
-        np.column_stack(given) - mean_of_ends(h),
-        mean_of_ends(masses),
-        mean_of_ends(free),
-    )
+    torque = np.column_stack(given) - mean_of_ends(h)
+    M, J = mean_of_ends(masses), mean_of_ends(free)
     a = np.linalg.solve(M, torque[..., None])[..., 0].astype(float)
     for begin, end in pairwise([*np.unique(s.first), len(s.q)]):
         steps, now = slice(begin, end - 1), slice(begin, end)
