@@ -29,11 +29,19 @@ from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.files import is_file, is_folder
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import loading
-from plumbline.optim.recording.constants import FIRST_ROW, NO_SOCKET, ONE_ROBOT, SAME_GRAVITY
+from plumbline.optim.recording.constants import (
+    FIRST_ROW,
+    MOST_IN_COMMON,
+    NO_SOCKET,
+    ONE_ROBOT,
+    SAME_GRAVITY,
+)
 from plumbline.optim.recording.kinds import EFFORTS, MIXED, PLACES
 from plumbline.optim.recording.recording import CONTEXT, Recording, Session, hash_of
 from plumbline.optim.recording.settings import Section, read_settings
 from plumbline.optim.recording.table import Array, Integers
+
+Rows = frozenset[bytes]  # each once, in no order
 
 SHARED = ("frame", "tool", "sockets")
 MEAN = ("time", "temperature")  # columns that are filled up with their mean; others with nothing
@@ -50,16 +58,19 @@ def build_session(
         shared: What is one for all of them, of :data:`SHARED`.
 
     Raises:
-        PlumblineError: One is of another robot, is given twice, or cannot be fitted with them.
+        PlumblineError: One is of another robot, a copy of one, or cannot be fitted with them.
     """
     for what in shared:
         if what not in SHARED:
             raise fault("shared", repr(what), f"of {', '.join(SHARED)}", "leave it out")
     if not recordings:
         raise PlumblineError("no recording given, at least one expected; name their folders")
-    for k, other in enumerate(recordings):
+    before: list[tuple[str, Rows]] = []
+    for other in recordings:
         _refuse_other(recordings[0], other)
-        _refuse_twice(recordings[:k], other)
+        rows = rows_of(other.q, other.measured)
+        refuse_copies(before, other.name, rows)
+        before.append((other.name, rows))
     parts = tuple(
         replace(r, name=own)
         for r, own in zip(recordings, named_apart([r.name for r in recordings]), strict=True)
@@ -213,20 +224,24 @@ def named_apart(names: Sequence[str]) -> list[str]:
     return [n if names.count(n) == 1 else f"{n} ({k})" for k, n in enumerate(names, start=1)]
 
 
-def _refuse_twice(before: Sequence[Recording], other: Recording) -> None:
-    """Refuse rows that another has too: a copy, in whatever order, knows what the first knows."""
-    mine = _readings(other)
-    for one in before:
-        theirs = _readings(one)
-        if mine <= theirs or theirs <= mine:
+def refuse_copies(before: Sequence[tuple[str, Rows]], name: str, rows: Rows) -> None:
+    """Refuse rows most of which another has, too: a copy, in whatever order, knows no more.
+
+    Raises:
+        PlumblineError: Most rows of the one or of the other stand in both.
+    """
+    for one, theirs in before:
+        common = len(rows & theirs)
+        if common > MOST_IN_COMMON * min(len(rows), len(theirs)):
+            alike = f"as {one}, {common} rows alike"
             raise PlumblineError(
-                one_line(f"{other.name}: given twice (as {one.name}), once expected; leave one out")
+                one_line(f"{name}: given twice ({alike}), once expected; leave one out")
             )
 
 
-def _readings(recording: Recording) -> set[bytes]:
-    """Every row's angles and readings, to the last bit."""
-    return set(map(bytes, np.column_stack([recording.q, recording.measured])))
+def rows_of(*columns: Array) -> Rows:
+    """Every row of these columns, to the last bit."""
+    return frozenset(map(bytes, np.column_stack(columns)))
 
 
 def _refuse_other(first: Recording, other: Recording) -> None:

@@ -167,7 +167,7 @@ def other_gravity():
 @pytest.mark.parametrize(
     ("others", "words"),
     [
-        (lambda a: [a], "given twice (as tip_position 1), once expected"),
+        (lambda a: [a], "given twice (as tip_position 1, 60 rows alike), once expected"),
         (
             lambda a: [plumbline.build_recording(name="small", observation="tip_position",
                 robot="ur3", q=a.q, measured=a.measured)],
@@ -187,3 +187,23 @@ def test_recordings_that_are_not_of_one_robot_are_refused_in_one_line(others, wo
         plumbline.build_session([first, *others(first)])
     assert words in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def in_common(share):
+    """A recording whose first rows are another's own, as of logs that overlap."""
+    one, other = (recorded("tip_position", seed, rows=20) for seed in (1, 2))
+    rows = round(share * 20)
+    return [one, replace(
+        other,
+        q=np.vstack([one.q[:rows], other.q[rows:]]),
+        measured=np.vstack([one.measured[:rows], other.measured[rows:]]),
+    )]  # fmt: skip
+
+
+def test_rows_most_of_which_another_recording_has_are_refused():
+    with pytest.raises(plumbline.PlumblineError, match="as tip_position 1, 15 rows alike"):
+        plumbline.build_session(in_common(0.75))
+
+
+def test_rows_of_which_another_recording_has_the_fewest_are_taken():
+    assert len(plumbline.build_session(in_common(0.4)).parts) == 2

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from plumbline.errors import PlumblineError, fault, one_line
+from plumbline.errors import fault, one_line
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.confined import confined
 from plumbline.optim.core.progress import Progress, silent
@@ -52,7 +52,14 @@ from plumbline.optim.measurement.torque import newton_metres, stated_noise
 from plumbline.optim.model.constants import CHANGED
 from plumbline.optim.recording.constants import ONE_ROBOT
 from plumbline.optim.recording.recording import Recording, Session, hash_of
-from plumbline.optim.recording.session import apart, joined, named_apart
+from plumbline.optim.recording.session import (
+    Rows,
+    apart,
+    joined,
+    named_apart,
+    refuse_copies,
+    rows_of,
+)
 from plumbline.optim.recording.table import Flags
 
 
@@ -95,13 +102,15 @@ def joined_motions(motions: Sequence[MotionRecording]) -> MotionRecording:
     """All of them as one recording, each a group, or several, of its own.
 
     Raises:
-        PlumblineError: They are of different drives.
+        PlumblineError: They are of different drives, or one is another's copy.
     """
     first = motions[0]
-    for k, other in enumerate(motions):
+    before: list[tuple[str, Rows]] = []
+    for other in motions:
         _refuse_other(first, other)
-        if any(np.array_equal(other.q, one.q) for one in motions[:k]):
-            raise PlumblineError(f"{other.name}: given twice, once expected; leave one out")
+        rows = rows_of(other.command, other.q)
+        refuse_copies(before, other.name, rows)
+        before.append((other.name, rows))
     own = [np.zeros(len(m), np.int64) if m.group is None else m.group for m in motions]
     pairs = np.vstack([np.column_stack([np.full(len(g), k), g]) for k, g in enumerate(own)])
     group = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
