@@ -77,7 +77,7 @@ def _refuse_nonsense(fit: DHFit) -> None:
         raise PlumblineError(
             f"{recording.name}: fitted links still miss the tips by {1e3 * missed:.3g} mm (median),"
             f" at most {1e3 * limit:.3g} mm is plausible for a reach of "
-            f"{recording.chain.reach:.2g} m; joint order, signs or zeros, units, robot or tip "
+            f"{recording.reach:.2g} m; joint order, signs or zeros, units, robot or tip "
             "frame wrong? Mend them, or state noise_std"
         )
 

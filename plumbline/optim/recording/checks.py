@@ -73,7 +73,7 @@ def tips_leave_a_plane(r: Recording, origin: Origin) -> None:
     still = np.flatnonzero(np.ptp(r.measured[:, :3], axis=0) == 0.0)
     tips = r.chain.tips(r.q, r.tool_offset)
     off = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(r))
-    if 0 < len(still) < 3 and off > COARSE * r.chain.reach:
+    if 0 < len(still) < 3 and off > COARSE * r.reach:
         column = "xyz"[still[0]]
         found = f"{shown(float(r.measured[0, still[0]]))} in every row"
         expected = f"a coordinate that changes: the tips leave every plane by {off:.2g} m"

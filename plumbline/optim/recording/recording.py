@@ -170,6 +170,14 @@ class Recording:
         return replace(self, **parts)
 
     @property
+    def reach(self) -> float:
+        """Reach of the arm [m], with slides as far out as they were, whatever their limits."""
+        limits = np.maximum(np.abs(self.chain.lower), np.abs(self.chain.upper))
+        known = np.where(np.isfinite(limits), limits, 0.0)
+        further = np.maximum(np.abs(self.q).max(axis=0) - known, 0.0)
+        return self.chain.reach + float(further[~self.chain.turning].sum())
+
+    @property
     def training(self) -> Recording:
         """The rows that may be fitted: all but those held out."""
         return self if self.held_out is None else self.select(~self.held_out)

@@ -93,7 +93,7 @@ def plausible(recording: Recording) -> float:
     )
     if recording.kind.efforts:
         return np.inf  # drives differ by decades, and so does what their efforts are read with
-    return constants.PLAUSIBLE * (1.0 if turning else recording.chain.reach)
+    return constants.PLAUSIBLE * (1.0 if turning else recording.reach)
 
 
 def refuse_wrong_set_up(recording: Recording) -> None:

@@ -33,7 +33,7 @@ def robot_is_in_metres(r: Recording, origin: Origin) -> None:
     _check_size(origin.key("[robot]"), "a reach of ", reach, at.LARGEST_ARM, "m")
     _check_size(origin.key("[tool] offset"), "a length of ", tool, max(reach, at.LARGEST_TOOL), "m")
     if r.socket_distance is not None:
-        where, most = origin.key("[sockets] distance"), 2.0 * (_bound(r) + tool)
+        where, most = origin.key("[sockets] distance"), 2.0 * (r.reach + tool)
         _check_size(where, "", r.socket_distance, most, "m")
         if not r.socket_distance > 0.0:
             raise fault(where, shown(r.socket_distance), "more than 0 m", "mend it or leave it out")
@@ -55,7 +55,7 @@ def _check_size(where: str, what: str, size: float, most: float, unit: str) -> N
 
 def noise_is_plausible(r: Recording, origin: Origin) -> Iterator[str]:
     """Noise is positive and smaller than what it is the noise of."""
-    limit = {"m": _bound(r), "rad": 1.0, "N m": at.LARGEST}  # drives differ by decades
+    limit = {"m": r.reach, "rad": 1.0, "N m": at.LARGEST}  # drives differ by decades
     for key, value, unit in (
         ("noise_std", r.noise_std, r.kind.unit),
         ("noise_std_rotation", r.noise_std_rotation, "rad"),
@@ -178,7 +178,7 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> None:
             mend = "the device stood still, or its columns were copied: record it again"
             raise fault(origin.at("x"), found, "tips that move with the joints", mend)
         _check_scale(r, away, ratio, origin)
-    most = at.FARTHEST * (_bound(r) + float(np.linalg.norm(r.tool_offset)))
+    most = at.FARTHEST * (r.reach + float(np.linalg.norm(r.tool_offset)))
     row = int(np.argmax(away))
     if away[row] > most:
         column = "xyz"[int(np.argmax(np.abs(tips[row] - np.median(tips, axis=0))))]
@@ -261,14 +261,6 @@ def _refuse_beyond(
 ) -> None:
     expected, bad = f"{low:g} to {high:g} {unit}", (values < low) | (values > high)
     origin.refuse(column, bad, values, expected, "mend the cell or its unit")
-
-
-def _bound(r: Recording) -> float:
-    """Reach of the arm [m], with slides as far out as they were, whatever their limits."""
-    limits = np.maximum(np.abs(r.chain.lower), np.abs(r.chain.upper))
-    known = np.where(np.isfinite(limits), limits, 0.0)
-    further = np.maximum(np.abs(r.q).max(axis=0) - known, 0.0)
-    return r.chain.reach + float(further[~r.chain.turning].sum())
 
 
 def _outside(values: Array, lower: Array, upper: Array) -> Flags:

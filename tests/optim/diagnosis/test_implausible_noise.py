@@ -6,11 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import NoiseLevel, Outcome
 from plumbline.optim.diagnosis.verdict.judge import _missed
 from plumbline.optim.diagnosis.verdict.lack_of_fit import implausible_noise, quieter
 from plumbline.optim.recording import set_up
+from plumbline.optim.recording.building import build_recording
 from tests.benches import readings
 from tests.few_effects import FEW_EFFECTS
 from tests.optim.recording.test_set_up import room, told, turned
@@ -117,6 +119,18 @@ def test_an_encoder_s_limit_is_an_angle():
     assert set_up.plausible(told(room("tip_position"))) == pytest.approx(
         0.01 * recording.chain.reach
     )
+
+
+def test_an_instrument_whose_slide_has_no_limits_reaches_as_far_as_it_was_slid():
+    """Its links are centimetres long: of those alone a camera's tenths of a millimetre are none."""
+    dh = [{"alpha": np.pi / 2}, {"alpha": -np.pi / 2}, {"kind": "prismatic"}, {"a": 0.01}]
+    robot = Robot.from_dh([{"a": 0.0, "alpha": 0.0} | row for row in dh])
+    q = np.random.default_rng(0).uniform(-0.7, 0.7, (20, 4))
+    q[:, 2] = np.linspace(0.05, 0.2, 20)
+    tips = robot.chain().tips(q, np.zeros(3))
+    recording = build_recording(robot=robot, observation="tip_position", q=q, measured=tips)
+    assert recording.reach == pytest.approx(0.01 + 0.2)
+    assert set_up.plausible(recording) == pytest.approx(0.01 * recording.reach)
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.0005, False), (0.003, True)])

@@ -222,7 +222,7 @@ def test_rows_off_by_a_twentieth_of_their_spread_are_noted(monkeypatch, share, r
 )
 def test_a_noise_is_no_less_than_devices_read_and_no_coarser_than_a_hundredth(std, words):
     r = good()
-    scaled = std * units._bound(r) if std > 1e-6 else std
+    scaled = std * r.reach if std > 1e-6 else std
     assert found(units.noise_is_plausible, replace(r, noise_std=scaled)) == words
 
 
