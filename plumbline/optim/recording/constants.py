@@ -123,6 +123,9 @@ LATEST = 0.2  # [s]: filters of drives and loggers' queues take less
 # Nats of likelihood: one channel in twenty is late (3), by some hundredth of the latest either way
 # (5). Noise and smoothing made at most 4 of 48 that were not (test_late_channels.py).
 SURELY_LATE = 10.0
+# Times the latest, of successive rows: a block is long beside its margins (cost only).
+BLOCK = 10
+HARDLY = 1e-9  # of orthonormal columns' squares: what the rows asked do not have of them
 LEAST = 0.05  # of a row: less is of the smoothing and of the parabola
 AGAIN = 6  # times that a place is found from one nearer, each half as far off
 # [nats] of likelihood by which a filter must beat a queue: as strong evidence (Jeffreys 1961).

@@ -20,7 +20,14 @@ import scipy
 
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import half_window, stretches, usual_step
-from plumbline.optim.recording.late import Place, Rows, basis_of, best_place, rows_asked
+from plumbline.optim.recording.late import (
+    Place,
+    Rows,
+    around,
+    basis_of,
+    best_place,
+    rows_asked,
+)
 from plumbline.optim.recording.table import Array
 
 Columns = Callable[[Rows, float], Sequence[Array]]
@@ -45,7 +52,7 @@ class Channel:
             return 0.0
 
         def place(T: float) -> Place:
-            return best_place(self.read, rows, self._designs(T, rows), most)
+            return best_place(self.read, rows, self._designs(T, around(rows, most)), most)
 
         times = (0.0, *(T for T in constants.FILTERS if step < T))  # a faster one is within a row
         places = [place(T) for T in times]
@@ -61,7 +68,7 @@ class Channel:
         """How much later than its columns the channel is behind such a filter [s]."""
         step, rows = usual_step(self.time), self._rows
         most = round(constants.LATEST / step)
-        return step * best_place(self.read, rows, self._designs(T, rows), most).rows
+        return step * best_place(self.read, rows, self._designs(T, around(rows, most)), most).rows
 
     def before(self, T: float) -> tuple[Array, float]:
         """What was read (N, n) before a filter of time T [s], and how much more noise it has.

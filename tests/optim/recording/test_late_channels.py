@@ -13,6 +13,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import AT_ITS_END, BELIED, ENDS_OFF, ENDS_WITHIN, LATEST
 from plumbline.optim.recording.efforts import efforts_within_ends, nominal_efforts
+from plumbline.optim.recording.late import basis_of, late_by
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.table import Origin
 from tests.answer_contract import contradicts_nothing
@@ -62,6 +63,37 @@ def test_efforts_that_are_read_late_are_taken_back_and_are_no_cause(robot, late)
     assert float(note.split()[3]) == pytest.approx(1e3 * late, abs=1.0)
     assert rec.measured - nominal_efforts(rec) == pytest.approx(0.0, abs=8 * NOISE)
     assert all(cause.probability < 0.95 for cause in diagnose(rec).causes)
+
+
+def sines(time):
+    """Columns (N, 4) of which lateness makes others."""
+    return np.sin(np.outer(time, [0.6, 1.5, 2.6, 3.8]))
+
+
+def in_noise(seed, *, rows=6000, late=0.0, noise=0.3, first=False):
+    """How late four channels of a log of so many rows seem, 2 ms apart [s]."""
+    rng, time = np.random.default_rng(seed), 0.002 * np.arange(rows)
+    read = sines(time - late) @ rng.normal(0.0, 1.0, (4, 4))
+    read = read + rng.normal(0.0, noise, read.shape)
+    there = np.eye(rows, 1)[:, : int(first)]  # a column of the first row alone
+    X = np.column_stack([basis_of(sines(time)), there])
+    return late_by(time, read, lambda asked: [X[asked]] * 4)
+
+
+def test_other_readings_with_other_noise_are_not_taken_for_lateness():
+    """Of a log too long to be asked whole each place tried had other rows: 9 of 16 were late."""
+    assert [in_noise(seed) for seed in range(8)] == [0.0] * 8
+
+
+@pytest.mark.parametrize("rows", [2500, 6000])
+def test_lateness_is_found_in_a_log_of_any_length(rows):
+    assert in_noise(0, rows=rows, late=0.005, noise=0.02) == pytest.approx(0.005, abs=5e-4)
+
+
+def test_a_column_that_hardly_any_row_asked_has_breaks_nothing():
+    assert in_noise(0, rows=1500, late=0.005, noise=0.02, first=True) == pytest.approx(
+        5e-3, abs=5e-4
+    )
 
 
 @pytest.mark.parametrize("late", [0.03, 0.01])
