@@ -8,6 +8,7 @@ counts as one over the design effect, and copies, c = 1, count together as one r
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -66,9 +67,14 @@ class Whitening:
         """How many independent residuals those that there are (N, m) count as, by weight."""
         return float(self.root**2 @ live.sum(axis=1))
 
+    @cached_property
+    def _weighed(self) -> bool:
+        """Whether some row counts less than others; asked for every column that there is."""
+        return bool((self.root < 1.0).any())
+
     def __call__(self, values: Array) -> Array:
         """Of columns (k, N, m)."""
-        if (self.root < 1.0).any():
+        if self._weighed:
             values = values * self.root[:, None]
         if not self.follows.size:
             return values

@@ -57,7 +57,8 @@ def not_listed(pool: Pool, ports: Ports, found: Sequence[Dependence]) -> list[De
         gone[key] += np.exp(f.log_prior) - sum(np.exp(r.log_prior) for r in rest)
     keys = [(f.stage, f.element, f.on) for f in kept]
     of = [float(np.log1p(-gone[key])) for key in keys]
-    return [replace(f, log_prior=f.log_prior - log) for f, log in zip(kept, of, strict=True)]
+    pairs = zip(kept, of, strict=True)
+    return [replace(f, log_prior=f.log_prior - log) if log else f for f, log in pairs]
 
 
 def _is_within(own: Array, span: Array, *, further: bool) -> bool:
