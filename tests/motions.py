@@ -35,11 +35,11 @@ def servo(t, u, *, delay=0.0, lag=0.0, play=0.0, wear=0.0, gain=0.0, offset=0.0,
     fine = np.linspace(t[0], t[-1], (len(t) - 1) * FINE + 1)
     asked = (1 + gain) * np.interp(fine - delay, t, u) + offset
     h = fine[1] - fine[0]
-    motor, joint = asked[0], asked[0]
+    share, most = float(1 - np.exp(-h / lag)) if lag else 1.0, float(limit * h)
+    motor = joint = float(asked[0])
     out = np.empty(len(fine))
-    for k, c in enumerate(asked):
-        step = (c - motor) * (1 - np.exp(-h / lag)) if lag else c - motor
-        motor += np.clip(step, -limit * h, limit * h)
+    for k, c in enumerate(asked.tolist()):  # of plain numbers, which cost a tenth
+        motor += min(max((c - motor) * share, -most), most)
         half = play * (1 + wear * motor)
         joint = min(max(joint, motor - half), motor + half)
         out[k] = joint

@@ -149,26 +149,26 @@ def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(
     diagnosis = diagnose(recording, DiagnosisOptions(library=(Scale, JointCoupling)))
     told = []
     found = check_calibration(
-        diagnosis, 5, jobs=1, progress=lambda words, share: told.append(share)
+        diagnosis, 3, jobs=1, progress=lambda words, share: told.append(share)
     )
     assert told[-1] == 1.0
     assert told == sorted(told)
-    assert found.first_right.of + found.false_alarms.of == 5
+    assert found.first_right.of + found.false_alarms.of == 3
     assert found.first_right.count >= found.first_right.of - 1
     assert found.named_right.of == sum(len(t.named) for t in found.cases)
     after = replace(diagnosis, verdict=found.recalibrated)
     assert causes(after) == causes(diagnosis)
     assert after.verdict.gap == diagnosis.verdict.gap
-    assert "checked on 5 simulated cases" in after.verdict.notes[-1]
+    assert "checked on 3 simulated cases" in after.verdict.notes[-1]
     for name, values in before.items():
         np.testing.assert_array_equal(getattr(recording, name), values)
-    again = check_calibration(diagnosis, 5, jobs=1)
+    again = check_calibration(diagnosis, 3, jobs=1)
     assert again.cases == found.cases
     assert json.dumps(found.to_dict(), allow_nan=False)
     assert found.truth_set is None
     assert "too few with a cause" in found.words
     assert len(found.ranks) == 10
-    assert 0 < sum(found.ranks) <= 5
+    assert 0 < sum(found.ranks) <= 3
     sure = [replace(t, stated=dict.fromkeys(t.stated, 1.0)) for t in found.cases if t.truth]
     strict = replace(found, cases=tuple(10 * sure))  # from 1 on, which no cause of ours reaches
     assert strict.threshold == 1.0

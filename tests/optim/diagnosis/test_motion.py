@@ -227,7 +227,7 @@ def test_what_nobody_has_listed_is_in_the_tree_without_a_name(monkeypatch):
 )
 def test_a_joint_that_another_one_drags_goes_by_that_one_s_motion(drag):
     """Loads go by the other's angle, too: without such a rival this was a servo that gives way."""
-    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=20)
+    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=8)
     dragged = np.array(recording.q)
     q = dragged[:, 0] - dragged[:, 0].mean()
     dragged[:, 1] += drag(q, np.gradient(recording.command[:, 0], recording.time))
@@ -282,7 +282,7 @@ def test_rows_that_a_log_has_lost_are_no_mechanism():
 
 
 def test_without_a_known_noise_nothing_is_explained():
-    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=20)
+    recording = recorded([{"delay": 0.03}, {}], seed=3, seconds=8)
     unknown = build_motion(
         robot=arm(), time=recording.time, command=recording.command, q=recording.q
     )
@@ -332,7 +332,7 @@ def test_an_effect_that_is_left_out_is_not_named():
 
 
 def test_a_speed_that_is_never_exceeded_is_a_velocity_limit():
-    verdict = diagnose(recorded([{"limit": 0.6, "lag": 0.03}, {}], seed=4, seconds=12)).verdict
+    verdict = diagnose(recorded([{"limit": 0.6, "lag": 0.03}, {}], seed=4, seconds=5)).verdict
     causes = {(c.effect, c.element): c for c in verdict.causes}
     assert causes["velocity_limit", 1].parameters["fastest"].value == pytest.approx(0.6, rel=0.02)
 

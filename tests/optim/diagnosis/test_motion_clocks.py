@@ -179,7 +179,7 @@ def test_a_lag_under_commands_that_run_smoothly_between_rows_is_no_servo_of_seco
 
 def test_a_delay_by_a_part_of_a_row_is_exact_beside_a_lag_under_straight_commands():
     """Its corners lie within a step, of which the drive takes the mean."""
-    t, u = multisine(30.0, DT, size=0.4, fastest=1.5)
+    t, u = multisine(18.0, DT, size=0.4, fastest=1.5)
     answer = diagnose(made(t, u, driven(t, u, {"delay": 0.032, "lag": 0.05}, {})))
     values = {c.effect: next(iter(c.parameters.values())).value for c in answer.causes}
     half = DT / FINE / 2  # by which small steps lead

@@ -118,7 +118,7 @@ def test_a_field_around_a_place_is_flagged_as_depending_on_the_place(field):
 
 
 def test_a_narrow_field_is_flagged_as_local(tmp_path):
-    case = faultless(rows=90, seed=8)
+    case = faultless(rows=54, seed=8)
     recording, _ = recorded(with_fault(case, spot(case, reach=0.3), gap=1.5), tmp_path)
     assert told(recording, SEEN.library).words == "the place of the tip, locally"
 
@@ -179,7 +179,7 @@ class WarmZero(JointMechanism):
 @pytest.mark.parametrize(("joint", "way"), [(2, 2), (4, 0)])
 def test_an_axis_that_floats_as_it_turns_is_its_joint_s(joint, way, tmp_path):
     recording, _ = recorded(
-        with_fault(faultless(rows=70, seed=4), AxisFloat(0.0, joint, way), gap=2.0), tmp_path
+        with_fault(faultless(rows=42, seed=4), AxisFloat(0.0, joint, way), gap=2.0), tmp_path
     )
     assert told(recording, OF_BODIES).lacked_at["joint", joint] > 0.95
 
@@ -390,7 +390,7 @@ def test_drives_that_are_equally_soft_are_soft_drives(tmp_path):
 
 
 def test_a_cause_beside_an_unknown_is_named_and_explains_a_part(tmp_path):
-    case = faultless(rows=60, seed=5)
+    case = faultless(rows=36, seed=5)
     recording, _ = recorded(with_fault(case, JointScale(0.0, 3), spot(case)), tmp_path)
     partly = diagnose(recording, SEEN).verdict
     assert partly.verdict == Outcome.PARTLY
@@ -403,7 +403,7 @@ def test_a_coupling_that_is_bent_is_a_coupling_or_nearly_one(tmp_path):
     """Which of the two its bend decides; where it sits and on what it depends is sure."""
     joint, other = 4, 3
     bent = CrossRipple(0.0, joint, other, order=0.0, mesh=0.4, phase=0.3)
-    recording, _ = recorded(with_fault(faultless(rows=50, seed=joint), bent, gap=3.0), tmp_path)
+    recording, _ = recorded(with_fault(faultless(rows=30, seed=joint), bent, gap=3.0), tmp_path)
     verdict = diagnose(recording, COUPLED).verdict
     place = verdict.tree[0]
     assert (place["stage"], place["element"]) == ("joint", joint)
@@ -479,7 +479,7 @@ def test_more_noise_than_stated_depends_on_nothing(seed, tmp_path):
 
 @pytest.mark.parametrize("size", [0.05, 1.0])
 def test_a_gross_row_is_left_out_however_gross_it_is(size, tmp_path):
-    case = with_fault(faultless(rows=40, seed=3), TransmissionRipple(1e-4, 2), gap=5.0)
+    case = with_fault(faultless(rows=24, seed=3), TransmissionRipple(1e-4, 2), gap=5.0)
     recording, _ = recorded(case, tmp_path)
     spoilt = recording.measured.copy()
     spoilt[5, 1] += size

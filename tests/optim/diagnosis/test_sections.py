@@ -24,7 +24,7 @@ PLAYS = (0.01, 0.02)  # [rad] of joint 2, in one motion and in the other
 SCALE = 3e-3  # of joint 2's reading
 
 
-def efforts(seed, name, *, times=1.0, rows=100):
+def efforts(seed, name, *, times=1.0, rows=60):
     """Efforts of the arm, whose second drive rubs; noise so many times as large."""
     rng = np.random.default_rng(seed)
     t, w = np.arange(rows) / 50.0, 2 * np.pi * rng.uniform(0.4, 1.1, 2)
@@ -51,7 +51,7 @@ def tips(rows=30):
 @pytest.fixture(scope="module")
 def motions():
     return [
-        replace(recorded(({"delay": 0.05}, {"play": play}), seconds=12.0, seed=k), name=f"m{k}")
+        replace(recorded(({"delay": 0.05}, {"play": play}), seconds=8.0, seed=k), name=f"m{k}")
         for k, play in enumerate(PLAYS)
     ]
 
@@ -99,8 +99,8 @@ def test_efforts_of_several_recordings_are_fitted_together_each_with_its_noise(a
 def test_efforts_are_weighed_by_their_recording_s_noise(both):
     whole = joined(build_session(both))
     own = whole.noise_by_joint * whole.noise_shape
-    np.testing.assert_allclose(own[:100], np.tile(NOISE, (100, 1)))
-    np.testing.assert_allclose(own[100:], np.tile(3 * NOISE, (100, 1)))
+    np.testing.assert_allclose(own[:60], np.tile(NOISE, (60, 1)))
+    np.testing.assert_allclose(own[60:], np.tile(3 * NOISE, (60, 1)))
     alike = joined(build_session([both[0], efforts(4, "other")]))
     assert alike.noise_shape is None
 

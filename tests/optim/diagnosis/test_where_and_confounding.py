@@ -118,7 +118,7 @@ def test_a_planted_fault_has_the_whole_share_of_its_joint(tmp_path):
 
 def test_two_planted_faults_have_the_shares_of_their_gaps(tmp_path):
     """Gaps of 5 and 2.5 sigma, hardly correlated: four fifths and one."""
-    case = faultless(rows=80, seed=6)
+    case = faultless(rows=48, seed=6)
     strong = with_fault(case, RealRipple(0.0, 2, once=(1.0, 0.5)), gap=5.0)
     weak = with_fault(case, RealOffset(0.0, 4), gap=2.5)
     both = (*strong.effects, *weak.effects)

@@ -176,7 +176,7 @@ def test_where_many_causes_are_at_work_no_joint_is_asked(many):
 
 def test_what_joints_scatter_by_is_no_noise_that_is_stated():
     """It is beyond the device's, and no mechanism of the library: which joint, a note says."""
-    verdict = diagnose(loose((0, 6e-4, 0, 0, 0, 0)), FEW_EFFECTS).verdict
+    verdict = diagnose(loose((0, 6e-4, 0, 0, 0, 0), rows=60), FEW_EFFECTS).verdict
     assert verdict.verdict == Outcome.OUTSIDE
     assert verdict.gap.noise_floor == pytest.approx(np.sqrt(3.0) * SIGMA)
     assert any("joint 2 by 0.6" in note for note in verdict.notes)
