@@ -21,6 +21,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
+from plumbline.optim.diagnosis.motion.bodies import bodies_at, free, over_steps
 from plumbline.optim.diagnosis.motion.clock import derivative, mean_of_ends, on_even_clock, way_of
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
@@ -39,7 +40,6 @@ from plumbline.optim.diagnosis.motion.constants import (
     SLOWLY,
     SMOOTH,
     SMOOTHED,
-    UNSTATED,
 )
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -99,23 +99,9 @@ class Signals:
     @cached_property
     def bodies(self) -> tuple[Integers, Array, Array]:
         """Samples (K,) [even], masses (K, n, n) [kg m^2], gravity and Coriolis (K, n) [N m]."""
-        r = self.recording
-        model = pin.Model(r.robot.model)
-        model.gravity.linear = np.asarray(r.robot.gravity, dtype=float)
-        data, M, index = model.createData(), len(self.q), list(r.index)
+        M = len(self.q)
         chosen = np.unique(np.linspace(0, M - 1, min(M, MOST_STATES)).astype(np.int64))
-        masses, h = np.empty((len(chosen), model.nv, r.n)), np.empty((len(chosen), model.nv))
-        neutral, still = pin.neutral(model), np.zeros(model.nv)
-        moved, v = np.zeros((2, len(chosen), model.nv))
-        moved[:, index], v[:, index] = self.posture[chosen], self.speed[chosen]
-        for k in range(len(chosen)):
-            q = pin.integrate(model, neutral, moved[k])
-            masses[k] = pin.crba(model, data, q)[:, index]
-            h[k] = pin.rnea(model, data, q, v[k], still)
-        masses, own = masses[:, index], np.arange(r.n)
-        if r.law.pushes:  # torques move a rotor where the file states nothing
-            masses[:, own, own] += LEAST_INERTIA * (masses[:, own, own] <= UNSTATED)
-        return chosen, masses, h[:, index]
+        return chosen, *bodies_at(self.recording, self.posture[chosen], self.speed[chosen])
 
     @cached_property
     def loads(self) -> tuple[Array, Array]:
@@ -127,7 +113,7 @@ class Signals:
         inertia = np.diagonal(masses, axis1=1, axis2=2)
         law = self.recording.law
         if self.pushes is not None:
-            inertia = _free(masses)
+            inertia = free(masses)
         elif law.known or law.pushes:
             # A servo that follows ideally yields to what it holds; what accelerates is noise to it.
             a = self.acceleration[chosen]
@@ -280,8 +266,10 @@ def signals_of(
         return plain[0]
     known = drives or (((), np.empty(0)),) * recording.n
     plain = [_earlier(s, recording) for s in plain] if recording.lead else plain
-    foretold = [_foretold(s, span, known) for s, span in zip(plain, SMOOTHED, strict=True)]
-    best = min((*foretold, *(() if drives else plain)), key=lambda s: _misfit(s, known))
+    kinds = [(_foretold(s, s, span, known), s, span) for s, span in zip(plain, SMOOTHED, strict=True)]
+    once, s, span = min(kinds, key=lambda kind: _misfit(kind[0], known))
+    again = _foretold(s, once, span, known)
+    best = min((again, *(() if drives else plain)), key=lambda s: _misfit(s, known))
     return replace(best, drives=drives)
 
 
@@ -291,7 +279,7 @@ def _earlier(s: Signals, recording: MotionRecording) -> Signals:
     return replace(s, recording=recording, posture=posture, speed=speed)
 
 
-def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
+def _foretold(s: Signals, at: Signals, seconds: float, drives: Drives) -> Signals:
     r"""The same, smoothed over so long, with what the model foretells of a fast motion.
 
     Of the way x that the drives make of the bodies, x less its own smoothed form is what
@@ -306,39 +294,38 @@ def _foretold(s: Signals, seconds: float, drives: Drives) -> Signals:
     in which p is of the others' torques alone: no drive is judged by a load that its own was
     taken for. By the drives, and slowly by readings, it is made in the same way.
     """
-    chosen, masses, h = s.bodies
-    at, every = np.arange(len(s.q)), (masses, _free(masses), h)
-    masses, free, h = (
-        np.asarray(scipy.interpolate.interp1d(chosen, x, axis=0)(at), dtype=float) for x in every
+    chosen, masses, h = at.bodies
+    every, rows = (masses, free(masses), h), np.arange(len(s.q))
+    masses, alone, h = (
+        np.asarray(scipy.interpolate.interp1d(chosen, x, axis=0)(rows), dtype=float) for x in every
     )
     q = s.q.copy()
     found = [s.posture.copy(), s.speed.copy(), s.acceleration.copy(), np.zeros_like(q)]
     given = [
-        pushed(s.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
+        pushed(at.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
     ]
-    torque = np.column_stack(given) - mean_of_ends(h)
-    M, J = mean_of_ends(masses), mean_of_ends(free)
-    a = np.linalg.solve(M, torque[..., None])[..., 0].astype(float)
+    torque, J = np.column_stack(given), mean_of_ends(alone)
+    states = at.posture, at.speed
+    a, change = over_steps(s.recording, s.dt, states, (masses, h), torque)
+    torque -= mean_of_ends(h)
     for begin, end in pairwise([*np.unique(s.first), len(s.q)]):
         steps, now = slice(begin, end - 1), slice(begin, end)
         way = way_of(a[steps], s.dt)
+        bent = s.dt**2 / 12 * np.cumsum(change[steps], axis=0)  # what places are behind steps' ends
+        way[0][1:] -= bent
         for order, span in enumerate((POSTURE, seconds, seconds)):
             found[order][now] += way[order] - derivative(way[0], s.dt, order, span)
         q[now] -= s.recording.lead * found[1][now]  # read so much later
-        b, inner = np.diff(q[now], 2, axis=0) / s.dt**2, slice(begin + 1, end - 1)
-        read = np.einsum("kij,kj->ki", masses[inner], b) - free[inner] * b
+        q[begin + 1 : end] += bent
+        inner = slice(begin + 1, end - 1)
+        off = mean_of_ends(a[steps]) - np.diff(q[now], 2, axis=0) / s.dt**2  # two steps' mean
+        pulls = np.einsum("kij,kj->ki", masses[inner], off) - alone[inner] * off
+        late = np.zeros_like(way[0])
+        late[2:] = s.dt**2 * np.cumsum(np.cumsum(pulls, axis=0), axis=0)
         own = (torque - J * a)[steps]
-        off = np.zeros_like(way[0])  # two differences of a way are two steps' mean, of both
-        off[2:] = s.dt**2 * np.cumsum(np.cumsum(mean_of_ends(own) - read, axis=0), axis=0)
-        found[3][begin + 1 : end] = own - mean_of_ends(derivative(off, s.dt, 2, SLOWLY))
+        found[3][begin + 1 : end] = own - mean_of_ends(derivative(late, s.dt, 2, SLOWLY))
     posture, speed, acceleration, pushes = found
     return replace(s, q=q, posture=posture, speed=speed, acceleration=acceleration, pushes=pushes)
-
-
-def _free(masses: Array) -> Array:
-    """Inertia about each joint, the others free (K, n) [kg m^2], of mass matrices (K, n, n)."""
-    inverse = np.linalg.inv(masses)
-    return np.asarray(1 / np.diagonal(inverse, axis1=1, axis2=2))
 
 
 def _misfit(signals: Signals, drives: Drives) -> float:
