@@ -72,6 +72,8 @@ class Signals:
         pushes: By what torque (M, n) [N m] the other joints push each that stands still over the
             step to a sample, given what drives them; None where they are taken to go as read.
         drives: What drives them, each joint's causes with their values; none if all are ideal.
+        behind: By how long Coriolis torques are of earlier speeds [s]: of those that a simulator's
+            step began with, where the places are by those that it ended with.
     """
 
     recording: MotionRecording
@@ -89,6 +91,7 @@ class Signals:
     averaged: float
     pushes: Array | None = None
     drives: Drives = ()
+    behind: float = 0.0
 
     @property
     def sigma(self) -> float | None:
@@ -101,7 +104,12 @@ class Signals:
         """Samples (K,) [even], masses (K, n, n) [kg m^2], gravity and Coriolis (K, n) [N m]."""
         M = len(self.q)
         chosen = np.unique(np.linspace(0, M - 1, min(M, MOST_STATES)).astype(np.int64))
-        return chosen, *bodies_at(self.recording, self.posture[chosen], self.speed[chosen])
+        return chosen, *bodies_at(self.recording, self.posture[chosen], self.turning[chosen])
+
+    @property
+    def turning(self) -> Array:
+        """Speeds that Coriolis torques are of (M, n) [rad/s]."""
+        return self.speed - self.behind * self.acceleration
 
     @cached_property
     def loads(self) -> tuple[Array, Array]:
@@ -268,8 +276,11 @@ def signals_of(
     plain = [_earlier(s, recording) for s in plain] if recording.lead else plain
     kinds = [(_foretold(s, s, span, known), s, span) for s, span in zip(plain, SMOOTHED, strict=True)]
     once, s, span = min(kinds, key=lambda kind: _misfit(kind[0], known))
-    again = _foretold(s, once, span, known)
-    best = min((again, *(() if drives else plain)), key=lambda s: _misfit(s, known))
+    again = [
+        _foretold(replace(s, behind=late), replace(once, behind=late), span, known)
+        for late in dict.fromkeys((0.0, recording.lead))
+    ]
+    best = min((*again, *(() if drives else plain)), key=lambda s: _misfit(s, known))
     return replace(best, drives=drives)
 
 
@@ -305,7 +316,7 @@ def _foretold(s: Signals, at: Signals, seconds: float, drives: Drives) -> Signal
         pushed(at.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
     ]
     torque, J = np.column_stack(given), mean_of_ends(alone)
-    states = at.posture, at.speed
+    states = at.posture, at.turning
     a, change = over_steps(s.recording, s.dt, states, (masses, h), torque)
     torque -= mean_of_ends(h)
     for begin, end in pairwise([*np.unique(s.first), len(s.q)]):
