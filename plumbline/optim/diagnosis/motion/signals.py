@@ -274,7 +274,9 @@ def signals_of(
         return plain[0]
     known = drives or (((), np.empty(0)),) * recording.n
     plain = [_earlier(s, recording) for s in plain] if recording.lead else plain
-    kinds = [(_foretold(s, s, span, known), s, span) for s, span in zip(plain, SMOOTHED, strict=True)]
+    kinds = [
+        (_foretold(s, s, span, known), s, span) for s, span in zip(plain, SMOOTHED, strict=True)
+    ]
     once, s, span = min(kinds, key=lambda kind: _misfit(kind[0], known))
     again = [
         _foretold(replace(s, behind=late), replace(once, behind=late), span, known)
