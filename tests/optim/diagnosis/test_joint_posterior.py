@@ -38,7 +38,7 @@ from plumbline.optim.diagnosis.prior import (
 from tests.designs import candidates, statistics
 
 N, SIGMA = 30, 0.1
-SEEDS = (0, 1, 2, 3)
+SEEDS = (0, 1)
 STARTS = (frozenset[int](), frozenset[int]({0}))
 
 
@@ -167,7 +167,7 @@ def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
         np.testing.assert_allclose(ours, theirs, atol=0.01)
 
 
-@pytest.mark.parametrize("seed", SEEDS[:2])
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("of_place", "first"), [(np.arange(7) // 2, 1), (np.arange(7), 0)])
 def test_beside_what_is_unlisted_a_listed_term_may_be_a_part_of_it(seed, of_place, first):
     """Chains and the sum of all sets take it for that with the same probability, and it matters."""
@@ -465,7 +465,7 @@ def test_where_one_state_dominates_its_terms_asked_one_by_one_say_the_same(seed)
     assert found.states[0][1] == tuple(state)
 
 
-@pytest.mark.parametrize("seed", SEEDS[:2])
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(
     ("strength", "resembling", "within"),
     [(3.0, 0.4, 0.05), (3.0, 0.7, 0.04), (6.0, 0.7, 0.15), (6.0, 1.5, 0.06)],

@@ -27,7 +27,7 @@ from tests.ranging_scenes import (
 FAR_OFF = 5e-3  # m: what no answer may be off
 
 
-@pytest.mark.parametrize("share", [0.03, 0.05, 0.15])
+@pytest.mark.parametrize("share", [0.03, 0.15])
 @pytest.mark.parametrize("boards", [True, False], ids=["wrong board", "too far"])
 @pytest.mark.parametrize("seed", range(3))
 def test_gross_rows_do_not_move_the_answer(seed, boards, share):
