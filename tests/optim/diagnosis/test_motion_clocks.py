@@ -156,7 +156,7 @@ def lagging(delay):
     searched, own = [], module.search
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "search", lambda *a: searched.append(a[0].windows.law) or own(*a))
-        return diagnose(smooth(0.05, delay)), searched
+        return diagnose(smooth(0.05, delay, seconds=16.0)), searched
 
 
 def test_what_commands_do_between_rows_is_chosen_before_the_search():
