@@ -33,6 +33,7 @@ from plumbline.optim.recording.derivatives import derived_motion, elsewhere, tur
 from plumbline.optim.recording.filtered_efforts import Channel
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by, likeliest
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
+from plumbline.optim.recording.rates import refuse_other_rates
 from plumbline.optim.recording.sensor_end import without_saturated
 from plumbline.optim.recording.table import Array, Flags, Origin
 from plumbline.optim.rigid import some_of
@@ -188,35 +189,6 @@ def motion_of(r: Recording) -> tuple[Array, Array]:
     assert r.velocity is not None
     assert r.acceleration is not None
     return r.velocity, r.acceleration
-
-
-def refuse_other_rates(r: Recording, origin: Origin) -> None:
-    """Refuse rates that are many times, or a small part of, what the column that they rate does."""
-    step = np.diff(r.time if r.time is not None else [])[:, None]
-    for name, rate, place in (
-        ("velocity", r.velocity, r.q), ("acceleration", r.acceleration, r.velocity),
-    ):  # fmt: skip
-        if rate is None or place is None or not (step > 0).any():
-            continue
-        usual = (step > 0) & (step < constants.GAP_IN_TIME * np.median(step[step > 0]))
-        moved = np.where(usual, np.diff(place, axis=0), 0.0)
-        told = np.where(usual, step * (rate[1:] + rate[:-1]) / 2, 0.0)
-        names = name, "q" if place is r.q else "velocity"
-        for joint, pair in enumerate(zip(told.T, moved.T, strict=True), start=1):
-            _refuse_other_unit(pair, tuple(f"{one}{joint}" for one in names), origin)
-
-
-def _refuse_other_unit(ways: tuple[Array, Array], names: tuple[str, ...], origin: Origin) -> None:
-    """Refuse a rate whose ways (N,) from row to row are those of its column in another unit."""
-    sizes = [float(np.linalg.norm(way)) for way in ways]
-    if not ways[0] @ ways[1] > constants.ONE_COURSE * sizes[0] * sizes[1] > 0.0:
-        return
-    factor = sizes[0] / sizes[1]
-    if not 1 / constants.NEAR_SCALE < factor < constants.NEAR_SCALE:
-        large, other = names if factor > 1 else names[::-1]
-        found = f"{max(factor, 1 / factor):.3g} times what {other} has it by the clock"
-        mend = "divide by 57.3 if in degrees; in ms, divide time by 1000"
-        raise fault(origin.at(large), found, "rates of one unit", mend)
 
 
 def refuse_strange(r: Recording, origin: Origin) -> None:
