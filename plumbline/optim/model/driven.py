@@ -19,6 +19,7 @@ from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import played
 from plumbline.optim.diagnosis.motion.signals import Drives as Felt
 from plumbline.optim.diagnosis.motion.signals import signals_of, spread
+from plumbline.optim.diagnosis.motion.units import in_unit, levers_of, slides
 from plumbline.optim.model.apply import Applied
 from plumbline.optim.model.constants import LOAD_ROUNDS, MARGIN
 from plumbline.optim.model.fitted import Known
@@ -77,15 +78,19 @@ class Driven:
 
     @property
     def unit(self) -> str:
-        """Unit of the gaps: ``"rad"``, or ``"m"`` of a tip's axes."""
-        return "m" if self.of_axes else "rad"
+        """Unit of what is told of all: ``"rad"``, or ``"m"`` where all joints slide."""
+        return "m" if all(slides(self.robot, self.index)) else "rad"
 
     @property
     def parameters(self) -> dict[str, Known]:
         """Every number found, by ``"actuation_delay 2"``."""
+        units = ["m" if one else "rad" for one in slides(self.robot, self.index)]
         return {
             f"{effect.name} {number}": Known(
-                float(v), float(s), effect.unit(self.law), effect.parameter.doc
+                float(v),
+                float(s),
+                in_unit(effect.unit(self.law), units[number - 1]),
+                effect.parameter.doc,
             )
             for number, servo in self.servos.items()
             for effect, v, s in zip(servo.effects, servo.values, servo.std, strict=True)
@@ -138,7 +143,10 @@ class Driven:
             u = other.command[:, number - 1]
             outside[:, number - 1] = (u < low) | (u > high)
         columns = {f"u{j + 1}": float(outside[:, j].mean()) for j in range(len(self.joints))}
-        was, left = (float(np.sqrt(np.mean(values[seen] ** 2))) for values in (before, after))
+        levers = levers_of(slides(self.robot, self.index))[seen]
+        was, left = (
+            float(np.sqrt(np.mean((values[seen] / levers) ** 2))) for values in (before, after)
+        )
         rows = tuple(int(k) + 1 for k in np.flatnonzero(outside.any(axis=1)))
         shares = {name: share for name, share in columns.items() if share}
         both, promised = (was, left), self.after

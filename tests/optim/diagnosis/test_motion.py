@@ -17,6 +17,7 @@ from plumbline.kinematics.effects.acceleration_limit import AccelerationLimit
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
 from plumbline.kinematics.effects.actuation_play import ActuationPlay
 from plumbline.kinematics.law import Law
+from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.diagnosis.findings import NoiseLevel, Outcome
 from plumbline.optim.diagnosis.motion import diagnose as motion_module
@@ -32,15 +33,13 @@ from plumbline.optim.diagnosis.motion.fit import (
 )
 from plumbline.optim.diagnosis.motion.models import Models
 from plumbline.optim.diagnosis.motion.recording import (
-    OBSERVATION,
-    TRACKING,
-    MotionRecording,
     build_motion,
     load_motion,
 )
 from plumbline.optim.diagnosis.motion.rollout import roll_out
 from plumbline.optim.diagnosis.motion.search import _weights, _with_parts, errors_of
 from plumbline.optim.diagnosis.motion.signals import signals_of
+from plumbline.optim.diagnosis.motion.units import sizes_of, slides
 from plumbline.optim.diagnosis.motion.unlisted import FunctionRivals, UnlistedFunction, own_past
 from plumbline.optim.diagnosis.motion.verdict import _outside_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
@@ -746,9 +745,8 @@ def test_readings_under_torques_are_smoothed_as_fits_best_from_a_twentieth_of_a_
     assert signals_of(pushed).seconds == pytest.approx(best, rel=0.2)
 
 
-def test_a_radian_of_a_tracked_axis_is_a_decimetre_and_of_a_joint_itself():
-    def size(observation):
-        return MotionRecording.size.fget(SimpleNamespace(observation=observation))
-
-    assert size(TRACKING) == pytest.approx(0.1, rel=0.3)
-    assert size(OBSERVATION) == 1.0
+def test_a_radian_of_a_tracked_axis_is_a_decimetre_and_of_a_joint_that_turns_itself():
+    axes, turning = ([{"kind": kind}] for kind in ("prismatic", "revolute"))
+    given = [slides(Robot.from_dh(rows), (0,)) for rows in (axes, turning)]
+    assert sizes_of(given[0]) == pytest.approx([0.1], rel=0.3)
+    assert list(sizes_of(given[1])) == [1.0]

@@ -81,7 +81,7 @@ def traces(found: MotionDiagnosis, number: int) -> Figure:
     order = np.argsort(t)
     q = windows.measured.ravel()
     left = [r[part].ravel() for r in (judged.residual_before, judged.residual_after)]
-    unit, noun = found.recording.unit, found.recording.noun
+    unit, noun = found.recording.units[number - 1], found.recording.noun
     rates = not found.recording.law.follows  # of another scale
     command = np.full_like(q, np.nan) if rates else windows.command[windows.samples].ravel()
     factor, small = scaled(unit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,14 @@ class LeftOut:
     without: Mapping[str, Array]  # of all causes but one, by its name
     residual_before: Array  # residuals (W, K) of the ideal drive [rad]
     residual_after: Array  # residuals (W, K) of the causes [rad]
+
+    def over(self, lever: float) -> LeftOut:
+        """Mean squares of places that are divided by so much; residuals stay."""
+        square = lever**2
+        without = {name: one / square for name, one in self.without.items()}
+        return replace(
+            self, before=self.before / square, after=self.after / square, without=without
+        )
 
 
 def left_out(signals: Signals, joint: JointFindings) -> LeftOut:

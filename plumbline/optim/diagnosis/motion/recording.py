@@ -14,6 +14,7 @@ to the tip frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.diagnosis.motion.constants import (
-    AXIS_LEVER,
     LEAP,
     LEAST_ROWS,
     LISTED_ROWS,
@@ -33,6 +33,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     SMOOTHER,
 )
 from plumbline.optim.diagnosis.motion.set_up import doubted_units, refuse_wrong_set_up
+from plumbline.optim.diagnosis.motion.units import slides
 from plumbline.optim.recording.columns import numbered
 from plumbline.optim.recording.constants import FIRST_ROW
 from plumbline.optim.recording.derivatives import elsewhere
@@ -102,20 +103,25 @@ class MotionRecording:
         """Number of joints."""
         return len(self.joints)
 
+    @cached_property
+    def slides(self) -> tuple[bool, ...]:
+        """Which joints (n) slide; a tip's axes all do."""
+        return slides(self.robot, self.index)
+
     @property
     def unit(self) -> str:
-        """Unit of a measured position: ``"rad"``, or ``"m"`` of a tip's axes."""
-        return "m" if self.observation == TRACKING else "rad"
+        """Unit of what is told of all joints: ``"rad"``, or ``"m"`` where all of them slide."""
+        return "m" if all(self.slides) else "rad"
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each joint's measured position (n)."""
+        return tuple("m" if one else "rad" for one in self.slides)
 
     @property
     def noun(self) -> str:
         """What has a drive: ``"joint"``, or ``"axis"``."""
         return "axis" if self.observation == TRACKING else "joint"
-
-    @property
-    def size(self) -> float:
-        """What a radian is in the unit of a measured position."""
-        return AXIS_LEVER if self.observation == TRACKING else 1.0
 
     def __repr__(self) -> str:
         """Name, rows, joints and what a command is."""
@@ -281,7 +287,7 @@ def checked(origin: Origin, **given: Any) -> MotionRecording:
     for name, values in (
         ("time", r.time[:, None]),
         ("u", r.command),
-        (r.joints[0][0] if r.unit == "m" else "q", r.q),
+        (r.joints[0][0] if r.noun == "axis" else "q", r.q),
     ):
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):

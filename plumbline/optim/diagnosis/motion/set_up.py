@@ -56,7 +56,7 @@ def refuse_wrong_set_up(r: Motion, origin: Origin) -> None:
 def doubted_units(r: Motion) -> Iterator[str]:
     """What is said of joints that turn more often than arms do, as far as their file lets them."""
     far = np.abs(r.q).max(axis=0)
-    many = np.flatnonzero((far > TURNS) & (r.unit == "rad"))
+    many = np.flatnonzero((far > TURNS) & ~np.array(r.slides))
     if len(many):
         j = int(many[0])
         yield (
@@ -66,7 +66,7 @@ def doubted_units(r: Motion) -> Iterator[str]:
 
 
 def _letter(r: Motion) -> str:
-    return r.joints[0][0] if r.unit == "m" else "q"
+    return r.joints[0][0] if r.noun == "axis" else "q"
 
 
 def _refuse_frozen(r: Motion, origin: Origin) -> None:
@@ -145,10 +145,11 @@ def _refuse_other_commands(r: Motion, origin: Origin) -> None:
 def _refuse_units(r: Motion, origin: Origin) -> None:
     """Refuse a joint that moves as its command does, but in another unit, or by another clock."""
     told, read = _levelled(r, _places(r, r.law.follows)), _levelled(r, r.q)
-    units = [(float(np.degrees(1.0)), "57.3 if in degrees")] if r.unit == "rad" else []
+    turning, sliding = [(float(np.degrees(1.0)), "57.3 if in degrees")], [(1e3, "1000 if in mm")]
     if not r.law.follows:
-        units.append((1e3, "1000 if in mm" if r.unit == "m" else "1000: time in ms?"))
-    for j, (factor, mend) in product(range(r.n), units):
+        turning.append((1e3, "1000: time in ms?"))
+    asked = [(j, one) for j in range(r.n) for one in (sliding if r.slides[j] else turning)]
+    for j, (factor, mend) in asked:
         u, q = np.linalg.norm(told[:, j]), np.linalg.norm(read[:, j])
         if not told[:, j] @ read[:, j] > ALIKE * u * q > 0.0:
             continue
@@ -157,7 +158,7 @@ def _refuse_units(r: Motion, origin: Origin) -> None:
             names = f"{_letter(r)}{j + 1}", f"u{j + 1}"
             column, other = names if times > 1 else names[::-1]
             found = f"{max(times, 1 / times):.3g} times the motion of {other}"
-            raise fault(origin.at(column), found, f"{r.unit} in both", f"divide by {mend}")
+            raise fault(origin.at(column), found, f"{r.units[j]} in both", f"divide by {mend}")
 
 
 def _refuse_mixed_up(r: Motion, origin: Origin) -> None:
@@ -204,8 +205,8 @@ def _most(r: Motion, j: int, places: bool) -> tuple[float, str]:
     """The largest size of a joint's or axis' place or command, and its unit."""
     if not places:
         held = r.law in (Law.VELOCITY, Law.RATE)
-        return (LARGEST_SPEED, f"{r.unit}/s") if held else (LARGEST_EFFORT, "N m")
-    if r.unit == "m":
+        return (LARGEST_SPEED, f"{r.units[j]}/s") if held else (LARGEST_EFFORT, "N m")
+    if r.slides[j]:
         return LARGEST_ARM, "m"
     model = r.robot.model  # no limit is known where coordinates and joints are not numbered alike
     limit = float(model.upperPositionLimit[r.index[j]]) if model.nq == model.nv else 0.0

@@ -44,6 +44,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import pushed
+from plumbline.optim.diagnosis.motion.units import sizes_of
 from plumbline.optim.diagnosis.motion.windows import Array, Effects, Windows
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
 
@@ -189,12 +190,12 @@ class Signals:
 
     def windows(self, joint: int, starts: Integers) -> Windows:
         """Windows of one joint, counted from 0."""
-        r, (h, inertia) = self.recording, self.loads
+        r, (h, inertia), size = self.recording, self.loads, sizes_of(self.recording.slides)[joint]
         return Windows(
             r.law, self.dt, float(r.kp[joint]), float(r.kd[joint]), self.command[:, joint],
             self.first, self.q[:, joint], self.posture[:, joint], self.speed[:, joint],
             h[:, joint], inertia[:, joint],
-            starts, self.length, self.settle, r.size, self.bare[joint], self._push(joint),
+            starts, self.length, self.settle, size, self.bare[joint], self._push(joint),
             tuple((self.posture[:, k], self.speed[:, k]) for k in range(r.n) if k != joint),
             None if self.pushes is None else self.pushes[:, joint],
         )  # fmt: skip
@@ -202,7 +203,7 @@ class Signals:
     def seen(self, joint: int) -> Seen:
         """What a joint did."""
         h, inertia = self.loads
-        speed = self.speed[:, joint] / self.recording.size
+        speed = self.speed[:, joint] / sizes_of(self.recording.slides)[joint]
         if self.recording.law.pushes:
             return Seen(speed, self.command[:, joint], np.zeros_like(speed))
         u = self.command[:, joint]

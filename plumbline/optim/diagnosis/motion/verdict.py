@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from plumbline.optim.diagnosis.findings import (
     Verdict,
 )
 from plumbline.optim.diagnosis.motion.constants import (
+    AXIS_LEVER,
     CONFOUNDED,
     CORRELATED,
     OWN_PAST,
@@ -35,6 +37,7 @@ from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.proposals import one_operator, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import JointFindings
+from plumbline.optim.diagnosis.motion.units import in_unit, levers_of
 from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
@@ -60,6 +63,17 @@ class MotionFindings:
     unlisted: float  # prior probability of a mechanism that nobody has listed
     averaged: float = 1.0  # noise of a sample on the even clock, as a share of a reading's
 
+    @cached_property
+    def levers(self) -> dict[int, float]:
+        """What each joint's places are divided by, to be told in one figure with all others."""
+        return dict(enumerate(levers_of(self.recording.slides).tolist(), start=1))
+
+    @cached_property
+    def together(self) -> Sequence[LeftOut]:
+        """What was left out, as it is told in one figure."""
+        pairs = zip(self.joints, self.judged, strict=True)
+        return [judged.over(self.levers[joint.number]) for joint, judged in pairs]
+
 
 def verdict_of(found: MotionFindings) -> Verdict:
     """Put the verdict together."""
@@ -75,7 +89,7 @@ def verdict_of(found: MotionFindings) -> Verdict:
     kind = Outcome.of(bool(causes), beyond=beyond, earned=earned and not beyond)
     where = _where(found) if causes else ()
     if kind == Outcome.OUTSIDE:
-        worst = max(zip(found.joints, found.judged, strict=True), key=lambda x: x[1].after.mean())
+        worst = max(zip(found.joints, found.together, strict=True), key=lambda x: x[1].after.mean())
         where = (Place(STAGE, worst[0].number, 1.0),)
     return Verdict(
         verdict=kind,
@@ -114,11 +128,13 @@ def _tree(joints: Sequence[JointFindings]) -> tuple[dict[str, Any], ...]:
 
 
 def _noise(found: MotionFindings) -> NoiseLevel:
-    left = _rms([j.fit.residual.ravel() ** 2 for j in found.joints])
+    levers = [found.levers[j.number] for j in found.joints]
+    pairs = zip(found.joints, levers, strict=True)
+    left = _rms([(j.fit.residual.ravel() / lever) ** 2 for j, lever in pairs])
     stated = found.recording.noise_std
     if stated is None:
         return NoiseLevel(left, "fit", 1.0)
-    stated *= found.averaged
+    stated *= found.averaged * _rms([1.0 / np.square(levers)])
     return NoiseLevel(stated, "given", left / stated)
 
 
@@ -129,7 +145,7 @@ def _rms(squares: Sequence[Array]) -> float:
 def _gap(found: MotionFindings, noise: NoiseLevel) -> Gap:
     """Root mean squares of one reading, over all joints, of what was left out."""
     before, after = (
-        np.concatenate(x) for x in zip(*((j.before, j.after) for j in found.judged), strict=True)
+        np.concatenate(x) for x in zip(*((j.before, j.after) for j in found.together), strict=True)
     )
     each = np.sqrt(before)[:, None], np.sqrt(after)[:, None]  # of every window
     interval = shrink_interval(*each, np.arange(len(before)), found.seed)
@@ -143,7 +159,7 @@ def _causes(found: MotionFindings) -> tuple[Cause, ...]:
     What was left out need not show it: of a limit that one window reached no other window tells.
     """
     made = []
-    for joint, judged in zip(found.joints, found.judged, strict=True):
+    for joint, judged in zip(found.joints, found.together, strict=True):
         for k, effect in enumerate(joint.fit.effects):
             if _alike(joint, effect.name) >= LEAST_NAMED:
                 more = judged.without[effect.name].sum() - judged.after.sum()
@@ -161,7 +177,7 @@ def _cause(found: MotionFindings, joint: JointFindings, judged: LeftOut, k: int)
     effect, r = joint.fit.effects[k], found.recording
     p = effect.parameter
     value, std = float(joint.fit.theta[k]), float(joint.std[k])
-    unit, width = in_unit(effect.unit(r.law), r.unit), float(joint.fit.scales[k])
+    unit, width = in_unit(effect.unit(r.law), r.units[joint.number - 1]), float(joint.fit.scales[k])
     stuck = effect.name in joint.fit.at_bound
     return Cause(
         effect.name,
@@ -175,11 +191,6 @@ def _cause(found: MotionFindings, joint: JointFindings, judged: LeftOut, k: int)
         words=effect.words.replace("joint", r.noun).format(element=joint.number),
         variant=effect.variant,
     )
-
-
-def in_unit(unit: str, of_place: str) -> str:
-    """A parameter's unit where places are metres: rad/s becomes m/s."""
-    return unit.replace("rad", of_place)
 
 
 def _confounded(joint: JointFindings, k: int) -> tuple[Blame, ...]:
@@ -210,7 +221,7 @@ def _unseen(found: MotionFindings) -> Iterator[Blame]:
     effects = {e.name: e for e in MOTION_EFFECTS}
     for joint in found.joints:
         for name, most in joint.unseen.items():
-            unit = in_unit(effects[name].parameter.unit, found.recording.unit)
+            unit = in_unit(effects[name].parameter.unit, found.recording.units[joint.number - 1])
             why = f"what was asked for, {quantity(most, unit)}, is within it"
             yield Blame(name, STAGE, joint.number, why)
     for j in found.still:
@@ -244,7 +255,7 @@ def _where(found: MotionFindings) -> tuple[Place, ...]:
     """Shares of the square that each joint's causes take."""
     drops = {
         joint.number: max(float(judged.before.sum() - judged.after.sum()), 0.0)
-        for joint, judged in zip(found.joints, found.judged, strict=True)
+        for joint, judged in zip(found.joints, found.together, strict=True)
         if joint.fit.effects
     }
     total = sum(drops.values()) or 1.0
@@ -254,7 +265,7 @@ def _where(found: MotionFindings) -> tuple[Place, ...]:
 
 def _staircase(found: MotionFindings, gap: Gap) -> tuple[Step, ...]:
     """The gap as the joints' causes go in, joint by joint."""
-    pairs = list(zip(found.joints, found.judged, strict=True))
+    pairs = list(zip(found.joints, found.together, strict=True))
     count = sum(len(judged.before) for _, judged in pairs)
     square = sum(float(judged.before.sum()) for _, judged in pairs)
     steps = [Step("before", gap.before)]
@@ -269,7 +280,7 @@ def _joints(found: MotionFindings) -> Iterator[JointGap]:
     for joint, judged in zip(found.joints, found.judged, strict=True):
         before, after = (float(np.sqrt(s.mean())) for s in (judged.before, judged.after))
         label = f"{found.recording.noun} {joint.number}"
-        yield JointGap(joint.number, label, before, after, found.recording.unit)
+        yield JointGap(joint.number, label, before, after, found.recording.units[joint.number - 1])
 
 
 def _notes(found: MotionFindings) -> list[str]:
@@ -294,6 +305,10 @@ def _notes(found: MotionFindings) -> list[str]:
             f"joints lead by {1e3 * lead:.3g} ms, taken for one clock of all, as no drive can: a "
             "simulator's step leads by half of it, a row that states what acted since the one "
             "before by half a row"
+        )
+    if any(found.recording.slides) and not all(found.recording.slides):
+        told.append(
+            f"in figures of all joints together a slide's metres are divided by {AXIS_LEVER:g} m"
         )
     late = ((joint, _delay(joint)) for joint in found.joints)
     return [*told, *(_held(joint, 1e3 * step, d) for joint, d in late if d < step)]
