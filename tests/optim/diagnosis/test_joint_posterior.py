@@ -252,7 +252,7 @@ def test_what_the_rest_of_the_rows_says_counts_by_the_likelihood_s_power():
 @pytest.mark.parametrize("size", [0.6, 0.001, 1e-6])
 def test_the_least_states_are_not_asked_for_parts_and_have_them_as_the_others_do(size):
     asked = []
-    shared = SimpleNamespace(of=lambda _, state: asked.append(state) or {0: 0.25})
+    shared = SimpleNamespace(of=lambda _, s: asked.append(s) or ({0: 0.25} if 0 in s else {}))
     some = replace(problem(*drawn(3)), unlisted=np.arange(7) == 1, shared=shared)
     states = [frozenset(k) for n in range(1, 7) for k in combinations(range(7), n)]
     weights = np.random.default_rng(0).permutation(0.9 ** np.arange(len(states)))
@@ -262,7 +262,18 @@ def test_the_least_states_are_not_asked_for_parts_and_have_them_as_the_others_do
     np.testing.assert_allclose(found[1:], 0.0)
     least = LEAST_TOLD * max(size, LEAST_TOLD)
     assert size - least <= held <= max(size - 0.5 * least, 0.0)
-    assert found[0] == pytest.approx(0.25 * size if size > least else 0.0)
+    assert found[0] == pytest.approx(0.25 if size > least else 0.0)
+
+
+def test_nothing_is_a_part_of_what_is_unlisted_more_often_than_it_is_beside_it():
+    """Its probability was less than nought where the least states, not asked, lack it."""
+    shared = SimpleNamespace(of=lambda _, state: {0: 1.0} if 0 in state else {})
+    some = replace(problem(*drawn(3)), unlisted=np.arange(7) == 1, shared=shared)
+    least = LEAST_TOLD / 8
+    shares = {(0, 1): 0.5, (1,): 0.5, (1, 2): least, (1, 3): least, (1, 4): least}
+    seen = {frozenset(state): float(np.log(share)) for state, share in shares.items()}
+    assert joint._marginals(some, seen)[0][0][0] == pytest.approx(0.0, abs=1e-15)
+    assert joint._marginals(some, seen)[0][0].min() >= 0.0
 
 
 @pytest.mark.parametrize("seed", SEEDS)

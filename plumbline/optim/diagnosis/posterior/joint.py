@@ -390,6 +390,11 @@ def _marginals(
         at, label = np.divmod(np.unique(owner * size + level[held]), size)
         found.append(np.asarray(np.bincount(label, weights[at], size), dtype=float))
     if problem.unlisted is not None:
-        states, having = list(seen), np.unique(owner[problem.unlisted[held]])
-        found[0] -= problem.as_parts([states[k] for k in having.tolist()], weights[having])
+        having = np.unique(owner[problem.unlisted[held]])
+        states = list(seen)
+        share = problem.as_parts([states[k] for k in having.tolist()], weights[having])
+        beside, size = np.isin(owner, having), problem.sizes[0]
+        pairs = np.unique(owner[beside] * size + problem.labels[0][held[beside]])
+        at, label = np.divmod(pairs, size)
+        found[0] -= share * np.bincount(label, weights[at], size)
     return tuple(np.minimum(total, 1.0) for total in found), np.minimum(gross, 1.0)

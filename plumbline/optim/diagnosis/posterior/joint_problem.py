@@ -126,18 +126,20 @@ class JointProblem(TermProblem):
         return self.shared.of(self, indices) if self.shared else {}
 
     def as_parts(self, states: Sequence[State], weights: Array) -> Array:
-        """With what weight each label (L,) is part of what is unlisted in states that have one.
+        """In what share of these states, which have something unlisted, each label is part of that.
 
-        The least of these, which hold as little as is not told, have parts as the others do.
+        Of states (K,) that have the label (L,), which weigh so much (K,). The least of all, which
+        hold as little as is not told, are not asked: there labels are parts as in the others.
         """
-        found, ranked = np.zeros(self.sizes[0]), np.argsort(-weights)
+        part, whole = np.zeros((2, self.sizes[0]))
+        ranked = np.argsort(-weights)
         rest = np.cumsum(weights[ranked][::-1])[::-1]
-        total = float(rest[0]) if len(rest) else 0.0
-        heavy = ranked[rest > LEAST_TOLD * max(total, LEAST_TOLD)]
+        heavy = ranked[rest > LEAST_TOLD * max(float(weights.sum()), LEAST_TOLD)]
         for k in heavy.tolist():
-            for i, part in self.parts(states[k]).items():
-                found[i] += part * weights[k]
-        return found * (total / weights[heavy].sum() if len(heavy) else 1.0)
+            whole[np.unique(self.labels[0][list(states[k])])] += weights[k]
+            for i, p in self.parts(states[k]).items():
+                part[i] += p * weights[k]
+        return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0.0)
 
     def share(self, of: float) -> JointProblem:
         """The same where all rows together are worth a share of their number."""
