@@ -244,9 +244,8 @@ def test_what_neighbours_are_held_at_pushes_a_joint_over_the_whole_of_a_row():
         assert left.square**0.5 < 1.03 * noise
 
 
-@pytest.fixture(scope="module")
-def ahead():
-    """Steps that move places by the speed they end with lead, all joints alike; one is late."""
+def late_by_a_row(integrator):
+    """Two joints under torques, the first of which obeys ten milliseconds late."""
     noise = 1e-4
 
     def act(k, told, q, v):
@@ -254,9 +253,22 @@ def ahead():
 
     t, u, q = moved(
         TORQUE, lambda t, q, v: torques(2.0 * t, q, v), start=(0.0, 0.2), noise=noise, held=True,
-        act=act, integrator=mujoco.mjtIntegrator.mjINT_EULER,
+        act=act, integrator=integrator,
     )  # fmt: skip
     return diagnose(replace(recorded("torque", t, u, q), noise_std=noise))
+
+
+@pytest.fixture(scope="module")
+def ahead():
+    """Steps that move places by the speed they end with lead, all joints alike; one is late."""
+    return late_by_a_row(mujoco.mjtIntegrator.mjINT_EULER)
+
+
+def test_a_drive_that_is_better_for_its_own_joint_is_tried_beside_the_other_s():
+    """Fed with a lag in the delay's place its neighbour is worse by far more than it gains."""
+    verdict = late_by_a_row(mujoco.mjtIntegrator.mjINT_RK4).verdict
+    assert [(c.effect, c.element) for c in verdict.causes] == [("actuation_delay", 1)]
+    assert verdict.causes[0].parameters["delay"].value == pytest.approx(0.01, abs=1e-4)
 
 
 def test_half_a_simulator_s_step_is_of_one_clock_and_no_drive_s_delay(ahead):

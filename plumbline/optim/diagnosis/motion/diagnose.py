@@ -20,7 +20,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     STILL,
 )
 from plumbline.optim.diagnosis.motion.fit import correlation_time
-from plumbline.optim.diagnosis.motion.lead import others
+from plumbline.optim.diagnosis.motion.lead import as_told, others
 from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import Models, nested
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -28,6 +28,7 @@ from plumbline.optim.diagnosis.motion.search import Begun, prior_at, search
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, smoothed, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import MotionFindings, verdict_of
+from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE
 
@@ -102,9 +103,16 @@ def _searched(
         before, was = begun, signals
         for given in others(signals, begun, plain):
             other, anew = _begun(given, options, progress)
-            if _log_odds(anew, begun) > 0:
+            if _log_odds(anew, begun).sum() > 0:
                 signals, begun = other, anew
                 break
+        else:
+            # Whose drive is better now may be what another's is worse by.
+            better = zip(_log_odds(anew, begun) > 0, anew, begun, strict=True)
+            best = [new if is_better else old for is_better, new, old in better]
+            other, anew = _begun(as_told(signals, best, plain), options, progress)
+            if _log_odds(anew, begun).sum() > 0:
+                signals, begun = other, anew
         if signals is was:
             break
         if [one.key for one in begun] == [one.key for one in before]:
@@ -113,17 +121,17 @@ def _searched(
     return signals, tuple(done)
 
 
-def _log_odds(some: Sequence[Begun], others: Sequence[Begun]) -> float:
-    """Of one search's drives against another's, by what all joints together did.
+def _log_odds(some: Sequence[Begun], others: Sequence[Begun]) -> Array:
+    """Of one search's drives (n,) against another's, by what each joint did.
 
-    Of one drive alone no odds tell whose neighbours are the right ones.
+    Of one drive alone no odds tell whose neighbours are the right ones: their sum does.
     """
-    more = 0.0
+    more = []
     for pair in zip(some, others, strict=True):
         time = correlation_time(min((one.near for one in pair), key=lambda f: f.square).residual)
         its, own = (one.quick.score(one.key, time) for one in pair)
-        more += its - own
-    return more
+        more.append(its - own)
+    return np.array(more)
 
 
 def _begun(

@@ -39,7 +39,13 @@ def others(signals: Signals, begun: Sequence[Begun], plain: Sequence[Signals]) -
     if now.recording.lead != was:
         yield now
         yield signals_of(now.recording, plain=plain)
-    yield _by(signals, begun, plain, (was, was), {})
+    yield as_told(signals, begun, plain)
+
+
+def as_told(signals: Signals, begun: Sequence[Begun], plain: Sequence[Signals]) -> Signals:
+    """The same motion by drives that were found, of a clock that leads as it did."""
+    lead = signals.recording.lead
+    return _by(signals, begun, plain, (lead, lead), {})
 
 
 def _by(
