@@ -54,6 +54,26 @@ def test_commands_of_another_kind_than_stated_are_refused_by_name(command, kind,
         motion(command, late(10), kind=kind)
 
 
+@pytest.mark.parametrize("period", [None, 15.0])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_velocities_in_the_place_of_positions_are_refused_by_name(period, noise):
+    """One slow sine, too: no drive leads its commands by a quarter of it."""
+    turn = 2 * np.pi / (period or 1.0)
+    told, rates = (
+        (Q, V)
+        if period is None
+        else (
+            np.sin(turn * TIME)[:, None] * [0.4, 0.3],
+            turn * np.cos(turn * TIME)[:, None] * [0.4, 0.3],
+        )
+    )
+    q = rates + noise * np.random.default_rng(0).normal(size=rates.shape)
+    with pytest.raises(PlumblineError, match=r"q that moves as its velocity does.*write places"):
+        motion(told, q)
+    with pytest.raises(PlumblineError, match="or places into q if it holds velocities"):
+        motion(V, V, kind="velocity")
+
+
 def test_commands_of_another_kind_are_refused_where_the_settings_say_their_kind(tmp_path):
     toml = '[motion]\ncommand = "velocity"\n[[robot.dh]]\na = 0.3\n[[robot.dh]]\na = 0.2\n'
     (tmp_path / "dataset.toml").write_text('observation = "motion"\n' + toml)

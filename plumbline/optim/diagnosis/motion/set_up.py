@@ -124,21 +124,27 @@ def _refuse_slow(r: Motion, origin: Origin) -> None:
 
 def _refuse_other_commands(r: Motion, origin: Origin) -> None:
     """Refuse positions that are told as velocities, or the other way round, however late."""
-    told, other, read = (
-        _levelled(r, x) for x in (_places(r, r.law.follows), _places(r, not r.law.follows), r.q)
+    follows = r.law.follows
+    told, other, read, added = (
+        _levelled(r, x) for x in (_places(r, follows), _places(r, not follows), r.q, _added(r, r.q))
     )
     moved = np.flatnonzero((np.ptp(told, axis=0) > 0) & (np.ptp(read, axis=0) > 0))
     latest = round(LATEST / float(np.median(np.diff(r.time))))
-    own, better = (
-        np.median([1.0 - latest_cosine(x[:, j], read[:, j], latest) for j in moved] or [0.0])
-        for x in (told, other)
+    own, better, rates = (
+        np.median([1.0 - latest_cosine(x[:, j], y[:, j], latest) for j in moved] or [0.0])
+        for x, y in ((told, read), (other, read), (told, added))
     )
+    if follows and min(own, better) > MIXED_UP * max(rates, ROUNDING):
+        found = f"{_letter(r)} that moves as its velocity does"
+        mend = f"write places into {_letter(r)}1, {_letter(r)}2, ..."
+        raise fault(origin.at(f"{_letter(r)}1"), found, "places of joints", mend)
     if own > MIXED_UP * max(better, ROUNDING):
         word = "velocity" if r.law.follows else "position"
         found = (
             f"commands that move {_letter(r)} as {word} does (cosine {min(1.0 - better, 1.0):.2f})"
         )
         mend = f'write command = "{word}"' if r.unit == "rad" else "record rates, in m/s"
+        mend += "" if follows else f", or places into {_letter(r)} if it holds velocities"
         raise fault(origin.key("[motion] command"), found, f"commands of {r.law}", mend)
 
 
@@ -188,10 +194,13 @@ def _refuse_turns(r: Motion, origin: Origin) -> None:
 
 def _places(r: Motion, positions: bool) -> Array:
     """Commands (N, n) as places: as they are, or as rates that add up."""
-    if positions:
-        return r.command
+    return r.command if positions else _added(r, r.command)
+
+
+def _added(r: Motion, rates: Array) -> Array:
+    """Rates (N, n) as places: what they add up to."""
     step = np.append(0.0, np.diff(r.time).clip(min=0.0))[:, None]  # a group starts anew
-    return np.asarray(np.cumsum(step * r.command, axis=0))
+    return np.asarray(np.cumsum(step * rates, axis=0))
 
 
 def _levelled(r: Motion, places: Array) -> Array:
