@@ -7,6 +7,7 @@ from plumbline import build_motion, diagnose
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion.constants import AXIS_LEVER
+from plumbline.optim.diagnosis.motion.units import in_unit
 from tests.motions import multisine, servo
 
 NOISE = np.array([3e-4, 3e-4, 3e-5])  # [rad], [rad], [m]
@@ -54,6 +55,18 @@ def test_every_joint_s_gap_is_in_its_own_unit_and_all_together_in_radians(answer
     assert any("a slide's metres are divided by 0.1 m" in note for note in answer.verdict.notes)
     tried = answer.model().tried(answer.recording)
     assert tried.before == pytest.approx(answer.gap.before, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("turning", "sliding"),
+    [
+        ("rad", "m"), ("rad/s", "m/s"), ("rad/s^2", "m/s^2"), ("s", "s"), ("1", "1"),
+        ("N m", "N"), ("N m s/rad", "N s/m"), ("kg m^2", "kg"), ("rad/(N m)", "m/N"),
+    ],
+)  # fmt: skip
+def test_what_drives_have_of_a_slide_is_in_a_slide_s_units(turning, sliding):
+    assert in_unit(turning, "m") == sliding
+    assert in_unit(turning, "rad") == turning
 
 
 def test_millimetres_of_a_slide_are_refused():

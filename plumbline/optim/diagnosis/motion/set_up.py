@@ -20,6 +20,7 @@ from plumbline.kinematics.effects.actuation_offset import ActuationOffset
 from plumbline.kinematics.law import Law
 from plumbline.optim.core.problem import Flags
 from plumbline.optim.diagnosis.motion.constants import ALIKE, LATEST, LENGTH, SAME_UNIT, STATED
+from plumbline.optim.diagnosis.motion.units import in_unit
 from plumbline.optim.recording.constants import (
     LARGEST_ARM,
     LARGEST_EFFORT,
@@ -214,7 +215,11 @@ def _most(r: Motion, j: int, places: bool) -> tuple[float, str]:
     """The largest size of a joint's or axis' place or command, and its unit."""
     if not places:
         held = r.law in (Law.VELOCITY, Law.RATE)
-        return (LARGEST_SPEED, f"{r.units[j]}/s") if held else (LARGEST_EFFORT, "N m")
+        return (
+            (LARGEST_SPEED, f"{r.units[j]}/s")
+            if held
+            else (LARGEST_EFFORT, in_unit("N m", r.units[j]))
+        )
     if r.slides[j]:
         return LARGEST_ARM, "m"
     model = r.robot.model  # no limit is known where coordinates and joints are not numbered alike

@@ -32,5 +32,8 @@ def levers_of(sliding: Sequence[bool]) -> Array:
 
 
 def in_unit(unit: str, of_place: str) -> str:
-    """A parameter's unit where places are metres: rad/s becomes m/s."""
-    return unit.replace("rad", of_place)
+    """A parameter's unit where places are metres: rad/s becomes m/s, a torque a force."""
+    sliding = {"(N m)": "N", "N m": "N", "kg m^2": "kg", "rad": "m"} if of_place == "m" else {}
+    for turning, other in sliding.items():
+        unit = unit.replace(turning, other)
+    return unit
