@@ -99,7 +99,7 @@ def bench(robot, observation, *, columns=COLUMNS, q=None, **given):
         values["socket"] = np.arange(len(q)) % 4
     if observation == "joint_torque":
         v = values["velocity"]
-        tau = robot.dynamics().torques(q, v, a := 3.0 * v[:, ::-1])
+        tau = robot.dynamics().torques(q, v, a := 3.0 * v[::-1, ::-1])
         values |= {"acceleration": a, "noise_by_joint": np.ones(chain.n), "measured": tau}
         values.pop("effort")
     if observation == "plane_range":
