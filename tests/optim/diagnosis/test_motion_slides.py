@@ -5,9 +5,11 @@ import pytest
 
 from plumbline import build_motion, diagnose
 from plumbline.errors import PlumblineError
+from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion.constants import AXIS_LEVER
 from plumbline.optim.diagnosis.motion.units import in_unit
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.motions import multisine, servo
 
 NOISE = np.array([3e-4, 3e-4, 3e-5])  # [rad], [rad], [m]
@@ -69,8 +71,23 @@ def test_what_drives_have_of_a_slide_is_in_a_slide_s_units(turning, sliding):
     assert in_unit(turning, "rad") == turning
 
 
-def test_millimetres_of_a_slide_are_refused():
+def test_a_stated_noise_is_each_joint_s_in_its_own_unit():
+    """Asked of no effect at all, which is an answer, too."""
     t, u, q = driven(play=0.0)
-    q[:, 2] *= 1e3
+    few = slice(0, 400)
+    stated = DiagnosisOptions(without=tuple(e.name for e in MOTION_EFFECTS))
+    given = {"time": t[few], "command": u[few], "q": q[few], "noise_std": 1e-4}
+    noise = diagnose(
+        build_motion(robot=instrument(), kind="position", **given), stated
+    ).verdict.noise
+    levers = np.array([1.0, 1.0, AXIS_LEVER])
+    assert noise.sigma == pytest.approx(1e-4 * np.sqrt(np.mean(levers**-2.0)), rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.05])
+def test_millimetres_of_a_slide_are_refused(share):
+    """Of a slide that goes by millimetres alone, too: no arm is too small for these metres."""
+    t, u, q = driven(play=0.0)
+    u[:, 2], q[:, 2] = share * (u[:, 2] - 0.12), 1e3 * share * (q[:, 2] - 0.12)
     with pytest.raises(PlumblineError, match="q3"):
         build_motion(robot=instrument(), time=t, command=u, q=q, kind="position")

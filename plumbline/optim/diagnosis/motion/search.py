@@ -181,7 +181,7 @@ def _weights(
     lacking = {k: models.lacking(k, time, sigma) for k in (*counted, key)}
     found = [(names_of(k), models.score(k, time) - lacking[k].gain) for k in counted]
     each = odds_of_each(prior)
-    resembles = float(np.log(RESEMBLES / len(models.odds)))
+    resembles = float(np.log(RESEMBLES / max(len(models.odds), 1)))
     best, own = models.score(key, time), models.found[key]
     stated = 0.0 if sigma is None else sigma**2
     for k, lack in lacking.items():
