@@ -123,8 +123,11 @@ LATEST = 0.2  # [s]: filters of drives and loggers' queues take less
 # Nats of likelihood: one channel in twenty is late (3), by some hundredth of the latest either way
 # (5). Noise and smoothing made at most 4 of 48 that were not (test_late_channels.py).
 SURELY_LATE = 10.0
-# Times the latest, of successive rows: a block is long beside its margins (cost only).
+# Times the latest, of successive rows: the rows on either side of a block, which are asked with
+# it, are a fifth of it. At 5 a block is two fifths longer, at 20 a log of 5 ms is asked at three
+# places alone, not seven (test_late_channels.py fails at both).
 BLOCK = 10
+FEWEST_BLOCKS = 3  # [1]: a log's beginning, middle and end, whichever the robot stands still in
 HARDLY = 1e-9  # of orthonormal columns' squares: what the rows asked do not have of them
 LEAST = 0.05  # of a row: less is of the smoothing and of the parabola
 AGAIN = 6  # times that a place is found from one nearer, each half as far off

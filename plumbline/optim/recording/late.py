@@ -56,7 +56,7 @@ def rows_asked(time: Array, most: int) -> Rows:
     rows = np.concatenate(parts)
     if len(rows) <= constants.EFFORT_ROWS or most < 1:
         return rows
-    blocks = max(constants.EFFORT_ROWS // (constants.BLOCK * most), 1)
+    blocks = max(constants.EFFORT_ROWS // (constants.BLOCK * most), constants.FEWEST_BLOCKS)
     length = constants.EFFORT_ROWS // blocks
     first = np.linspace(0, len(rows) - length, blocks).astype(np.int64)
     return rows[np.unique(first[:, None] + np.arange(length))]

@@ -13,7 +13,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.constants import AT_ITS_END, BELIED, ENDS_OFF, ENDS_WITHIN, LATEST
 from plumbline.optim.recording.efforts import efforts_within_ends, nominal_efforts
-from plumbline.optim.recording.late import basis_of, late_by
+from plumbline.optim.recording.late import around, basis_of, late_by, rows_asked
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.table import Origin
 from tests.answer_contract import contradicts_nothing
@@ -88,6 +88,28 @@ def test_other_readings_with_other_noise_are_not_taken_for_lateness():
 @pytest.mark.parametrize("rows", [2500, 6000])
 def test_lateness_is_found_in_a_log_of_any_length(rows):
     assert in_noise(0, rows=rows, late=0.005, noise=0.02) == pytest.approx(0.005, abs=5e-4)
+
+
+@pytest.mark.parametrize("moves", [(4.0, 20.0), (4.0, 16.0), (0.0, 16.0)])
+def test_lateness_is_found_wherever_in_a_long_log_the_robot_moves(moves):
+    """Of a log at 1 kHz its first seconds alone had been asked."""
+    rng, time = np.random.default_rng(0), 0.001 * np.arange(20_000)
+
+    def columns(t):
+        return sines(np.clip(t, *moves))
+
+    mix = rng.normal(0.0, 1.0, (4, 4))
+    read = columns(time - 0.005) @ mix + rng.normal(0.0, 0.02, (len(time), 4))
+    X = basis_of(columns(time))
+    assert late_by(time, read, lambda asked: [X[asked]] * 4) == pytest.approx(0.005, abs=1e-3)
+
+
+def test_blocks_are_long_beside_their_margins_and_stand_all_over_a_log():
+    time = 0.005 * np.arange(30_000)
+    most = round(LATEST / 0.005)
+    rows = rows_asked(time, most)
+    assert len(around(rows, most)) < 1.3 * len(rows)
+    assert np.sum(np.diff(rows) > 1) >= 5
 
 
 def test_a_column_that_hardly_any_row_asked_has_breaks_nothing():

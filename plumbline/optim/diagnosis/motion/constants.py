@@ -77,7 +77,8 @@ DEVIATIONS = (0.1, 0.3, 1.0)  # of that effect's own size, by which its form is 
 WIDTHS = (0.05, 0.2, 1.0, 4.0)  # prior widths of such functions, in residual RMS
 LONGEST_GAP = 3.0  # times the usual step: a clock that leaps by more begins a new run
 # At which loads are worked out, 7 microseconds each with seven joints. On lines between every other
-# row, 5 ms each, a wrist errs by a seventh of an encoder's noise (test_motion_light_joints.py).
+# row, 5 ms each, a wrist errs by a seventh of an encoder's noise (test_motion_light_joints.py fails
+# at 20,000); more take time and 0.5 KB each, no more.
 MOST_STATES = 100_000
 MOVES = 6  # exchanges and drops after the climb, searches by what neighbours give; two are usual
 RIVAL_FROM = 1.5  # of the effective samples, in log evidence: a square that falls to a twentieth
