@@ -12,7 +12,7 @@ Friction goes with the sign of the velocity, which is 0 at rest.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 
 import casadi as cs
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
+from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.effects import Effect, State
 from plumbline.kinematics.evaluate import over_rows
 from plumbline.kinematics.frames import by_columns, constant
@@ -117,6 +118,24 @@ class Arm(Fitted):
         efforts, first = efforts_of(self), len(self.nuisance_names)
         made = over_rows(efforts.slope, efforts.rows(q, v, a, context))[0]
         return np.asarray(made.transpose(0, 2, 1) @ self.covariance[first:, first:] @ made)
+
+
+class Unlimited(Arm):
+    """An arm whose joints go as far as they like."""
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The nominal chain without limits."""
+        chain = super().chain
+        return replace(chain, joints=tuple(
+            replace(joint, lower=-np.inf, upper=np.inf) for joint in chain.joints
+        ))  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def unlimited(arm: Arm) -> Unlimited:
+    """The same arm without limits: of readings, that are where they are."""
+    return Unlimited(**{one.name: getattr(arm, one.name) for one in fields(Arm)})
 
 
 _by_unknowns = lru_cache(maxsize=8)(ModelFunctions.by_unknowns)

@@ -22,7 +22,7 @@ from plumbline.optim.core.quantities import quantity
 from plumbline.optim.model import constants
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.near import Context, near, pathed
-from plumbline.optim.model.rows import of_rows
+from plumbline.optim.model.rows import of_rows, postures
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,16 @@ def starts(arm: Arm, goal: Array, *, posed: bool) -> list[Array]:
         together = np.einsum("kij,nij->nk", T[:, :3, :3], goal[:, :3, :3])
         away = away + constants.NEAR_LEVER * np.arccos(np.clip((together - 1.0) / 2.0, -1.0, 1.0))
     order = np.argsort(away, axis=1)[:, : constants.STARTS]
-    return [known[order[:, k]] for k in range(order.shape[1])]
+    return [_within(arm, known[order[:, k]]) for k in range(order.shape[1])]
+
+
+def told(arm: Arm, near: ArrayLike, count: int) -> Array:
+    """Postures (count, n) to stay near to, of one or of as many, or refused."""
+    given = postures(arm.chain, near)
+    if len(given) not in (1, count):
+        raise fault("near", f"{len(given)} postures", f"one, or {count}", "give one for each pose")
+    refuse_outside(arm, given, "near")
+    return _within(arm, np.broadcast_to(given, (count, arm.chain.n)))
 
 
 def goals(pose: ArrayLike) -> tuple[Array, bool]:
@@ -131,13 +140,13 @@ def goals(pose: ArrayLike) -> tuple[Array, bool]:
     return T, True
 
 
-def refuse_outside(arm: Arm, q: Array) -> None:
-    """Refuse postures (N, n) outside of the joints' limits."""
+def refuse_outside(arm: Arm, q: Array, name: str) -> None:
+    """Refuse postures (N, n) outside of the joints' limits, by the name they were given under."""
     over = np.maximum(arm.chain.lower - q, q - arm.chain.upper)
     for row, joint in np.argwhere(over > constants.SLACK)[:1]:
         low, high = arm.chain.lower[joint], arm.chain.upper[joint]
         raise fault(
-            f"q_wanted, row {row + 1}, joint {joint + 1}",
+            f"{name}, row {row + 1}, joint {joint + 1}",
             f"{q[row, joint]:.6g}",
             f"{low:.6g} to {high:.6g}",
             "choose a posture within the joint's limits",

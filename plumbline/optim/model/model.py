@@ -14,8 +14,16 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
-from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.command import Command, goals, nearest, refuse_outside, solved, starts
+from plumbline.optim.model.arm import Arm, unlimited
+from plumbline.optim.model.command import (
+    Command,
+    goals,
+    nearest,
+    refuse_outside,
+    solved,
+    starts,
+    told,
+)
 from plumbline.optim.model.export.code import as_c, c_code, function
 from plumbline.optim.model.export.exported import Exported
 from plumbline.optim.model.export.geometry import fixed_part
@@ -53,7 +61,7 @@ class Model(Arm):
             PlumblineError: A posture outside of the joints' limits, or one that cannot be used.
         """
         wanted = postures(self.chain, q_wanted)
-        refuse_outside(self, wanted)
+        refuse_outside(self, wanted, "q_wanted")
         return solved(self, wanted, self.nominal.placement(wanted), context, placed=True)
 
     def joint_command_for(
@@ -71,24 +79,23 @@ class Model(Arm):
             PlumblineError: Neither poses nor points, or a posture that cannot be used.
         """
         goal, posed = goals(pose)
-        if near is None:
-            about = starts(self, goal, posed=posed)
-        else:
-            about = [np.broadcast_to(postures(self.chain, near), (len(goal), self.chain.n))]
+        known = [told(self, near, len(goal))] if near is not None else []
+        about = known or starts(self, goal, posed=posed)
         return nearest(self, goal, about, context, posed=posed)
 
     def corrections_beyond_links(self, q: ArrayLike, **context: ArrayLike) -> Array:
         """What to add to readings (N, n) [rad or m] so that exported links say what the model says.
 
         The exported URDF, MJCF or DH rows at the readings and these have the tool where the model
-        has it: what bends links or tilts the base is told by the joints, too.
+        has it: what bends links or tilts the base is told by the joints, too. They tell where
+        joints are, and command nothing, so that they go beyond limits where the readings do.
 
         Args:
             q: Joint readings (N, n) or (n,).
             **context: As of :meth:`placement`.
         """
         read, goal = postures(self.chain, q), self.placement(q, **context)
-        return np.asarray(solved(fixed_part(self), read, goal, {}, placed=True).q - read)
+        return np.asarray(solved(unlimited(fixed_part(self)), read, goal, {}, placed=True).q - read)
 
     def function(self) -> cs.Function:
         """``(q, ...) -> (T_base_tool (4, 4), J (6, n))`` as a CasADi function of what is read.

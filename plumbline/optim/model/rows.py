@@ -75,7 +75,7 @@ def completed(
     for name in CONTEXT:
         width = 1 if name in SCALARS else 3 if name in IN_SPACE else n
         if given.get(name) is not None:
-            found[name] = _shaped(name, given[name], rows, width)
+            found[name] = _sided(name, _shaped(name, given[name], rows, width))
         elif name != "effort":
             found[name] = np.full((rows, width), usual.get(name, 0.0))
         elif pathed or name in used:
@@ -115,6 +115,15 @@ def _shaped(name: str, values: ArrayLike, rows: int, width: int) -> Array:
         mend = "give one value, or one a row"
         raise fault(f"model, {name}", found, f"({rows}, {width})", mend) from None
     return _finite(name, shaped)
+
+
+def _sided(name: str, values: Array) -> Array:
+    """The same, refused if it is a side and none of the three: twice a side is twice the play."""
+    wrong = values[~np.isin(values, (-1.0, 0.0, 1.0))] if name == "direction" else values[:0]
+    if wrong.size:
+        mend = "give 1 where a joint grew last, -1 where it fell"
+        raise fault(f"model, {name}", f"{wrong.flat[0]:.6g}", "-1, 0 or 1", mend)
+    return values
 
 
 def _finite(name: str, values: Array) -> Array:

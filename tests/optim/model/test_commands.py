@@ -99,3 +99,33 @@ def test_a_way_that_all_poses_share_is_one_for_each_joint(arm):
     way = np.array([0, 1, 0, 0, 0, -1])
     shared, each = (arm.joint_command_for(goal, direction=d) for d in (way, np.tile(way, (6, 1))))
     np.testing.assert_array_equal(shared.q, each.q)
+
+
+@pytest.mark.parametrize(
+    ("near", "words"),
+    [
+        (np.full(6, 7.0), "near, row 1, joint 1: found 7, expected -6.28319 to 6.28319"),
+        (np.zeros((3, 6)), "near: found 3 postures, expected one, or 2; give one for each pose"),
+    ],
+)
+def test_a_posture_to_stay_near_to_is_within_limits_and_one_for_each_pose(arm, near, words):
+    with pytest.raises(PlumblineError, match=words):
+        arm.joint_command_for(np.full((2, 3), 0.4), near=near)
+
+
+@pytest.mark.parametrize("side", [2.0, 0.5])
+def test_a_side_of_approach_is_one_of_three(arm, side):
+    with pytest.raises(PlumblineError, match=f"model, direction: found {side:g}, expected -1, 0"):
+        arm.tip(Q, direction=side)
+
+
+@pytest.mark.parametrize("reading", [-2 * np.pi, 2 * np.pi, 7.0])
+def test_readings_at_a_limit_and_beyond_are_corrected_as_any_others(arm, reading):
+    ripple = REGISTRY["transmission_ripple"](joint=2)
+    rippled = replace(
+        arm, effects=(ripple,), values=np.array([3e-3, -2e-3]), covariance=np.zeros((2, 2))
+    )
+    q = np.array([0.0, reading, 0.3, 0.2, 0.1, 0.0])
+    wave = 3e-3 * np.sin(reading) - 2e-3 * np.cos(reading)
+    found = rippled.corrections_beyond_links(q)[0]
+    np.testing.assert_allclose(found, [0.0, wave, 0.0, 0.0, 0.0, 0.0], atol=1e-6)
