@@ -42,6 +42,12 @@ class Joint:
     # joints that follow it, from 0, and how far they move per its own travel
     drags: tuple[tuple[int, float], ...] = ()
 
+    @property
+    def placed(self) -> Array:
+        """Its placement and, beside it, its axis, with 1 below that of a slide (4, 5)."""
+        slides = float(self.kind == "prismatic")
+        return np.column_stack([self.T_parent_joint, [*self.axis, slides]])
+
     def motion(self, q: cs.SX) -> Transform:
         """The joint's own transform at coordinate q [rad or m]."""
         if self.kind == "revolute":

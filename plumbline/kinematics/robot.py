@@ -214,7 +214,7 @@ class Robot:
         if locked:
             model = pin.buildReducedModel(model, locked, pin.neutral(model))
         model.gravity.linear = self.gravity
-        joints = tuple(_read_joint(model, j) for j in range(1, model.njoints))
+        joints = tuple(read_joint(model, j) for j in range(1, model.njoints))
         joints = linked(joints, mimics_of(self.urdf))
         if self.dh is not None:  # a row's normal is the x axis of the joint that it moves
             joints = tuple(replace(joint, normal=np.eye(3)[0]) for joint in joints)
@@ -229,7 +229,7 @@ class Robot:
         """
         model = pin.Model(self.model)  # a copy: gravity is this one's own
         model.gravity.linear = self.gravity
-        joints = [_read_joint(model, j) for j in range(1, model.njoints)]
+        joints = [read_joint(model, j) for j in range(1, model.njoints)]
         return dynamics_of(model, joints, self.gravity)
 
 
@@ -337,7 +337,8 @@ def _refuse_many(count: int, where: str, what: str) -> None:
         )
 
 
-def _read_joint(model: pin.Model, j: int) -> Joint:
+def read_joint(model: pin.Model, j: int) -> Joint:
+    """The joint of that number, or refused if it is none that turns or slides."""
     joint = model.joints[j]
     name = model.names[j]
     if joint.nv != 1:

@@ -192,8 +192,9 @@ def _check_same_robot(recording: Recording, other: Recording, *, force: bool) ->
             )
     if not placed_alike(recording.chain, other.chain):
         raise PlumblineError(
-            f"--also {other.name}: robot {other.robot.name} with joints placed elsewhere, expected "
-            f"{recording.robot.name} as in {recording.name}; give a recording of the same robot"
+            f"--also {other.name}: robot {other.robot.name} with joints placed or turning "
+            f"otherwise, expected {recording.robot.name} as in {recording.name}; give a recording "
+            "of the same robot"
         )
     if not force:  # before the first one is diagnosed, which may take long
         refuse_wrong_set_up(other)

@@ -227,7 +227,7 @@ def refuse_another_robot(model: Fitted, other: Recording) -> None:
         if one != two:
             raise fault(f"{other.name}, {what}", two, f"{one} as in {model.recording}", mend)
     if not placed_alike(model.chain, other.chain):
-        found = f"{other.robot.name} with joints placed elsewhere"
+        found = f"{other.robot.name} with joints placed or turning otherwise"
         raise fault(f"{other.name}, robot", found, model.robot.name, mend)
 
 

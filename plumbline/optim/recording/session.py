@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import PlumblineError, best_matches, fault, one_line, shown
-from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.chain import Chain, Joint
 from plumbline.kinematics.files import is_file, is_folder
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import loading
@@ -255,7 +255,7 @@ def _refuse_other(first: Recording, other: Recording) -> None:
         like = f"{first.chain.n} as in {first.name}"
         raise fault(f"{other.name}, joints", str(other.chain.n), like, mend)
     if not placed_alike(first.chain, other.chain):
-        found = f"{other.robot.name} with joints placed elsewhere"
+        found = f"{other.robot.name} with joints placed or turning otherwise"
         raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
     if not np.allclose(first.chain.gravity, other.chain.gravity, atol=SAME_GRAVITY):
         found, like = (str(np.round(r.chain.gravity, 2)) for r in (other, first))
@@ -263,10 +263,23 @@ def _refuse_other(first: Recording, other: Recording) -> None:
 
 
 def placed_alike(one: Chain, other: Chain) -> bool:
-    """Whether two chains of as many joints have them in the same places, the first one's aside."""
-    both = zip(one.joints[1:], other.joints[1:], strict=True)
-    placed = ((a.T_parent_joint, b.T_parent_joint) for a, b in both)
-    return all(np.allclose(a, b, rtol=0.0, atol=ONE_ROBOT) for a, b in placed)
+    """Whether two chains have the same joints, turning the same way; where the first is, aside."""
+    return same_joints(one.joints, other.joints)
+
+
+def same_joints(some: Sequence[Joint], others: Sequence[Joint]) -> bool:
+    """Whether as many joints stand in the same places, the first one's aside, and move alike.
+
+    A joint that turns the other way errs the other way at the same reading.
+    """
+    if len(some) != len(others):
+        return False
+    one, other = (
+        np.array([joint.placed for joint in joints]).reshape(-1, 4, 5) for joints in (some, others)
+    )
+    near = np.isclose(one, other, rtol=0.0, atol=ONE_ROBOT)
+    near[:1, :, :4] = True
+    return bool(near.all())
 
 
 def apart(recording: Recording) -> tuple[Session, Integers]:

@@ -29,6 +29,7 @@ from plumbline.optim.model import Applied, Model, apply
 from plumbline.optim.model.apply import Change
 from plumbline.optim.model.export.exported import Lack
 from plumbline.optim.recording.loading import load_recording
+from plumbline.optim.recording.session import same_joints
 from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -377,8 +378,23 @@ def test_encoder_zeros_are_fitted_again_where_they_always_are(tmp_path):
 def test_a_recording_of_another_robot_is_refused(model):
     bench = load_recording("plumbline/experiments/recordings/bench-ur5")
     robot = Robot.bundled("ur10")
-    with pytest.raises(PlumblineError, match="joints placed elsewhere, expected ur5"):
+    with pytest.raises(PlumblineError, match="joints placed or turning otherwise, expected ur5"):
         apply(model, replace(bench, robot=robot, chain=robot.chain()))
+
+
+def test_a_robot_whose_joint_turns_the_other_way_is_another_robot(model):
+    """At the same reading it errs the other way: what was found is wrong of it."""
+    bench = load_recording("plumbline/experiments/recordings/bench-ur5")
+    joints = list(bench.chain.joints)
+    joints[1] = replace(joints[1], axis=-joints[1].axis)
+    turned = replace(bench, chain=replace(bench.chain, joints=tuple(joints)), sha256="")
+    with pytest.raises(PlumblineError, match="placed or turning otherwise, expected ur5"):
+        apply(model, turned)
+    with pytest.raises(PlumblineError, match="placed or turning otherwise, expected ur5"):
+        plumbline.build_session([bench, replace(turned, name="turned")])
+    slides = replace(joints[0], kind="prismatic")
+    assert not same_joints(joints[:1], [slides])
+    assert same_joints([], [])
 
 
 def test_a_recording_set_up_otherwise_is_refused_before_causes_are_blamed_unless_forced(model):

@@ -21,8 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plumbline.errors import fault, one_line
+from plumbline.kinematics.chain import Joint
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.confined import confined
+from plumbline.kinematics.robot import read_joint
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.answer import Diagnosis
@@ -50,7 +52,6 @@ from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.refit import gap_unit, runs_once
 from plumbline.optim.measurement.torque import newton_metres, stated_noise
 from plumbline.optim.model.constants import CHANGED
-from plumbline.optim.recording.constants import ONE_ROBOT
 from plumbline.optim.recording.recording import Recording, Session, hash_of
 from plumbline.optim.recording.session import (
     Rows,
@@ -59,6 +60,7 @@ from plumbline.optim.recording.session import (
     named_apart,
     refuse_copies,
     rows_of,
+    same_joints,
 )
 from plumbline.optim.recording.table import Flags
 
@@ -131,6 +133,13 @@ def joined_motions(motions: Sequence[MotionRecording]) -> MotionRecording:
     )
 
 
+def joints_of(motion: MotionRecording) -> list[Joint]:
+    """The joints that it speaks of; none of what is no arm's."""
+    model = motion.robot.model
+    names = [str(name) for name in model.names]
+    return [read_joint(model, names.index(name)) for name in motion.joints if name in names]
+
+
 def _refuse_other(first: MotionRecording, other: MotionRecording) -> None:
     mend = "give motions of the same drives, commanded alike"
     for what, one, two in (
@@ -143,12 +152,8 @@ def _refuse_other(first: MotionRecording, other: MotionRecording) -> None:
     for what, a, b in (("kp", first.kp, other.kp), ("kd", first.kd, other.kd)):
         if not np.allclose(a, b, rtol=1e-6):
             raise fault(f"{other.name}, {what}", str(b), f"{a} as in {first.name}", mend)
-    placed = [
-        np.array([T.homogeneous for T in m.robot.model.jointPlacements]) for m in (first, other)
-    ]
-    alike = placed[0].shape == placed[1].shape
-    if not (alike and np.allclose(placed[0], placed[1], rtol=0.0, atol=ONE_ROBOT)):
-        found = f"{other.robot.name} with joints placed elsewhere"
+    if not same_joints(joints_of(first), joints_of(other)):
+        found = f"{other.robot.name} with joints placed or turning otherwise"
         raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
 
 

@@ -26,6 +26,7 @@ from plumbline.optim.diagnosis.several.motions import (
     diagnose_motions,
     diagnose_session,
     joined_motions,
+    joints_of,
 )
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model import Applied, Drives, Model
@@ -213,23 +214,23 @@ def _refuse_other_arms(recordings: Sequence[Recording | MotionRecording]) -> Non
         first, like = arms[0]
         if not _holds(*sorted((placed, like), key=len)):
             mend = "give recordings of one robot"
-            raise fault(f"{name}, robot", "joints placed elsewhere", f"those of {first}", mend)
+            found = "joints placed or turning otherwise"
+            raise fault(f"{name}, robot", found, f"those of {first}", mend)
 
 
 def _holds(some: Array, more: Array) -> bool:
-    """Whether these placements (n, 4, 4) are among those (m, 4, 4), in their order."""
+    """Whether these joints (n, 4, 5) are among those (m, 4, 5), in their order."""
     rest = iter(more)
     return all(any(np.allclose(a, b, rtol=0.0, atol=ONE_ROBOT) for b in rest) for a in some)
 
 
 def _placed(one: Recording | MotionRecording) -> Array:
-    """Placements (n, 4, 4) of the joints, the first one's aside; none of what is no arm's."""
+    """The joints (n, 4, 5) as they are placed, the first one aside; none of what is no arm's."""
     if isinstance(one, Recording):
         joints = () if one.stand_in else one.chain.joints[1:]
-        return np.array([joint.T_parent_joint for joint in joints])
-    names, model = [str(name) for name in one.robot.model.names], one.robot.model
-    numbers = [names.index(name) for name in one.joints if name in names]
-    return np.array([model.jointPlacements[j].homogeneous for j in numbers[1:]])
+    else:
+        joints = tuple(joints_of(one))[1:]
+    return np.array([joint.placed for joint in joints])
 
 
 def _merged(found: Sequence[Section], name: str) -> Verdict:
