@@ -171,11 +171,12 @@ class Recording:
 
     @property
     def reach(self) -> float:
-        """Reach of the arm [m], with slides as far out as they were, whatever their limits."""
+        """Reach of the arm with its tool [m], with slides as far out as they were."""
         limits = np.maximum(np.abs(self.chain.lower), np.abs(self.chain.upper))
         known = np.where(np.isfinite(limits), limits, 0.0)
         further = np.maximum(np.abs(self.q).max(axis=0) - known, 0.0)
-        return self.chain.reach + float(further[~self.chain.turning].sum())
+        slid = float(further[~self.chain.turning].sum())
+        return self.chain.reach + slid + float(np.linalg.norm(self.tool_offset))
 
     @property
     def training(self) -> Recording:

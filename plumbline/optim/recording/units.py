@@ -33,7 +33,7 @@ def robot_is_in_metres(r: Recording, origin: Origin) -> None:
     _check_size(origin.key("[robot]"), "a reach of ", reach, at.LARGEST_ARM, "m")
     _check_size(origin.key("[tool] offset"), "a length of ", tool, max(reach, at.LARGEST_TOOL), "m")
     if r.socket_distance is not None:
-        where, most = origin.key("[sockets] distance"), 2.0 * (r.reach + tool)
+        where, most = origin.key("[sockets] distance"), 2.0 * r.reach
         _check_size(where, "", r.socket_distance, most, "m")
         if not r.socket_distance > 0.0:
             raise fault(where, shown(r.socket_distance), "more than 0 m", "mend it or leave it out")
@@ -178,7 +178,7 @@ def tips_are_in_metres(r: Recording, origin: Origin) -> None:
             mend = "the device stood still, or its columns were copied: record it again"
             raise fault(origin.at("x"), found, "tips that move with the joints", mend)
         _check_scale(r, away, ratio, origin)
-    most = at.FARTHEST * (r.reach + float(np.linalg.norm(r.tool_offset)))
+    most = at.FARTHEST * r.reach
     row = int(np.argmax(away))
     if away[row] > most:
         column = "xyz"[int(np.argmax(np.abs(tips[row] - np.median(tips, axis=0))))]

@@ -88,3 +88,20 @@ def test_metres_are_never_counted_as_radians():
             observation="joint_position", robot=found.robot, measured=found.measured,
             q=np.add(found.q, [0.0, 13.0, 0.0, 0.0, 0.0]),
         )  # fmt: skip
+
+
+def test_a_turntable_reaches_as_far_as_the_tool_on_it():
+    """Its one joint stands in its base: of the links alone its reach, and any noise, are nought."""
+    turntable = Robot.from_dh([{"a": 0.0}])
+    angle = np.linspace(-2.0, 2.0, 14)
+    tips = 0.3 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    read = tips + np.random.default_rng(1).normal(0.0, 5e-5, tips.shape)
+    recording = build_recording(
+        observation="tip_position",
+        robot=turntable,
+        tool_offset=[0.3, 0.0, 0.0],
+        q=angle[:, None],
+        measured=read,
+        noise_std=5e-5,
+    )
+    assert recording.reach == pytest.approx(0.3)

@@ -361,7 +361,7 @@ def test_the_sign_of_a_joint_that_moves_the_tip_by_little_is_refused():
 def test_what_is_within_a_thousandth_of_the_reach_is_not_asked(monkeypatch):
     given = room("tip_position")
     wrong = told(given, q=turned(given["q"], 6))
-    assert plausible(wrong) == pytest.approx(0.01 * wrong.chain.reach)
+    assert plausible(wrong) == pytest.approx(0.01 * wrong.reach)
     assert 2.0 < missed(wrong) / plausible(wrong) < 4.0
     assert wrong_set_up(wrong) is not None
     assert set_up.constants.ASKED == 0.1
