@@ -103,11 +103,8 @@ class Drive:
     def step(self, before: Memory) -> Memory:
         """One sample on."""
         if self.steepest is not None:
-            path, pace = self._planned(before, self.steepest)
-            law = Law.POSITION if self.law.ideal else self.law  # a way stands nowhere
-            fastest = self.fastest if self.paced is None else self.paced  # of a way, its own
-            way = replace(self, law=law, command=path, steepest=None, paced=None, fastest=fastest)
-            after = way.step(before)
+            path, pace = self.planned(before)
+            after = self.on_its_way(path).step(before)
             return replace(after, told=self.command, path=path, pace=pace)
         if self.paced is not None:
             return self._told_no_faster(before, self.paced)
@@ -179,9 +176,16 @@ class Drive:
         after = replace(self, law=law, command=path, paced=None).step(before)
         return replace(after, told=self.command, path=path)
 
-    def _planned(self, before: Memory, most: cs.SX) -> tuple[cs.SX, cs.SX]:
-        """Place and speed of a way to the command that could stop there, at so much at most."""
+    def on_its_way(self, path: cs.SX) -> Drive:
+        """The drive behind a way that it has planned: that stands for its command."""
+        law = Law.POSITION if self.law.ideal else self.law  # a way stands nowhere
+        fastest = self.fastest if self.paced is None else self.paced  # of a way, its own
+        return replace(self, law=law, command=path, steepest=None, paced=None, fastest=fastest)
+
+    def planned(self, before: Memory) -> tuple[cs.SX, cs.SX]:
+        """Place and speed of a way to the command that could stop there, by its steepest ramps."""
         h, path, pace = self.dt / PLANNED, before.path, before.pace
+        most = cs.SX(cs.inf) if self.steepest is None else self.steepest
         for part in range(1, PLANNED + 1):
             share = 1.0 if self.law.holds else part / PLANNED
             told = before.told + share * (self.command - before.told)

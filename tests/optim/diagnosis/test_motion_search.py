@@ -4,18 +4,21 @@ from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
+import casadi as cs
 import numpy as np
 import pytest
 import scipy
 
 from plumbline import build_motion, diagnose
 from plumbline.experiments.reality import drives
+from plumbline.kinematics.drive import Drive, Memory
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
 from plumbline.optim.diagnosis.motion import diagnose as diagnose_module
 from plumbline.optim.diagnosis.motion import fit, models, rollout, search
-from plumbline.optim.diagnosis.motion.constants import ENOUGH, RACE, SEARCH_ITERATIONS
+from plumbline.optim.diagnosis.motion.constants import ENOUGH, RACE, SEARCH_ITERATIONS, WAYS
 from plumbline.optim.diagnosis.motion.signals import signals_of
+from plumbline.optim.diagnosis.motion.windows import Windows
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.motions import arm, multisine, recorded
 
@@ -173,6 +176,44 @@ def test_a_search_takes_a_way_s_slopes_to_one_side_and_a_verdict_to_both(rough, 
     rolled.clear()
     fit.fitted(windows, effects, at, 1 if rough else 0)
     assert rolled[: 4 if rough else 6] == [(2, 3), *[()] * (2 if rough else 4), ()]
+
+
+def test_a_planned_way_is_rolled_out_once_for_all_that_is_tried_behind_it(monkeypatch):
+    signals = signals_of(recorded([{"delay": 0.06, "play": 0.02}, {}]))
+    windows, planned, own = signals.windows(0, signals.starts), [], rollout._plan
+    monkeypatch.setattr(rollout, "_plan", lambda *a: planned.append(1) or own(*a))
+    for play in (0.01, 0.02, 0.03):
+        fit.evaluated(windows, (PLANS, SLACK), np.array([8.0, play]), slopes=False)
+        fit.evaluated(windows, (PLANS, LAG), np.array([8.0, play]), slopes=False)
+    assert len(planned) == 1
+    for steepest in np.linspace(4.0, 7.0, 2 * WAYS):
+        fit.evaluated(windows, (PLANS, SLACK), np.array([steepest, 0.02]), slopes=False)
+    assert len(windows.ways) == WAYS  # so that memory does not grow with the search
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_what_is_behind_a_planned_way_does_as_the_whole_drive_does(told):
+    """By the drive's own steps, one sample after the other, no way apart."""
+    effects = (NAMES["actuation_gain"](), LAG, SLACK, NAMES["velocity_limit"](told=told), PLANS)
+    values, u, dt = np.array([1.1, 0.04, 0.02, 0.4, 3.0]), np.sin(np.arange(120) / 9.0), 0.02
+    zeros = np.zeros(120)
+    windows = Windows(
+        Law.POSITION, dt, 0.0, 0.0, u, zeros.astype(int), *[zeros] * 4, zeros + 1.0,
+        np.array([0]), 119, 0,
+    )  # fmt: skip
+    there = fit.evaluated(windows, effects, values, slopes=False).residual[0]
+    state, rest = cs.SX.sym("state", 8), map(cs.SX, (0, 1, 0, 0, 1))
+    drive = Drive(Law.POSITION, cs.SX(dt), cs.SX.sym("u"), *rest)
+    command = drive.command
+    for effect, value in zip(effects, values, strict=True):
+        drive = effect.apply(drive, value)
+    after = drive.step(Memory(*cs.vertsplit(state)))
+    step = cs.Function("step", [state, command], [cs.vertcat(*vars(after).values()), after.output])
+    now, expected = np.array([u[0], 0, (u[1] - u[0]) / dt, 0, u[0], u[0], 0, 0]), []
+    for sample in u[1:]:
+        now, q = step(now, sample)
+        expected.append(float(q))
+    np.testing.assert_allclose(there, expected, rtol=0, atol=1e-12)
 
 
 def test_neighbours_of_a_drive_are_those_of_every_form_that_it_goes_by():

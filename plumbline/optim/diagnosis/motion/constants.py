@@ -115,6 +115,7 @@ LEAST_ROWS = 50  # one second at 50 Hz; a window takes half of it
 # Rollout
 TOGETHER = 240  # windows that are rolled out at once: some 50 MB
 PIECE, PIECES, ABREAST = 10, 20, 12  # samples of a compiled piece, these and windows of a call
+WAYS = 8  # planned ways that windows keep: of a fit's values and of differences to both sides
 STRETCH = 2000  # samples of one long run a call: 100,000 in one took 2.5 times as long
 WIDE = 0.03  # of a parameter, or of its width: differences of a planned way
 

@@ -30,6 +30,7 @@ from plumbline.optim.diagnosis.motion.constants import (
     PIECES,
     STRETCH,
     TOGETHER,
+    WAYS,
     WIDE,
 )
 from plumbline.optim.diagnosis.motion.filtered import Filters, filtered, filters_of
@@ -102,11 +103,12 @@ def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> 
     shift, yields, sags = (_per_unit(effects, term) for term in ("shift", "compliance", "sag"))
     lags = np.array([e.lags for e in effects])
     u, *du = w.asked(float(shift @ theta), float(lags @ theta), w.reach)
-    if any(effect.plans for effect in effects):
-        du = [np.zeros_like(u)] * 2  # the way is as it is
+    now = _begun(w, u, begin, float(yields @ theta), float(sags @ theta))
     size = len(_memory(effects))
     state = np.zeros((len(begin), 1 + len(by), size))
-    state[:, 0] = _begun(w, u, begin, float(yields @ theta), float(sags @ theta))[:size].T
+    state[:, 0] = now[:size].T
+    if any(effect.plans for effect in effects):
+        u, du = _way(w, effects, theta, u, now), [np.zeros_like(u)] * 2  # it is as it is
     late = du[0][:, :1] * shift[list(by)] + du[1][:, :1] * lags[list(by)]
     for k in (k for k in (0, SENT, PLAIN) if k < size):  # what begins at a command is late
         state[:, 1:, k] = late
@@ -119,25 +121,41 @@ def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> 
     if (filters := _filters(w.drive, effects, by)) is not None:
         data = (*told, *w.given.transpose(2, 0, 1))
         return filtered(filters, state.reshape(len(state), -1), data, fixed)
-    return _stepped(w, effects, by, state, np.stack(told, axis=-1), fixed)
+    given = np.concatenate([np.stack(told, axis=-1), w.given], axis=-1)
+    return _stepped(w, _step(w.drive, effects, by), state.reshape(len(state), -1), given, fixed)
 
 
-def _stepped(
-    w: Windows, effects: Effects, by: tuple[int, ...], state: Array, told: Array, fixed: Array
-) -> Array:
-    """The same by steps, from where roll-outs begin (R, 1 + B, size)."""
-    (R, H, _), steps = told.shape, w.passes[1]
+def _way(w: Windows, effects: Effects, theta: Array, u: Array, begun: Array) -> Array:
+    """What a servo plans of its commands (R, steps + 1), from states as in MEMORY (8, R).
+
+    It is the same whatever the drive does behind it, of which many are tried.
+    """
+    some = sorted(_planning(effects))
+    shaping, state = tuple(effects[k] for k in some), np.ascontiguousarray(begun[PLAIN:].T)
+    key = shaping, theta[some].tobytes(), u.tobytes(), state.tobytes()
+    if key not in w.ways:
+        if len(w.ways) == WAYS:
+            w.ways.pop(next(iter(w.ways)))
+        fixed = np.array([w.dt, *theta[some]])
+        planned = _stepped(w, _plan(w.drive, shaping), state, u[:, 1:, None], fixed)
+        w.ways[key] = np.concatenate([u[:, :1], planned[: len(u), : u.shape[1] - 1, 0]], axis=1)
+    return w.ways[key]
+
+
+def _stepped(w: Windows, step: cs.Function, state: Array, given: Array, fixed: Array) -> Array:
+    """Outputs (R, steps, O) of a step, from where roll-outs begin (R, n), given so much (D,)."""
+    (R, H, _), steps = given.shape, w.passes[1]
     abreast = 1 if w.law.follows else ABREAST
     pieces = PIECES if w.law.follows else -(-H // PIECE)
     call = pieces * PIECE
-    data = np.ones((-(-R // abreast) * abreast, -(-H // call) * call, 5))  # an inertia of one
-    data[:R, :H, :3], data[:R, :H, 3:] = told, w.given
-    begun = np.zeros((len(data), *state.shape[1:]))
+    data = np.ones((-(-R // abreast) * abreast, -(-H // call) * call, given.shape[2]))
+    data[:R, :H] = given  # and else an inertia of one
+    begun = np.zeros((len(data), state.shape[1]))
     begun[:R] = state
     every = np.tile(fixed, (abreast * pieces, 1))
-    after = np.empty((abreast, pieces, *state.shape[1:]))
-    out = np.empty((*data.shape[:2], 1 + len(by)))
-    handle: Any = _rolling(w.drive, effects, pieces, abreast, by).buffer()  # addresses alone
+    after = np.empty((abreast, pieces, state.shape[1]))
+    out = np.empty((*data.shape[:2], step.size1_out(1)))
+    handle: Any = _rolling(step, pieces, abreast).buffer()  # addresses alone
     buffer, run = handle
     buffer.set_arg(2, every.data)
     buffer.set_res(0, after.data)
@@ -160,10 +178,9 @@ def _filters(law: Law, effects: Effects, by: tuple[int, ...]) -> Filters | None:
 
 
 def _memory(effects: Effects) -> tuple[str, ...]:
-    """What a drive with these effects keeps from sample to sample."""
-    if any(effect.plans for effect in effects):
-        return MEMORY
-    if any(isinstance(e, VelocityLimit) and e.told for e in effects):
+    """What a drive with these effects keeps from sample to sample, behind a way that it plans."""
+    plans = any(effect.plans for effect in effects)
+    if any(isinstance(e, VelocityLimit) and e.told and not plans for e in effects):
         return MEMORY[:PACE]
     return MEMORY[: PLAIN if any(isinstance(e, ActuationLag) for e in effects) else SENT]
 
@@ -182,18 +199,16 @@ def _begun(w: Windows, u: Array, start: Integers, compliance: float, sag: float)
 
 
 @lru_cache(maxsize=1024)
-def _rolling(
-    law: Law, effects: Effects, pieces: int, abreast: int, by: tuple[int, ...]
-) -> cs.Function:
+def _rolling(step: cs.Function, pieces: int, abreast: int) -> cs.Function:
     """So many windows abreast, over so many compiled pieces."""
-    several = _piece(law, effects, by).mapaccum("rolled", pieces)
+    several = _piece(step).mapaccum("rolled", pieces)
     return several if abreast == 1 else several.map(abreast)
 
 
 @lru_cache(maxsize=1024)
-def _piece(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
+def _piece(step: cs.Function) -> cs.Function:
     """Samples in a row; what they share is worked out once."""
-    step, seen = _step(law, effects, by), []
+    seen: list[cs.SX] = []
     after = both = cs.SX.sym("both", step.size1_in(0))
     data, fixed = cs.SX.sym("data", step.size1_in(1), PIECE), cs.SX.sym("fixed", step.size1_in(2))
     for sample in cs.horzsplit(data):
@@ -216,8 +231,7 @@ def _planning(effects: Effects) -> frozenset[int]:
     """Which parameters shape a planned way, its command's time among that."""
     theta, state = cs.SX.sym("theta", len(effects)), cs.SX.sym("state", len(MEMORY))
     drive = _drive(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
-    after = drive.step(Memory(*cs.vertsplit(state)))
-    shaped = cs.vertcat(after.path, after.pace)
+    shaped = cs.vertcat(*drive.planned(Memory(*cs.vertsplit(state))))
     found = np.asarray(cs.DM(cs.jacobian_sparsity(shaped, theta), 1.0)).any(axis=0)
     return frozenset(np.flatnonzero(found | (_per_unit(effects, "shift") != 0)).tolist())
 
@@ -240,13 +254,13 @@ def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
     fixed = cs.SX.sym("fixed", 4 + len(effects))
     theta, state = fixed[4:], both[:size]
     drive = _drive(law, effects, theta, data[0], cs.vertcat(data[3:], fixed[:4]))
+    if any(effect.plans for effect in effects):
+        drive = drive.on_its_way(data[0])
     after = drive.step(Memory(*cs.vertsplit(state)))
     new = cs.vertcat(*(getattr(after, name) for name in names))
     if not by:
         return cs.Function("step", [both, data, fixed], cs.cse([cs.densify(new), new[3]]))
     S, some = cs.reshape(both[size:], size, P), list(by)
-    if any(effect.plans for effect in effects):
-        S[PLAIN:, :] = 0  # no slope is of a way
     S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)[:, some]
     late = np.array([_per_unit(effects, "shift"), [e.lags for e in effects]])[:, some]
     S += cs.jacobian(new, data[0]) @ (data[1:3].T @ late)
@@ -255,11 +269,25 @@ def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
     return cs.Function("step", [both, data, fixed], cs.cse([cs.densify(x) for x in told]))
 
 
+@lru_cache(maxsize=64)
+def _plan(law: Law, shaping: Effects) -> cs.Function:
+    """``(told, path, pace), command, (dt, theta) -> next, path``."""
+    before, u, fixed = cs.SX.sym("before", 3), cs.SX.sym("u"), cs.SX.sym("fixed", 1 + len(shaping))
+    rest = cs.vertcat(0, 1, fixed[0], cs.SX(3, 1))  # which no plan knows of
+    drive = _drive(law, shaping, fixed[1:], u, rest)
+    nothing = [cs.SX(0)] * PLAIN
+    path, pace = drive.planned(Memory(*nothing, *cs.vertsplit(before)))
+    return cs.Function("plan", [before, u, fixed], [cs.vertcat(drive.command, path, pace), path])
+
+
 def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     """Positions (M,) [rad] along the whole recording, from its measured start."""
     w, u = _whole(windows, effects, theta)
     yields, sags = (float(_per_unit(effects, term) @ theta) for term in ("compliance", "sag"))
-    begin = _begun(w, u, w.start, yields, sags)[: len(_memory(effects)), 0]
+    begun = _begun(w, u, w.start, yields, sags)
+    if any(effect.plans for effect in effects):
+        u = _way(w, effects, theta, u, begun)
+    begin = begun[: len(_memory(effects)), 0]
     data = np.stack([u[0, 1:], *np.zeros((2, w.length)), *w.loads(np.arange(1, w.length + 1))])
     fixed = np.array([w.dt, w.kp, w.kd, w.bare, *theta])
     return np.append(w.q[0], _along(_step(w.drive, effects, ()), begin, data, fixed))

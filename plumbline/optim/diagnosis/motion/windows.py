@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -66,6 +67,11 @@ class Windows:
     def measured(self) -> Array:
         """What was measured there (W, H - settle) [rad]."""
         return self.q[self.samples]
+
+    @cached_property
+    def ways(self) -> dict[Hashable, Array]:
+        """Ways that a servo plans, as last worked out."""
+        return {}
 
     @cached_property
     def given(self) -> Array:
