@@ -48,3 +48,4 @@ MOST_WORK, AT_HAND = 4000, 8_000_000  # columns of a program, their numbers: 64 
 # Fadings of a lag and its servo that differ by less in a sample are told by a series, whose ninth
 # term is then below 1e-13; their quotients would lose more.
 EQUAL, TERMS = 0.1, 8  # [1]
+PLANNED = 8  # steps of a sample of a planned way; twice as many change its parameters by 0.05 %

@@ -41,10 +41,10 @@ import casadi as cs
 from plumbline.kinematics.chained import chained
 from plumbline.kinematics.constants import NULL
 from plumbline.kinematics.law import Law
+from plumbline.kinematics.ramped import ramped
 
 EDGE = 2.0  # slope at the edge of a dead band: twice its width away, the whole error acts
 
-PLANNED = 8  # steps of a sample of a planned way; twice as many change its parameters by 0.05 %
 # Of soft friction, MuJoCo's where a file says no other (XML reference: `solimpfriction` .9 .95,
 # `solreffriction` .02 s): its stiffness s per inertia, the joint at zero and all others free, and
 # the rate at which it slows a joint.
@@ -184,16 +184,9 @@ class Drive:
 
     def planned(self, before: Memory) -> tuple[cs.SX, cs.SX]:
         """Place and speed of a way to the command that could stop there, by its steepest ramps."""
-        h, path, pace = self.dt / PLANNED, before.path, before.pace
+        told = (self.command if self.law.holds else before.told), self.command
         most = cs.SX(cs.inf) if self.steepest is None else self.steepest
-        for part in range(1, PLANNED + 1):
-            share = 1.0 if self.law.holds else part / PLANNED
-            told = before.told + share * (self.command - before.told)
-            error, own = told - path - h * pace / 2, most * h / 2
-            wanted = 2 * most * error / (cs.sqrt(own**2 + 2 * most * cs.fabs(error)) + own)
-            before_it, pace = pace, pace + clipped(wanted - pace, 2 * own)
-            path = path + h * (before_it + pace) / 2
-        return path, pace
+        return ramped(before.path, before.pace, told, most, self.dt)
 
     def _held(self, asked: cs.SX, before: Memory) -> Memory:
         """One sample on under a rate that stood still over it: the lag's way is exact."""

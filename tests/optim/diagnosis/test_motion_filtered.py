@@ -18,7 +18,8 @@ LINES = {  # what makes a line of a drive; the lag and the bandwidth aside these
     law: {"actuation_gain", "actuation_offset", "actuation_delay", "actuation_lag"}
     for law in (Law.POSITION, Law.SMOOTH, Law.VELOCITY, Law.RATE)
 }
-LINES[Law.POSITION] = LINES[Law.SMOOTH] = LINES[Law.POSITION] | {"servo_stiffness"}
+for place in (Law.POSITION, Law.SMOOTH):  # where what is behind a planned way is one, too
+    LINES[place] |= {"servo_stiffness", "acceleration_limit"}
 
 
 def windows(law):
