@@ -98,7 +98,9 @@ class Applied:
         before, after = (quantity(v, self.unit) for v in (self.before, self.after))
         again = " and ".join(self.refitted) or "nothing"
         said = [f"On {self.recording}, with {again} fitted again: {before} -> {after}."]
-        said += [f"{percent(self.outside_share)} of the rows lie outside of what was fitted."]
+        most = sorted(self.outside_columns, key=lambda name: -self.outside_columns[name])
+        by = f", by {listed(most, NAMED)}" if most else ""
+        said += [f"{percent(self.outside_share)} of the rows lie outside of what was fitted{by}."]
         if self.gross:
             said += [f"Left out as gross errors: {counted(len(self.gross), 'row')}."]
         if self.holds:

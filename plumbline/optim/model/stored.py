@@ -56,8 +56,9 @@ def load(path: str | Path, kind: type[T], form: tuple[str, int]) -> T:
 def refuse_odd(file: str, pieces: Mapping[str, tuple[Array, tuple[int, ...]]]) -> None:
     """Refuse numbers that are not of their shape, or not finite."""
     for name, (values, shape) in pieces.items():
-        if values.shape != shape or not (np.abs(values) <= LARGEST).all():
-            odd = f"numbers of shape {values.shape}"
+        far = values[~(np.abs(values) <= LARGEST)]
+        if values.shape != shape or far.size:
+            odd = f"{far[0]:.6g}" if far.size else f"numbers of shape {values.shape}"
             raise fault(f"{file}, {name}", odd, f"finite numbers of shape {shape}", SAVE_IT)
 
 

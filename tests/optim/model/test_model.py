@@ -203,7 +203,7 @@ DAMAGES = [
     (lambda t: t.replace("joint = 3", "joint = [3]"), "expected int"),
     (lambda t: t.replace("joint = 3", "joint = true"), "expected int"),
     (lambda t: re.sub(r"(\nvalues = .*values = \[)", r"\1nan, ", t), "damaged fields"),
-    (lambda t: re.sub(r"(\nvalues = .*values = \[)[^,]*", r"\1nan", t), "expected finite numbers"),
+    (lambda t: re.sub(r"(\nvalues = .*values = \[)[^,]*", r"\1nan", t), "found nan, expected"),
     (lambda t: t.replace("\nvalues = ", "\nvaleus = "), "damaged fields"),
     (lambda t: re.sub(r"(R_tip_tool = .*values = \[)", r"\g<1>9", t), "no rotation"),
     (lambda t: re.sub(r"(covariance = .*values = \[)", r"\1-", t), "negative variance"),
@@ -359,6 +359,7 @@ def test_rows_outside_of_the_fitted_range_are_counted(model, diagnosis):
     found = apply(model, replace(recording, q=q), force=True)  # tips stay where they were
     assert found.outside_share == pytest.approx(30 / len(recording))
     assert found.outside_columns == {"q1": pytest.approx(30 / len(recording))}
+    assert "rows lie outside of what was fitted, by q1." in found.words
 
 
 def test_encoder_zeros_are_fitted_again_where_they_always_are(tmp_path):
