@@ -329,6 +329,12 @@ def _refuse_large(text: str, where: str) -> None:
             )
 
 
+def joints_named(robot: Robot, names: Sequence[str]) -> tuple[Joint, ...]:
+    """Those of these joints that it has, in their order; none of what is no robot's."""
+    known = [str(name) for name in robot.model.names]
+    return tuple(read_joint(robot.model, known.index(name)) for name in names if name in known)
+
+
 def _refuse_many(count: int, where: str, what: str) -> None:
     if count > MOST_JOINTS:
         raise PlumblineError(

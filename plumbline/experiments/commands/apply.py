@@ -42,19 +42,13 @@ def apply(out: Out, model: ModelFile, folder: Folder, force: Force = False) -> N
 
 
 def _tried(path: Path, folder: Path, *, force: bool) -> Applied:
-    from plumbline.optim.diagnosis.motion.recording import MotionRecording
     from plumbline.optim.loading import load, load_model, load_to_diagnose
     from plumbline.optim.model import Drives
     from plumbline.optim.model import apply as apply_model
 
     model = load_model(path)
-    if not isinstance(model, Drives):
-        return apply_model(model, load_to_diagnose(folder), force=force)
-    other = load(folder)
-    if not isinstance(other, MotionRecording):
-        what = f"{folder}: found {other.observation}, expected a motion"
-        raise PlumblineError(f"{what} as in {model.recording}; give a motion of the same drives")
-    return model.tried(other)
+    other = load(folder) if isinstance(model, Drives) else load_to_diagnose(folder)
+    return apply_model(model, other, force=force)
 
 
 @with_out

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.law import Law
-from plumbline.kinematics.robot import Robot
+from plumbline.kinematics.robot import Robot, joints_named
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
@@ -23,6 +23,7 @@ from plumbline.optim.diagnosis.motion.units import in_unit, levers_of, slides
 from plumbline.optim.model.apply import Applied
 from plumbline.optim.model.constants import LOAD_ROUNDS, MARGIN
 from plumbline.optim.model.fitted import Known
+from plumbline.optim.recording.session import same_joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +107,21 @@ class Driven:
                 position put them, else at zero.
 
         Raises:
-            PlumblineError: Commands of another number of joints, or too few of them.
+            PlumblineError: Commands of another number of joints, too few of them, none that are
+                finite, or a clock that does not go on.
         """
-        t, u = np.asarray(time, dtype=float), np.asarray(command, dtype=float)
         n = len(self.joints)
+        t, u = _numbers("time", time), _numbers("command", command)
+        if t.ndim != 1 or len(t) < 2 or not (np.diff(t) > 0.0).all():
+            found = f"an array {t.shape}" if t.ndim != 1 or len(t) < 2 else "no step forwards"
+            raise fault("time", found, "2 or more, ascending", "give each row its time")
         if u.shape != (len(t), n):
             raise fault("command", f"an array {u.shape}", f"({len(t)}, {n})", "a column a joint")
+        if np.shape(start) not in ((0,), (n,)):
+            raise fault("start", f"an array {np.shape(start)}", f"({n},)", "give one a joint")
+        start = _numbers("start", start)
         places = self.law.follows
-        first = np.asarray(start, dtype=float) if np.size(start) else u[0] if places else 0 * u[0]
+        first = start if start.size else u[0] if places else 0 * u[0]
         q = u - u[0] + first if places else np.broadcast_to(first, u.shape)
         for _ in range(LOAD_ROUNDS):
             q = self._played(t, u, np.vstack([first, q[1:]]))
@@ -162,6 +170,11 @@ class Driven:
                 f"{other.name}: {other.n} joints by {other.law}, expected {n} by {self.law} "
                 f"as in {self.recording}; give a motion of the same drives"
             )
+        moved = (joints_named(one.robot, one.joints) for one in (self, other))
+        if not same_joints(*moved):
+            found = f"{other.robot.name} with joints placed or turning otherwise"
+            mend = "give a motion of the same drives"
+            raise fault(f"{other.name}, robot", found, self.robot.name, mend)
         read = replace(other, law=self.law, lead=self.lead)
         signals = signals_of(read, drives=self.felt)
         starts = spread(signals.starts, MOST_JUDGED)
@@ -179,3 +192,14 @@ class Driven:
             for number, servo in self.servos.items()
         }
         return replace(self, servos=kept)
+
+
+def _numbers(name: str, values: ArrayLike) -> Array:
+    """An array of finite numbers, or refused."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise fault(name, "no numbers", "an array of them", "give numbers in SI units") from None
+    if not np.isfinite(array).all():
+        raise fault(name, "a value that is not finite", "finite ones", "mend or leave it out")
+    return array

@@ -221,6 +221,38 @@ def test_commands_of_another_number_of_joints_are_refused(made):
         made.tried(other)
 
 
+T = np.arange(100) * 0.02
+
+
+@pytest.mark.parametrize(
+    ("time", "command", "start", "words"),
+    [
+        (T[::-1], 0.1, (), "time: found no step forwards, expected 2 or more, ascending"),
+        (T[:1], 0.1, (), r"time: found an array \(1,\), expected 2 or more"),
+        (1.0, 0.1, (), r"time: found an array \(\), expected 2 or more"),
+        (T, np.nan, (), "command: found a value that is not finite"),
+        (T, 0.1, [0.0], r"start: found an array \(1,\), expected \(2,\)"),
+        (T, 0.1, [0.0, np.inf], "start: found a value that is not finite"),
+        ("x", 0.1, (), "time: found no numbers"),
+    ],
+)
+def test_a_rollout_that_cannot_be_made_is_refused_in_one_line(made, time, command, start, words):
+    with pytest.raises(PlumblineError, match=words):
+        made.rollout(time, np.full((np.size(time), 2), command), start=start)
+
+
+def test_a_model_of_either_kind_is_tried_by_one_call_and_on_its_own_robot_alone(made, real):
+    t, u, q = real
+    own = build_motion(robot=arm(), time=t, command=u, q=q)
+    assert plumbline.apply_model(made, own).after == made.tried(own).after
+    longer = [row | {"a": row["a"] + 0.1} for row in ROWS]
+    other = build_motion(robot=plumbline.Robot.from_dh(longer), time=t, command=u, q=q)
+    with pytest.raises(PlumblineError, match="joints placed or turning otherwise"):
+        plumbline.apply_model(made, other)
+    with pytest.raises(PlumblineError, match="found tip_position, expected a motion as in made"):
+        plumbline.apply_model(made, plumbline.load(plumbline.example()))
+
+
 @pytest.fixture(scope="module")
 def folder(real, tmp_path_factory):
     t, u, q = real

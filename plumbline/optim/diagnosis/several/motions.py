@@ -21,10 +21,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plumbline.errors import fault, one_line
-from plumbline.kinematics.chain import Joint
 from plumbline.kinematics.effects import Effect
 from plumbline.kinematics.effects.confined import confined
-from plumbline.kinematics.robot import read_joint
+from plumbline.kinematics.robot import joints_named
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.answer import Diagnosis
@@ -133,13 +132,6 @@ def joined_motions(motions: Sequence[MotionRecording]) -> MotionRecording:
     )
 
 
-def joints_of(motion: MotionRecording) -> list[Joint]:
-    """The joints that it speaks of; none of what is no arm's."""
-    model = motion.robot.model
-    names = [str(name) for name in model.names]
-    return [read_joint(model, names.index(name)) for name in motion.joints if name in names]
-
-
 def _refuse_other(first: MotionRecording, other: MotionRecording) -> None:
     mend = "give motions of the same drives, commanded alike"
     for what, one, two in (
@@ -152,7 +144,8 @@ def _refuse_other(first: MotionRecording, other: MotionRecording) -> None:
     for what, a, b in (("kp", first.kp, other.kp), ("kd", first.kd, other.kd)):
         if not np.allclose(a, b, rtol=1e-6):
             raise fault(f"{other.name}, {what}", str(b), f"{a} as in {first.name}", mend)
-    if not same_joints(joints_of(first), joints_of(other)):
+    moved = (joints_named(m.robot, m.joints) for m in (first, other))
+    if not same_joints(*moved):
         found = f"{other.robot.name} with joints placed or turning otherwise"
         raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
 

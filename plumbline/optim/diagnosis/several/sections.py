@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.errors import best_matches, fault, shown
+from plumbline.kinematics.robot import joints_named
 from plumbline.optim.core.answer import register, restored
 from plumbline.optim.core.judged import Judgement
 from plumbline.optim.core.problem import Array
@@ -26,7 +27,6 @@ from plumbline.optim.diagnosis.several.motions import (
     diagnose_motions,
     diagnose_session,
     joined_motions,
-    joints_of,
 )
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model import Applied, Drives, Model
@@ -229,7 +229,7 @@ def _placed(one: Recording | MotionRecording) -> Array:
     if isinstance(one, Recording):
         joints = () if one.stand_in else one.chain.joints[1:]
     else:
-        joints = tuple(joints_of(one))[1:]
+        joints = joints_named(one.robot, one.joints)[1:]
     return np.array([joint.placed for joint in joints])
 
 
