@@ -12,9 +12,9 @@ from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import JointFindings
-from plumbline.optim.diagnosis.motion.signals import Drives as Felt
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.motion.windows import Array
+from plumbline.optim.diagnosis.motion.windows import Drives as Felt
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.with_verdict import WithVerdict
 from plumbline.optim.model.drives import Drives, drives_of

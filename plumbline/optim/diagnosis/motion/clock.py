@@ -96,12 +96,3 @@ def _polynomial(dt: float, order: int, seconds: float) -> tuple[int, int]:
 def mean_of_ends(values: Array) -> Array:
     """Over each step (K - 1, ...) of values at its ends (K, ...)."""
     return np.asarray((values[:-1] + values[1:]) / 2)
-
-
-def way_of(mean: Array, dt: float) -> tuple[Array, Array, Array]:
-    """Place, speed and acceleration (K, n) from rest, of their means over steps (K - 1, n)."""
-    nothing = np.zeros((1, mean.shape[1]))
-    speed = np.cumsum(np.concatenate([nothing, dt * mean]), axis=0)
-    place = np.cumsum(np.concatenate([nothing, dt / 2 * (speed[:-1] + speed[1:])]), axis=0)
-    now = np.concatenate([mean[:1], mean_of_ends(mean), mean[-1:]])
-    return place, speed, now

@@ -25,7 +25,7 @@ from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import Models, nested
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import Begun, prior_at, search
-from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, smoothed, spread
+from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import MotionFindings, verdict_of
 from plumbline.optim.diagnosis.motion.windows import Array
@@ -95,13 +95,12 @@ def _searched(
     Under torques what is found at one joint is part of what its neighbours feel: the search begins
     anew with that, while what all joints did becomes more probable.
     """
-    plain = smoothed(r)
-    signals, begun = _begun(signals_of(r, plain=plain), options, progress)
+    signals, begun = _begun(signals_of(r), options, progress)
     for _ in range(MOVES if r.law.pushes else 0):
         if not any(one.near.effects for one in begun):
             break
         before, was = begun, signals
-        for given in others(signals, begun, plain):
+        for given in others(signals, begun):
             other, anew = _begun(given, options, progress)
             if _log_odds(anew, begun).sum() > 0:
                 signals, begun = other, anew
@@ -110,7 +109,7 @@ def _searched(
             # Whose drive is better now may be what another's is worse by.
             better = zip(_log_odds(anew, begun) > 0, anew, begun, strict=True)
             best = [new if is_better else old for is_better, new, old in better]
-            other, anew = _begun(as_told(signals, best, plain), options, progress)
+            other, anew = _begun(as_told(signals, best), options, progress)
             if _log_odds(anew, begun).sum() > 0:
                 signals, begun = other, anew
         if signals is was:

@@ -21,10 +21,10 @@ from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.motion.windows import Array, Effects, Windows
 
 
-def others(signals: Signals, begun: Sequence[Begun], plain: Sequence[Signals]) -> Iterator[Signals]:
+def others(signals: Signals, begun: Sequence[Begun]) -> Iterator[Signals]:
     """The same motion by drives that were found: of a clock that leads, and as told.
 
-    Of a clock that leads by ideal drives, too: what was found besides may have stood for its lead,
+    Of a clock that leads by ideal drives first: what was found besides may have stood for its lead,
     and is what neighbours feel.
     """
     was, now = signals.recording.lead, signals
@@ -35,23 +35,22 @@ def others(signals: Signals, begun: Sequence[Begun], plain: Sequence[Signals]) -
                 fits[one.number] = fit
         if (lead := _lead(now, list(fits.values()))) == now.recording.lead:
             break
-        now = _by(now, begun, plain, (was, lead), fits)
+        now = _by(now, begun, (was, lead), fits)
     if now.recording.lead != was:
+        yield signals_of(now.recording)
         yield now
-        yield signals_of(now.recording, plain=plain)
-    yield as_told(signals, begun, plain)
+    yield as_told(signals, begun)
 
 
-def as_told(signals: Signals, begun: Sequence[Begun], plain: Sequence[Signals]) -> Signals:
+def as_told(signals: Signals, begun: Sequence[Begun]) -> Signals:
     """The same motion by drives that were found, of a clock that leads as it did."""
     lead = signals.recording.lead
-    return _by(signals, begun, plain, (lead, lead), {})
+    return _by(signals, begun, (lead, lead), {})
 
 
 def _by(
     signals: Signals,
     begun: Sequence[Begun],
-    plain: Sequence[Signals],
     leads: tuple[float, float],
     fits: dict[int, JointFit],
 ) -> Signals:
@@ -67,7 +66,7 @@ def _by(
             late = [e.name == ActuationDelay.name for e in near.effects]
             more = (leads[1] - leads[0]) * np.array(late, dtype=float)
             drives[one.number - 1] = near.effects, near.theta + more
-    return signals_of(replace(r, lead=leads[1]), drives=tuple(drives), plain=plain)
+    return signals_of(replace(r, lead=leads[1]), drives=tuple(drives))
 
 
 def _leading(one: Begun, signals: Signals, was: float) -> JointFit | None:

@@ -8,7 +8,6 @@ Gravity, Coriolis and the other joints' pull enter as data, from Pinocchio at th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -21,8 +20,8 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
-from plumbline.optim.diagnosis.motion.bodies import bodies_at, free, over_steps
-from plumbline.optim.diagnosis.motion.clock import derivative, mean_of_ends, on_even_clock, way_of
+from plumbline.optim.diagnosis.motion.bodies import bodies_at, free
+from plumbline.optim.diagnosis.motion.clock import on_even_clock
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
     LEAST_INERTIA,
@@ -37,19 +36,16 @@ from plumbline.optim.diagnosis.motion.constants import (
     MOST_WINDOWS,
     POSTURE,
     SETTLE,
-    SLOWLY,
     SMOOTH,
-    SMOOTHED,
 )
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
-from plumbline.optim.diagnosis.motion.rollout import pushed
+from plumbline.optim.diagnosis.motion.settled import settled
 from plumbline.optim.diagnosis.motion.units import sizes_of
-from plumbline.optim.diagnosis.motion.windows import Array, Effects, Windows
+from plumbline.optim.diagnosis.motion.windows import Array, Drives, Windows
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
 
 Integers = NDArray[np.int64]
-Drives = tuple[tuple[Effects, Array], ...]  # of each joint, with their values
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,110 +232,33 @@ class Signals:
         return "groups" if several else "time"
 
 
-def smoothed(recording: MotionRecording, most: int = MOST_SAMPLES) -> tuple[Signals, ...]:
-    """A recording on an even clock, over each time that its readings may be smoothed.
-
-    Raises:
-        PlumblineError: No run of it is as long as a window.
-    """
-    if recording.law == Law.HELD:
-        return (_smoothed(recording, POSTURE, MOST_HELD),)
-    if not recording.law.pushes:
-        return (_smoothed(recording, POSTURE if recording.law.ideal else SMOOTH, most),)
-    return tuple(_smoothed(recording, seconds, most) for seconds in SMOOTHED)
-
-
 def signals_of(
-    recording: MotionRecording,
-    most: int = MOST_SAMPLES,
-    drives: Drives = (),
-    plain: Sequence[Signals] = (),
+    recording: MotionRecording, most: int = MOST_SAMPLES, drives: Drives = ()
 ) -> Signals:
     """A recording on an even clock, at most so many samples a window.
 
-    Under torques the other joints' accelerations are part of a load: readings are smoothed over
-    that time which leaves drives the least misfit, all joints together, with what torques
-    foretell of a fast motion or, where no drive is known and ideal ones do not give them, without.
+    Under torques the other joints' accelerations are part of a load: states are those that the
+    drives make of the bodies and that were read, weighed.
 
     Args:
         recording: What was recorded.
         most: Samples of a window.
         drives: What is known of each joint's drive; ideal ones if nothing is.
-        plain: The same, :func:`smoothed` already.
 
     Raises:
         PlumblineError: No run of it is as long as a window.
     """
-    plain = plain or smoothed(recording, most)
+    if recording.law == Law.HELD:
+        most = MOST_HELD
+    follows = recording.law.ideal or recording.law == Law.HELD
+    s = _smoothed(recording, POSTURE if follows else SMOOTH, most)
     if not recording.law.pushes:
-        return plain[0]
+        return s
     known = drives or (((), np.empty(0)),) * recording.n
-    plain = [_earlier(s, recording) for s in plain] if recording.lead else plain
-    kinds = [
-        (_foretold(s, s, span, known), s, span) for s, span in zip(plain, SMOOTHED, strict=True)
-    ]
-    once, s, span = min(kinds, key=lambda kind: _misfit(kind[0], known))
-    again = [
-        _foretold(replace(s, behind=late), replace(once, behind=late), span, known)
-        for late in dict.fromkeys((0.0, recording.lead))
-    ]
-    best = min((*again, *(() if drives else plain)), key=lambda s: _misfit(s, known))
+    late = dict.fromkeys((0.0, recording.lead))
+    found = [settled(replace(s, behind=behind), known) for behind in late]
+    best = min(found, key=lambda one: _misfit(one, known)) if len(found) > 1 else found[0]
     return replace(best, drives=drives)
-
-
-def _earlier(s: Signals, recording: MotionRecording) -> Signals:
-    """Loads of positions that were read after their rows' times are of a state before them."""
-    posture, speed = s.posture - recording.lead * s.speed, s.speed - recording.lead * s.acceleration
-    return replace(s, recording=recording, posture=posture, speed=speed)
-
-
-def _foretold(s: Signals, at: Signals, seconds: float, drives: Drives) -> Signals:
-    r"""The same, smoothed over so long, with what the model foretells of a fast motion.
-
-    Of the way x that the drives make of the bodies, x less its own smoothed form is what
-    smoothing would take: it is given back. So readings tell what is slow, whatever is wrong with
-    a drive, and no fast swing of a neighbour is lost.
-
-    With torques t beyond gravity and Coriolis, and others that give way,
-
-    .. math:: J_j a_j = t_j - p_j, \qquad J_j = 1 / (M^{-1})_{jj}, \qquad
-              p = t - J M^{-1} t = (M - J)\, a
-
-    in which p is of the others' torques alone: no drive is judged by a load that its own was
-    taken for. By the drives, and slowly by readings, it is made in the same way.
-    """
-    chosen, masses, h = at.bodies
-    every, rows = (masses, free(masses), h), np.arange(len(s.q))
-    masses, alone, h = (
-        np.asarray(scipy.interpolate.interp1d(chosen, x, axis=0)(rows), dtype=float) for x in every
-    )
-    q = s.q.copy()
-    found = [s.posture.copy(), s.speed.copy(), s.acceleration.copy(), np.zeros_like(q)]
-    given = [
-        pushed(at.windows(j, s.starts), effects, theta) for j, (effects, theta) in enumerate(drives)
-    ]
-    torque, J = np.column_stack(given), mean_of_ends(alone)
-    states = at.posture, at.turning
-    a, change = over_steps(s.recording, s.dt, states, (masses, h), torque)
-    torque -= mean_of_ends(h)
-    for begin, end in pairwise([*np.unique(s.first), len(s.q)]):
-        steps, now = slice(begin, end - 1), slice(begin, end)
-        way = way_of(a[steps], s.dt)
-        bent = s.dt**2 / 12 * np.cumsum(change[steps], axis=0)  # what places are behind steps' ends
-        way[0][1:] -= bent
-        for order, span in enumerate((POSTURE, seconds, seconds)):
-            found[order][now] += way[order] - derivative(way[0], s.dt, order, span)
-        q[now] -= s.recording.lead * found[1][now]  # read so much later
-        q[begin + 1 : end] += bent
-        inner = slice(begin + 1, end - 1)
-        off = mean_of_ends(a[steps]) - np.diff(q[now], 2, axis=0) / s.dt**2  # two steps' mean
-        pulls = np.einsum("kij,kj->ki", masses[inner], off) - alone[inner] * off
-        late = np.zeros_like(way[0])
-        late[2:] = s.dt**2 * np.cumsum(np.cumsum(pulls, axis=0), axis=0)
-        own = (torque - J * a)[steps]
-        found[3][begin + 1 : end] = own - mean_of_ends(derivative(late, s.dt, 2, SLOWLY))
-    posture, speed, acceleration, pushes = found
-    return replace(s, q=q, posture=posture, speed=speed, acceleration=acceleration, pushes=pushes)
 
 
 def _misfit(signals: Signals, drives: Drives) -> float:

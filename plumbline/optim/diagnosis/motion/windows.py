@@ -21,6 +21,7 @@ from plumbline.optim.diagnosis.motion.constants import OPEN, POSTURE
 
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
+Drives = tuple[tuple[Effects, Array], ...]  # effects of each joint, with their values
 Integers = NDArray[np.int64]
 SMOOTH = (Law.VELOCITY, Law.SMOOTH)  # commands that run smoothly between rows
 
