@@ -1,7 +1,7 @@
 """Motions, from a file to a verdict: what a drive does is found, told and foretold."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +21,6 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.diagnosis.findings import NoiseLevel, Outcome
 from plumbline.optim.diagnosis.motion import diagnose as motion_module
-from plumbline.optim.diagnosis.motion import signals as signals_module
 from plumbline.optim.diagnosis.motion.constants import WIDE
 from plumbline.optim.diagnosis.motion.fit import (
     JointFit,
@@ -723,26 +722,6 @@ def test_the_fit_of_an_ideal_drive_is_its_residual():
     windows = signals.windows(0, signals.starts)
     fit = evaluated(windows, (), np.empty(0))
     assert fit.square**0.5 == pytest.approx(2e-4, rel=0.1)
-
-
-@dataclass(frozen=True)
-class Over:
-    """What stands for readings smoothed over so long."""
-
-    seconds: float  # [s]
-    behind: float = 0.0
-    drives: tuple = ()
-
-
-@pytest.mark.parametrize("best", [0.3, 0.2, 0.1, 0.05])
-def test_readings_under_torques_are_smoothed_as_fits_best_from_a_twentieth_of_a_second(
-    best, monkeypatch
-):
-    monkeypatch.setattr(signals_module, "_smoothed", lambda _, seconds, __: Over(seconds))
-    monkeypatch.setattr(signals_module, "_foretold", lambda s, _, seconds, __: Over(seconds))
-    monkeypatch.setattr(signals_module, "_misfit", lambda s, _: abs(s.seconds - best))
-    pushed = SimpleNamespace(law=Law.TORQUE, n=1, lead=0.0)
-    assert signals_of(pushed).seconds == pytest.approx(best, rel=0.2)
 
 
 def test_a_radian_of_a_tracked_axis_is_a_decimetre_and_of_a_joint_that_turns_itself():

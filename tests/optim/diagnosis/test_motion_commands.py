@@ -200,15 +200,19 @@ def test_smoothing_takes_nothing_of_a_fast_motion_that_the_torques_foretell():
     assert np.abs(signals.posture[inner, 0] - q[inner]).max() < 2e-3
 
 
-def test_what_pushes_a_joint_is_of_the_others_drives_alone():
-    """Else a drive is judged by a load that it was taken for itself, and two may take turns."""
+def test_what_pushes_a_joint_is_what_bodies_did_whatever_its_and_their_drives_are_taken_for():
+    """Else a drive is judged by a load that it was taken for itself, and two may take turns.
+
+    By a drive that is taken to be 20 ms late alone, its neighbour would be pushed a tenth off.
+    """
     late = (ActuationDelay(),), np.array([0.02])
     ideal = (), np.empty(0)
     r = recorded("sampled_torque", *moved(TORQUE, torques, start=(0.0, 0.2)))
-    as_told, other = (signals_of(r, drives=[ideal, one]).pushes.T for one in (ideal, late))
-    size, changed = np.abs(as_told).max(axis=1), np.abs(other - as_told).max(axis=1)
-    assert changed[0] > 0.1 * size[0]
-    assert changed[1] < 0.01 * size[1]
+    inner = slice(25, -25)  # where windows are
+    as_told, other = (signals_of(r, drives=[ideal, one]).pushes[inner] for one in (ideal, late))
+    changed = np.std(other - as_told, axis=0) / np.std(as_told, axis=0)
+    assert changed[0] < 0.05
+    assert changed[1] < 0.2
 
 
 def test_readings_correct_what_pushes_a_joint_too_slowly_to_add_their_noise():
@@ -278,10 +282,7 @@ def test_half_a_simulator_s_step_is_of_one_clock_and_no_drive_s_delay(ahead):
     assert any("joints lead by" in note for note in ahead.verdict.notes)
 
 
-def test_what_neighbours_feel_of_a_late_drive_and_of_a_clock_is_kept_and_taken_home(
-    ahead, tmp_path
-):
-    """As if all drives were ideal, the drive beside the late one would leave twice the noise."""
+def test_a_late_drive_and_a_clock_that_leads_are_kept_and_taken_home(ahead, tmp_path):
     ahead.save(tmp_path / "answer.json")
     again = MotionDiagnosis.load(tmp_path / "answer.json")
     for joint, other in zip(ahead.joints, again.joints, strict=True):
@@ -291,9 +292,7 @@ def test_what_neighbours_feel_of_a_late_drive_and_of_a_clock_is_kept_and_taken_h
     left = [joint.fit.square**0.5 for joint in ahead.joints]
     np.testing.assert_allclose(drives.gaps(ahead.recording)[1], left, rtol=0.02)
     np.testing.assert_allclose(ahead.transfer(ahead.recording)[1], left, rtol=0.02)
-    without = replace(drives, felt=()), replace(drives, lead=0.0)
-    for one in without:
-        assert max(one.gaps(ahead.recording)[1] / left) > 1.2
+    assert max(replace(drives, lead=0.0).gaps(ahead.recording)[1] / left) > 1.2
 
 
 def test_a_limit_that_no_row_comes_near_is_not_seen_and_one_that_acts_is_no_longer_there():

@@ -48,13 +48,15 @@ POSTURE = 0.3  # [s] the same of the places at which loads are worked out: bodie
 # [degree] of the polynomials of those places: of a swing of 2 Hz cubics take 4 % away, these 0.1 %
 # (Savitzky and Golay 1964; test_motion_clocks.py fails at 3).
 QUINTIC = 5
-# [rad/s] states follow readings, however well torques are known, where their search begins; what
-# noise alone says falls from there by a quarter a pass, to what no window sees after so many. What
-# a wrong drive gives ends at a hundred from any of 10 to 100.
+# [rad/s] up to where states follow readings, whatever torques make of bodies, in the first of so
+# many passes: noise alone takes a quarter off in each, and 5 rad/s is what no window sees. What a
+# wrong drive gives ends at its own, some 100 rad/s, from any of 10 to 100
+# (test_motion_states.py fails at 3 passes).
 KNOWN, PASSES = 30.0, 8
-BELIEVED = 1e12  # weight of what torques make beside a reading: of 1e16 no digit of that is left
-SHORTEST = 5  # samples of a run of which states are found: a change of what drives give is of four
-AT_ONCE = 20000  # samples of one such system: some 400 MB of seven joints
+# weight of what torques make beside a reading: of a thousand times it a reading has no digit left
+# beside it (test_motion_states.py fails at 1e16).
+BELIEVED = 1e12
+AT_ONCE = 20000  # samples of states that are found at once: some 400 MB of seven joints
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
 # [kg m^2] where torques act, as much or less is none stated: by hand, between a ball of 10 g, 1 cm
 # (2/5 m r^2 = 1e-7) and a grain of 1 g and 1 mm across (1e-10), which no joint turns about itself.

@@ -31,9 +31,10 @@ import scipy
 
 from plumbline.kinematics.oracle import pin
 from plumbline.optim.diagnosis.motion.clock import mean_of_ends
-from plumbline.optim.diagnosis.motion.constants import BELIEVED, SHORTEST
+from plumbline.optim.diagnosis.motion.constants import BELIEVED
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.windows import Array
+from plumbline.optim.diagnosis.prior import FINEST
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +83,10 @@ class States:
 
     def settled(self, weights: Array) -> States:
         """Where the sum is least, changes of what drives give weighed by so much (n,) [s^4]."""
-        K, n = self.place.shape
-        if K < SHORTEST:
+        (K, n), changes = self.place.shape, self.changes
+        if not len(changes):
             return self
-        by, changes = self._by_places(), self.changes
+        by = self._by_places()
         bands, right = np.zeros((K, len(by), n, n)), self.read - self.place
         bands[:, 0] = np.eye(n)
         for i, slope in enumerate(by):
@@ -125,7 +126,9 @@ def believed(dt: float, weights: Array, squares: Array, noise: Array, masses: Ar
     """
     told = (np.sqrt(weights) * dt) ** (-1 / 3) * dt / 3  # a share of what there is to know
     most = BELIEVED * dt**4 / np.sum(masses**2, axis=2).max(axis=0)
-    return np.asarray(np.minimum(noise * told / np.maximum(squares, 1e-300), most))
+    return np.asarray(
+        np.minimum(np.maximum(noise, FINEST**2) * told / np.maximum(squares, 1e-300), most)
+    )
 
 
 def slopes_at(
