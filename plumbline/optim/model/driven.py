@@ -133,7 +133,7 @@ class Driven:
             self.recording, self.robot, self.joints, self.index, self.law, time, command, q,
             None, None, self.kp, self.kd,
         )  # fmt: skip
-        signals = signals_of(asked, drives=self.felt)
+        signals = signals_of(asked, read=False)
         found = q.copy()
         for number, servo in self.servos.items():
             windows = signals.windows(number - 1, np.zeros(1, np.int64))

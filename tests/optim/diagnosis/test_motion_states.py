@@ -191,7 +191,7 @@ def test_torques_are_believed_as_far_as_digits_go(most, holds, monkeypatch):
     begun = States(1e-3, rng.normal(size=(K, 2)), np.zeros((K, 2)), np.zeros((K, 2)),
                    nothing + np.eye(2), np.zeros((K - 1, 2)), np.zeros((K, 2)), nothing,
                    nothing)  # fmt: skip
-    weights = states_module.believed(1e-3, np.ones(2), np.zeros(2), np.ones(2), begun.masses)
+    weights = states_module.believed(1e-3, np.ones(2), np.zeros(2), np.ones(2))
     try:
         step = begun.settled(weights).place
     except np.linalg.LinAlgError:

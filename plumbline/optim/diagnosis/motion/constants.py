@@ -53,9 +53,9 @@ QUINTIC = 5
 # wrong drive gives ends at its own, some 100 rad/s, from any of 10 to 100
 # (test_motion_states.py fails at 3 passes).
 KNOWN, PASSES = 30.0, 8
-# weight of what torques make beside a reading: of a thousand times it a reading has no digit left
-# beside it (test_motion_states.py fails at 1e16).
-BELIEVED = 1e12
+# weight of what torques make beside a reading: of ten thousand times it no digit of that is left
+# (test_motion_states.py fails at 1e17).
+BELIEVED = 1e13
 AT_ONCE = 20000  # samples of states that are found at once: some 400 MB of seven joints
 LEAST_INERTIA = 1e-3  # [kg m^2] a motor's rotor behind its gear, where the file states less
 # [kg m^2] where torques act, as much or less is none stated: by hand, between a ball of 10 g, 1 cm

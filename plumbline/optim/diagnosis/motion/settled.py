@@ -90,9 +90,8 @@ def settled(s: Signals, drives: Drives) -> Signals:
             found[:, rows] = one.place, one.speed, one.acceleration
             squares.append(one.changes**2)
             noise.append((one.read - one.place) ** 2)
-        masses = masses / moved.bodies[1][..., None]
         squares_of, of_noise = (np.concatenate(x).mean(axis=0) for x in (squares, noise))
-        weights = believed(s.dt, weights, squares_of, of_noise, masses)
+        weights = believed(s.dt, weights, squares_of, of_noise)
         now = replace(s, posture=found[0], speed=found[1], acceleration=found[2])
     moved = _Moving(now, drives)
     (masses, alone, h), mean = moved.bodies, moved.accelerations[0]

@@ -87,10 +87,15 @@ class States:
         if not len(changes):
             return self
         by = self._by_places()
+        with np.errstate(over="ignore"):  # of a way that runs off, as no robot's does
+            size = np.sum([np.sum(slope**2, axis=2) for slope in by], axis=0)
+        if not np.isfinite(size).all():
+            return self
+        most = np.minimum(weights, BELIEVED / size)[:, None]
         bands, right = np.zeros((K, len(by), n, n)), self.read - self.place
         bands[:, 0] = np.eye(n)
         for i, slope in enumerate(by):
-            weighed = slope.transpose(0, 2, 1) * weights
+            weighed = slope.transpose(0, 2, 1) * most
             right[i : K - 3 + i] -= np.einsum("kij,kj->ki", weighed, changes)
             for j in range(i, len(by)):
                 bands[i : K - 3 + i, j - i] += weighed @ by[j]
@@ -114,7 +119,7 @@ class States:
         return replace(self, place=place, speed=speed, mean=mean)
 
 
-def believed(dt: float, weights: Array, squares: Array, noise: Array, masses: Array) -> Array:
+def believed(dt: float, weights: Array, squares: Array, noise: Array) -> Array:
     """Weights (n,) [s^4] of what drives give beyond what is known.
 
     Args:
@@ -122,13 +127,10 @@ def believed(dt: float, weights: Array, squares: Array, noise: Array, masses: Ar
         weights: Those by which states were found (n,).
         squares: Of its changes, in the mean (n,) [rad^2/s^4].
         noise: Of what was read, less these states (n,) [rad^2].
-        masses: Mass matrices, each row over the inertia of its joint (K, n, n).
     """
     told = (np.sqrt(weights) * dt) ** (-1 / 3) * dt / 3  # a share of what there is to know
-    most = BELIEVED * dt**4 / np.sum(masses**2, axis=2).max(axis=0)
-    return np.asarray(
-        np.minimum(np.maximum(noise, FINEST**2) * told / np.maximum(squares, 1e-300), most)
-    )
+    found = np.maximum(noise, FINEST**2) * told / np.maximum(squares, 1e-300)
+    return np.asarray(np.minimum(found, BELIEVED * dt**4))
 
 
 def slopes_at(
