@@ -17,9 +17,9 @@ from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import played
-from plumbline.optim.diagnosis.motion.windows import Drives as Felt
 from plumbline.optim.diagnosis.motion.signals import signals_of, spread
 from plumbline.optim.diagnosis.motion.units import in_unit, levers_of, slides
+from plumbline.optim.diagnosis.motion.windows import Drives as Felt
 from plumbline.optim.model.apply import Applied
 from plumbline.optim.model.constants import LOAD_ROUNDS, MARGIN
 from plumbline.optim.model.fitted import Known
