@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_solve, qr
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 
 from plumbline.optim.core.mapped import Gram
@@ -61,24 +62,26 @@ class Linear:
 
     def only(self, columns: Columns) -> Linear:
         """The same with some columns alone, all others absent."""
-        return Linear(self.block(columns, columns), self.b[columns], self.tt, self.n)
+        return Linear(self.G[np.ix_(columns, columns)], self.b[columns], self.tt, self.n)
 
     def block(self, rows: Columns, columns: Columns) -> Array:
         """Gram block (k, m) of some columns and others: its whole rows lie together in memory."""
         return np.asarray(self.G[rows].take(columns, axis=1))
 
     def given(
-        self, columns: Columns, precision: Array, asked: Columns
+        self, columns: Columns, precision: Array, asked: Columns, own: Linear | None = None
     ) -> tuple[Array, Array, Array, float, float]:
         r"""What is left given some columns, in factored form, without working out all of it.
 
         The inverse of their Cholesky factor L (K, K); of the columns a that are asked (R,)
         :math:`R = G_{aB} L^{-T}` (R, K), and :math:`h = L^{-1} b_B` (K,), such that
         :math:`G'_{aa} = G_{aa} - R R^T` and :math:`b'_a = b_a - R h`; the target's square, and
-        equations.
+        equations. ``own`` is the problem of the columns alone, where it is known.
         """
-        unit, hidden, tt, n = self.only(columns).factored(precision)
-        return unit, self.block(columns, asked).T @ unit.T, hidden, tt, n
+        unit, hidden, tt, n = (own or self.only(columns)).factored(precision)
+        # By a triangle, which is half of the work.
+        root = dtrmm(1.0, unit, self.block(columns, asked), lower=1).T
+        return unit, np.asarray(root), hidden, tt, n
 
     def factored(self, precision: Array) -> tuple[Array, Array, float, float]:
         """L^-1 (K, K) of the Cholesky factor of all columns, L^-1 b (K,), and what they leave.

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -149,9 +149,24 @@ class Batch:
     widths: Array  # widths of their priors that are tried (C, S)
 
 
+class Gathered(tuple[Batch, ...]):
+    """Batches that are asked together, again and again."""
+
+    @cached_property
+    def asked(self) -> Columns:
+        """Their columns, each once (R,)."""
+        every = [batch.columns.ravel() for batch in self]
+        return np.unique(np.concatenate([np.empty(0, np.intp), *every]))
+
+    @cached_property
+    def places(self) -> tuple[NDArray[np.intp], ...]:
+        """Of every batch, where its columns are among these (C, k)."""
+        return tuple(np.searchsorted(self.asked, batch.columns) for batch in self)
+
+
 def batches(
     linear: Linear, candidates: Sequence[Term], asked: NDArray[np.intp] | None = None
-) -> list[Batch]:
+) -> Gathered:
     """The candidates that are asked, all if not given, gathered by their number of columns."""
     asked = np.arange(len(candidates)) if asked is None else asked
     sizes = np.array([len(candidates[i].columns) for i in asked.tolist()], dtype=int)
@@ -163,7 +178,7 @@ def batches(
         blocks = linear.G[columns[:, :, None], columns[:, None, :]]
         limits = np.array([candidate.limits for candidate in own])
         found.append(Batch(members, columns, blocks, limits, np.array([c.widths for c in own])))
-    return found
+    return Gathered(found)
 
 
 class Scannable(Protocol):

@@ -22,7 +22,7 @@ import numpy as np
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear, cholesky
-from plumbline.optim.diagnosis.posterior.evidence import Batch, Term
+from plumbline.optim.diagnosis.posterior.evidence import Gathered, Term
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,14 @@ class Reduced:
     r"""A linear problem given some terms."""
 
     linear: Linear  # the whole problem
-    gathered: Sequence[Batch]  # its candidates in batches
+    gathered: Gathered  # its candidates in batches
     candidates: Sequence[Term]  # the same one by one
     chosen: tuple[SelectedTerm, ...]  # the terms
     variance: float  # of the noise that weighs their priors
     precision: Array  # prior precisions of the terms' columns (K,)
-    inverse: Array  # :math:`A^{-1}` (K, K)
-    asked: Columns  # the batches' columns, each once (R,)
+    # :math:`A^{-1}` (K', K') before terms went, columns (K,) of it that stayed, and a root (K', k)
+    # of what it lost with the others
+    before: tuple[Array, Columns, Array]
     blocks: tuple[Array, ...]  # the batches' Gram blocks, given the terms
     b: Array  # correlation with the target (P,), given the terms; NaN of columns not asked
     tt: float  # square of the target, given the terms
@@ -65,20 +66,31 @@ class Reduced:
     def given(
         cls,
         linear: Linear,
-        gathered: Sequence[Batch],
+        gathered: Gathered,
         candidates: Sequence[Term],
         chosen: Sequence[SelectedTerm],
         variance: float,
+        own: Linear | None = None,
     ) -> Reduced:
-        """Given these terms, none or more, at this noise variance."""
-        columns, precision = stack(candidates, chosen, variance)
-        asked = np.unique(np.concatenate([columns[:0], *(g.columns.ravel() for g in gathered)]))
-        unit, root, hidden, tt, n = linear.given(columns, precision, asked)
-        blocks, b = tuple(batch.blocks for batch in gathered), np.full(len(linear.b), np.nan)
+        """Given these terms, none or more, at this noise variance, of whose columns is ``own``."""
+        (columns, precision), asked = stack(candidates, chosen, variance), gathered.asked
+        unit, root, hidden, tt, n = linear.given(columns, precision, asked, own)
+        b = np.full(len(linear.b), np.nan)
         b[asked] = linear.b[asked] - root @ hidden
-        terms, found = tuple(chosen), (unit.T @ unit, asked, blocks, b, tt, n)
-        nothing = cls(linear, gathered, candidates, terms, variance, precision, *found)
-        return replace(nothing, blocks=nothing._moved(root, -1.0))
+        blocks = _moved([batch.blocks for batch in gathered], gathered, root, -1.0)
+        whole = unit.T @ unit, np.arange(len(columns)), np.empty((len(columns), 0))
+        terms = tuple(chosen)
+        return cls(
+            linear, gathered, candidates, terms, variance, precision, whole, blocks, b, tt, n
+        )
+
+    @cached_property
+    def inverse(self) -> Array:
+        """:math:`A^{-1}` (K, K), worked out when it is asked for: of a slot it rarely is."""
+        inverse, kept, gone = self.before
+        if len(kept) == len(inverse):
+            return inverse
+        return np.asarray(inverse[np.ix_(kept, kept)] - gone[kept] @ gone[kept].T)
 
     def without(self, term: SelectedTerm) -> Reduced:
         """Given all terms but one, by an update of low rank."""
@@ -87,19 +99,19 @@ class Reduced:
         schur = np.linalg.inv(own[part])
         lower = cholesky((schur + schur.T) / 2, np.diag(schur))
         gone, rest = own @ lower, np.delete(np.arange(len(own)), part)
-        inverse = self.inverse[np.ix_(rest, rest)] - gone[rest] @ gone[rest].T
+        sizes = (np.diag(self.inverse) - np.einsum("ij,ij->i", gone, gone))[rest]
         hidden, precision = gone.T @ self.linear.b[self._columns], self.precision[rest]
         root, b = self._beside.T @ gone, self.b.copy()
-        b[self.asked] += root @ hidden
+        b[self.gathered.asked] += root @ hidden
         return replace(
             self,
             chosen=tuple(c for c in self.chosen if c.index != term.index),
             precision=precision,
-            inverse=inverse,
-            blocks=self._moved(root, 1.0),
+            before=(self.inverse, rest, gone),
+            blocks=_moved(self.blocks, self.gathered, root, 1.0),
             b=b,
             tt=self.tt + float(hidden @ hidden),
-            n=self.linear.n - (len(precision) - float(precision @ np.diag(inverse))),
+            n=self.linear.n - (len(precision) - float(precision @ sizes)),
         )
 
     def of(self, term: SelectedTerm) -> tuple[Array, Array, float, float]:
@@ -125,7 +137,7 @@ class Reduced:
     @cached_property
     def _beside(self) -> Array:
         """Gram block of the terms and what is asked (K, R), gathered once for all of these."""
-        return self.linear.block(self._columns, self.asked)
+        return self.linear.block(self._columns, self.gathered.asked)
 
     @cached_property
     def _values(self) -> Array:
@@ -139,8 +151,11 @@ class Reduced:
         spans = (slice(a, z) for a, z in itertools.pairwise(ends.tolist()))
         return dict(zip((c.index for c in self.chosen), spans, strict=True))
 
-    def _moved(self, root: Array, sign: float) -> tuple[Array, ...]:
-        """The blocks with what a root (R, K) spans added, or taken away."""
-        seen = [root[np.searchsorted(self.asked, batch.columns)] for batch in self.gathered]
-        pairs = zip(self.blocks, seen, strict=True)
-        return tuple(block + sign * (own @ own.transpose(0, 2, 1)) for block, own in pairs)
+
+def _moved(
+    blocks: Sequence[Array], gathered: Gathered, root: Array, sign: float
+) -> tuple[Array, ...]:
+    """Blocks of the batches with what a root (R, K) spans added, or taken away."""
+    seen = [root[places] for places in gathered.places]
+    pairs = zip(blocks, seen, strict=True)
+    return tuple(block + sign * (own @ own.transpose(0, 2, 1)) for block, own in pairs)

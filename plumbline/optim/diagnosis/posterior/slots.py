@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import (
-    Batch,
+    Gathered,
     NoisePrior,
     Scores,
     Term,
@@ -63,14 +63,20 @@ class TermProblem(ABC):
         """Number of the cause that each term is a variant of (C,)."""
 
     @cached_property
-    def gathered(self) -> list[Batch]:
+    def gathered(self) -> Gathered:
         """The terms, ready to be scanned."""
         return batches(self.linear, self.candidates, self.asked)
 
     def variance(self, chosen: Sequence[SelectedTerm], near: Reduced | None = None) -> float:
         """Noise variance that these terms leave, whose priors are weighed by it."""
+        return self._variance(chosen, near, self._only(chosen))
+
+    def _only(self, chosen: Sequence[SelectedTerm]) -> Linear:
+        """The linear problem of these terms alone."""
+        return self.linear.only(stack(self.candidates, chosen, 1.0)[0])
+
+    def _variance(self, chosen: Sequence[SelectedTerm], near: Reduced | None, own: Linear) -> float:
         start = near.variance if near else self.noise.variance(self.linear.tt, self.linear.n)
-        own = self.linear.only(stack(self.candidates, chosen, 1.0)[0])
 
         def left(v: Array) -> tuple[float, float]:
             return own.factored(stack(self.candidates, chosen, float(v))[1])[2:]
@@ -95,8 +101,9 @@ class TermProblem(ABC):
         if asked is not None:
             own = np.array(asked) if self.asked is None else np.intersect1d(asked, self.asked)
             gathered = batches(self.linear, self.candidates, own)
-        variance = self.variance(chosen, near)
-        return Reduced.given(self.linear, gathered, self.candidates, chosen, variance)
+        mine = self._only(chosen)
+        variance = self._variance(chosen, near, mine)
+        return Reduced.given(self.linear, gathered, self.candidates, chosen, variance, mine)
 
     @cached_property
     def fills_slot(self) -> list[bool]:
