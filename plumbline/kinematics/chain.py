@@ -242,6 +242,10 @@ class Chain:
         whose common normal may be far away, take the normal through the next joint's origin; the
         last link takes the tip's own frame.
         """
+        return list(self._link_frames)
+
+    @cached_property
+    def _link_frames(self) -> list[Array]:
         nexts = [*self.joints[1:], None]
         return [_link_frame(a, b, self.T_last_tip) for a, b in zip(self.joints, nexts, strict=True)]
 

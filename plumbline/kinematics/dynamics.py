@@ -19,9 +19,9 @@ over the bodies from joint i outwards and the payload at the tip.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self
 
 import casadi as cs
@@ -195,6 +195,15 @@ class Nominal:
     q: cs.SX  #: joint readings (n,) [rad or m]
     payload: cs.SX  #: known payload [kg]
 
+    @classmethod
+    def at(cls, chain: Chain, row: Mapping[str, cs.SX]) -> Nominal:
+        """At the symbols of a row: what is shared where these are the shared ones."""
+        shared = nominal_of(chain, carrying="payload" in row)
+        payload = row.get("payload", shared.payload)
+        if row["q"] is shared.q and payload is shared.payload:
+            return shared
+        return cls(chain, row["q"], payload)
+
     @cached_property
     def load(self) -> cs.SX:
         """Torque (n,) that the drives hold against gravity [N m or N]."""
@@ -225,6 +234,16 @@ class Nominal:
         """
         force = constant(self.chain.gravity) if force is None else force
         return self._borne(cs.gradient(-cs.dot(place, force), self.q))
+
+
+@lru_cache(maxsize=32)
+def nominal_of(chain: Chain, *, carrying: bool) -> Nominal:
+    """The nominal arm in symbols of its own, worked out once for all models of it.
+
+    Carrying what a row says, or nothing.
+    """
+    payload = cs.SX.sym("payload") if carrying else cs.SX(0)
+    return Nominal(chain, cs.SX.sym("q", chain.n), payload)
 
 
 def weight_beyond(

@@ -23,6 +23,13 @@ from plumbline.kinematics.evaluate import Array
 def constant(matrix: ArrayLike) -> cs.SX:
     """A numeric matrix as symbols whose rounding-error zeros are structural zeros."""
     values = np.array(matrix, dtype=float)
+    return cs.SX(_constant(values.tobytes(), values.shape))
+
+
+@lru_cache(maxsize=1024)
+def _constant(matrix: bytes, shape: tuple[int, ...]) -> cs.SX:
+    """The same of what every model of an arm asks for again."""
+    values = np.frombuffer(matrix).reshape(shape).copy()
     values[np.abs(values) < ROUNDING] = 0.0
     return cs.SX(cs.sparsify(cs.DM(values)))
 

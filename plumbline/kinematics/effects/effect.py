@@ -92,8 +92,7 @@ class State:
     @classmethod
     def ideal(cls, chain: Chain, row: Mapping[str, cs.SX], tool: cs.SX) -> State:
         """The chain with nothing wrong, at the readings of a row."""
-        nominal = Nominal(chain, row["q"], row.get("payload", cs.SX(0)))
-        return cls(nominal, row, row["q"], chain.placements, tool)
+        return cls(Nominal.at(chain, row), row, row["q"], chain.placements, tool)
 
     @property
     def chain(self) -> Chain:

@@ -10,6 +10,7 @@ minus measured [m], or [rad] for link-side encoders; efforts have a chain of the
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import Self
 
@@ -17,6 +18,7 @@ import casadi as cs
 import numpy as np
 
 from plumbline.kinematics.chain import Chain
+from plumbline.kinematics.dynamics import nominal_of
 from plumbline.kinematics.effects import Effect, Scope, Stage, State
 from plumbline.kinematics.effects.confined import parts_of
 from plumbline.kinematics.frames import Transform, constant, quaternion_rotation, unskew
@@ -201,6 +203,7 @@ def _loads(recording: Recording, chain: Chain) -> Array:
     return np.asarray(recording.derived[LOADS])
 
 
+@lru_cache(maxsize=32)
 def loaded_chain(chain: Chain) -> Chain:
     """The chain itself, or with assumed masses (15 kg per metre of link) where it has none."""
     if chain.has_masses:
@@ -250,7 +253,12 @@ class _Row:
             columns["socket"] = one_hot_sockets(recording)
         for effect in effects:
             columns |= _derived(recording, effect)
-        symbols = {name: cs.SX.sym(name, v.shape[1]) for name, v in columns.items()}
+        arm = nominal_of(loaded_chain(recording.chain), carrying="payload" in columns)
+        shared = {"q": arm.q, "payload": arm.payload}
+        symbols = {
+            name: shared[name] if name in shared else cs.SX.sym(name, v.shape[1])
+            for name, v in columns.items()
+        }
         return cls(symbols, cs.vertcat(*symbols.values()), np.hstack(list(columns.values())))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,6 +54,11 @@ class Dependence:
     log_prior: float = 0.0
     limits: tuple[tuple[float, float], ...] = ()
 
+    def sharing(self, log_prior: float) -> Dependence:
+        """The same with another share."""
+        kept = self.words, self.on, self.stage, self.element, self.columns
+        return Dependence(*kept, log_prior, self.limits)
+
 
 def one_of(*kinds: Iterable[Dependence]) -> Iterator[Dependence]:
     """Forms of one dependence, which share its odds: kinds of them alike, then the forms of each.
@@ -63,7 +68,7 @@ def one_of(*kinds: Iterable[Dependence]) -> Iterator[Dependence]:
     """
     for forms in (groups := [forms for kind in kinds if (forms := list(kind))]):
         share = -float(np.log(len(forms) * len(groups)))
-        yield from (replace(f, log_prior=share) for f in forms)
+        yield from (f.sharing(share) for f in forms)
 
 
 def of_joint(words: str, on: str, j: int, forms: Iterable[Array], ports: Array) -> list[Dependence]:

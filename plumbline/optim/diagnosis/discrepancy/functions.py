@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from itertools import combinations_with_replacement, product
 
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.constants import TIP_TO_AXIS
-from plumbline.kinematics.dynamics import Nominal, weight_beyond
+from plumbline.kinematics.dynamics import nominal_of, weight_beyond
 from plumbline.kinematics.effects.base_bump import LEAST_SHARE, MOST
 from plumbline.kinematics.effects.base_drift import SETTLING
 from plumbline.kinematics.effects.hysteresis import Hysteresis
@@ -153,33 +155,39 @@ def plays(angle: Array) -> Array:
 def loads(recording: Recording, gravity: Array | None = None) -> Array:
     """Gravity torques (N, n) [N m], or what another gravity (3,) in the base frame would make."""
     chain = scope_of(recording).chain
-    chain = chain if gravity is None else replace(chain, gravity=gravity)
-    payload = np.zeros(len(recording)) if recording.payload is None else recording.payload
-    rows = np.column_stack([recording.q, payload])
+    torque = _torque(chain, None if gravity is None else tuple(gravity.tolist()))
+    return over_rows(torque, _carrying(recording))[0][:, 0]
+
+
+@lru_cache(maxsize=32)
+def _torque(chain: Chain, gravity: tuple[float, ...] | None) -> cs.Function:
+    chain = chain if gravity is None else replace(chain, gravity=np.array(gravity))
     q, mass = cs.SX.sym("q", chain.n), cs.SX.sym("payload")
-    torque = cs.Function("torque", [cs.vertcat(q, mass)], [chain.gravity_torque(q, mass)])
-    return over_rows(torque, rows)[0][:, 0]
+    return cs.Function("torque", [cs.vertcat(q, mass)], [chain.gravity_torque(q, mass)])
 
 
-def _arm(recording: Recording) -> tuple[Nominal, Array]:
-    """The nominal arm in symbols, and what it is known to carry (N,) [kg]."""
-    chain = scope_of(recording).chain
+def _carrying(recording: Recording) -> Array:
+    """Postures, and what the arm is known to carry there (N, n + 1)."""
     known = np.zeros(len(recording)) if recording.payload is None else recording.payload
-    return Nominal(chain, cs.SX.sym("q", chain.n), cs.SX.sym("payload")), known
+    return np.column_stack([recording.q, known])
 
 
 def weights(recording: Recording) -> Array:
     """Gravity's direction, and moment [N m], in the frame of every joint (n, 2, 3, N)."""
-    arm, payload = _arm(recording)
-    chain = arm.chain
+    borne = _borne(chain := scope_of(recording).chain)
+    found = over_rows(borne, _carrying(recording))[0]
+    return np.asarray(found.reshape(len(found), chain.n, 2, 3).transpose(1, 2, 3, 0))
+
+
+@lru_cache(maxsize=16)
+def _borne(chain: Chain) -> cs.Function:
+    arm = nominal_of(chain, carrying=True)
     down = cs.DM(chain.gravity / max(float(np.linalg.norm(chain.gravity)), 1e-12))
     each = [
         T.R.T @ cs.horzcat(down, weight_beyond(arm, j + 1, T.t)[1])
         for j, T in enumerate(arm.frames[: chain.n])
     ]
-    borne = cs.Function("borne", [cs.vertcat(arm.q, arm.payload)], [cs.densify(cs.horzcat(*each))])
-    found = over_rows(borne, np.column_stack([recording.q, payload]))[0]
-    return np.asarray(found.reshape(len(found), chain.n, 2, 3).transpose(1, 2, 3, 0))
+    return cs.Function("borne", [cs.vertcat(arm.q, arm.payload)], [cs.densify(cs.horzcat(*each))])
 
 
 def bending(recording: Recording) -> Array:
@@ -188,26 +196,33 @@ def bending(recording: Recording) -> Array:
     A twist of its joint's frame; to a twelfth of the end's shift as a beam bends (Timoshenko 1955,
     Strength of Materials I, ch. 5).
     """
-    arm, payload = _arm(recording)
-    found = []
+    bent = _bent(scope_of(recording).chain)
+    return np.asarray(over_rows(bent, _carrying(recording))[0].transpose(1, 2, 0))
+
+
+@lru_cache(maxsize=16)
+def _bent(chain: Chain) -> cs.Function:
+    arm, found = nominal_of(chain, carrying=True), []
     for i, T in enumerate(arm.frames[: arm.chain.n]):
         beam = arm.chain.placements[i + 1].t
         u = beam / cs.fmax(cs.norm_2(beam), TIP_TO_AXIS)
         moment = T.R.T @ weight_beyond(arm, i + 1, T.point(beam / 2))[1]
         turned = moment - u * cs.dot(u, moment)
         found.append(cs.vertcat(cs.cross(beam / 2, turned), turned))
-    bent = cs.Function("bent", [cs.vertcat(arm.q, arm.payload)], [cs.densify(cs.horzcat(*found))])
-    return np.asarray(
-        over_rows(bent, np.column_stack([recording.q, payload]))[0].transpose(1, 2, 0)
-    )
+    return cs.Function("bent", [cs.vertcat(arm.q, arm.payload)], [cs.densify(cs.horzcat(*found))])
 
 
 def overturning(recording: Recording) -> Array:
     """Moment (3, N) [N m] of all weights about the base's origin, in the base frame."""
-    arm, payload = _arm(recording)
+    about = _overturned(scope_of(recording).chain)
+    return np.asarray(over_rows(about, _carrying(recording))[0][:, 0].T)
+
+
+@lru_cache(maxsize=16)
+def _overturned(chain: Chain) -> cs.Function:
+    arm = nominal_of(chain, carrying=True)
     moment = weight_beyond(arm, 1, cs.SX(3, 1))[1]
-    about = cs.Function("overturning", [cs.vertcat(arm.q, arm.payload)], [cs.densify(moment)])
-    return np.asarray(over_rows(about, np.column_stack([recording.q, payload]))[0][:, 0].T)
+    return cs.Function("overturning", [cs.vertcat(arm.q, arm.payload)], [cs.densify(moment)])
 
 
 def on_tip(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
@@ -217,8 +232,8 @@ def on_tip(recording: Recording) -> Iterator[tuple[str, Array, Array]]:
     a rod does from the tip frame on (Timoshenko 1955, Strength of Materials I, sec. 20): its tip
     shifts as the force across it and turns by 3 / 2 L of that; a twist of the last joint's frame.
     """
-    arm, tool = _arm(recording)[0], recording.tool_offset
-    chain = arm.chain
+    chain, tool = scope_of(recording).chain, recording.tool_offset
+    arm = nominal_of(chain, carrying=True)
     (last, tip), force = arm.frames[-2:], cs.SX.sym("f", 3)
     length = float(np.linalg.norm(tool))
     long = length > TIP_TO_AXIS

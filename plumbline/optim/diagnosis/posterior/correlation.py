@@ -155,13 +155,13 @@ def _scatters(left: Array, moved: Array, least: float) -> Iterator[Array]:
 
         def cost(shares: Array) -> tuple[float, Array]:
             k = np.sqrt(shares @ ways**2)
-            inverse = powers(along(k[:, None, None] * moved), -1.0)
-            gone = np.einsum("na,nab->nb", left, inverse)
+            inverse = np.linalg.inv(along(k[:, None, None] * moved))
+            gone = (inverse @ left[..., None])[..., 0]
             square, floor = (
                 float(np.sum(gone * left)),
                 least**2 * float(np.einsum("naa->", inverse)),
             )
-            seen = np.einsum("kna,nab->knb", moved, inverse)
+            seen = (inverse @ moved[..., None])[..., 0]
             own = np.sum(seen * moved, axis=(1, 2))
             told = np.sum(np.einsum("kna,na->kn", moved, gone) ** 2, axis=1)
             if floor > square:

@@ -101,7 +101,7 @@ class Candidate:
         """What a verdict would call it."""
         return (self.effect.name, self.effect.element)
 
-    @property
+    @cached_property
     def limits(self) -> Array:
         """Where its parameters' bounds are from their nulls, in their scales (k, 2)."""
         declared = self.effect.parameters
