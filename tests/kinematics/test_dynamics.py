@@ -1,11 +1,12 @@
 """Torques are Pinocchio's, to rounding, for every tree; and linear in what bodies weigh."""
 
+import casadi as cs
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from plumbline.errors import PlumblineError
-from plumbline.kinematics.dynamics import Dynamics
+from plumbline.kinematics.dynamics import Dynamics, Nominal, nominal_of
 from plumbline.kinematics.robot import Robot, bundled_names
 from tests.random_trees import Tree
 
@@ -89,3 +90,15 @@ def test_rows_of_another_robot_are_refused():
     dynamics = Robot.bundled("ur5").dynamics()
     with pytest.raises(PlumblineError, match="N x 6 expected"):
         dynamics.torques(np.zeros((3, 6)), np.zeros((3, 6)), np.zeros((2, 6)))
+
+
+def test_a_row_in_symbols_of_its_own_is_of_no_arm_that_others_share():
+    chain = Robot.bundled("ur5").chain()
+    shared = nominal_of(chain, carrying=True)
+    same = {"q": shared.q, "payload": shared.payload}
+    assert Nominal.at(chain, same) is shared
+    for name, symbol in (("q", cs.SX.sym("q", chain.n)), ("payload", cs.SX.sym("payload"))):
+        own = Nominal.at(chain, same | {name: symbol})
+        assert getattr(own, name) is symbol
+        cs.Function("load", [*(same | {name: symbol}).values()], [own.load])
+    assert Nominal.at(chain, {"q": shared.q}).payload.is_zero()

@@ -165,3 +165,9 @@ def test_a_twist_is_a_shift_and_a_turn():
     T = Transform.from_twist(cs.SX([1.0, 2.0, 3.0]), cs.SX([0.1, -0.7, 0.4]))
     R = Rotation.from_rotvec([0.1, -0.7, 0.4]).as_matrix()
     np.testing.assert_allclose(numeric(T), homogeneous(R, [1.0, 2.0, 3.0]), atol=1e-15)
+
+
+def test_what_is_made_of_a_constant_leaves_others_like_it_as_they_are():
+    one = constant(np.eye(2))
+    one[0, 0] = 5.0
+    np.testing.assert_array_equal(cs.DM(constant(np.eye(2))).full(), np.eye(2))
