@@ -219,7 +219,7 @@ def test_a_servo_that_yields_and_heeds_no_small_error_stays_where_it_was_measure
 
 def forget():
     """Compile every drive anew."""
-    for cached in (rollout._rolling, rollout._piece, rollout._step, rollout._plan):
+    for cached in (rollout._rolling, rollout._piece, rollout._step, rollout._plan, rollout._apart):
         cached.cache_clear()
 
 

@@ -152,7 +152,7 @@ def _stepped(w: Windows, step: cs.Function, state: Array, given: Array, fixed: A
     data[:R, :H] = given  # and else an inertia of one
     begun = np.zeros((len(data), state.shape[1]))
     begun[:R] = state
-    every = np.tile(fixed, (abreast * pieces, 1))
+    every = np.tile(np.asarray(_apart(step)[0](fixed)).ravel(), (abreast * pieces, 1))
     after = np.empty((abreast, pieces, state.shape[1]))
     out = np.empty((*data.shape[:2], step.size1_out(1)))
     handle: Any = _rolling(step, pieces, abreast).buffer()  # addresses alone
@@ -207,14 +207,25 @@ def _rolling(step: cs.Function, pieces: int, abreast: int) -> cs.Function:
 
 @lru_cache(maxsize=1024)
 def _piece(step: cs.Function) -> cs.Function:
-    """Samples in a row; what they share is worked out once."""
-    seen: list[cs.SX] = []
+    """Samples in a row, of what is worked out before them."""
+    step, seen = _apart(step)[1], list[cs.SX]()
     after = both = cs.SX.sym("both", step.size1_in(0))
-    data, fixed = cs.SX.sym("data", step.size1_in(1), PIECE), cs.SX.sym("fixed", step.size1_in(2))
+    data, known = cs.SX.sym("data", step.size1_in(1), PIECE), cs.SX.sym("known", step.size1_in(2))
     for sample in cs.horzsplit(data):
-        after, now = step(after, sample, fixed)
+        after, now = step(after, sample, known)
         seen.append(now)
-    return cs.Function("piece", [both, data, fixed], cs.cse([after, cs.horzcat(*seen)]))
+    return cs.Function("piece", [both, data, known], [after, cs.horzcat(*seen)])
+
+
+@lru_cache(maxsize=1024)
+def _apart(step: cs.Function) -> tuple[cs.Function, cs.Function]:
+    """What of a step goes by its fixed numbers alone, and the step given that."""
+    inputs = [cs.SX.sym(step.name_in(k), step.size1_in(k)) for k in range(3)]
+    asked = {"extract_trivial": True}
+    told, names, found = cs.extract_parametric(step.call(inputs), inputs[2], asked)
+    known = cs.vertcat(cs.SX.sym("one"), *names)  # for there may be nothing
+    before = cs.Function("before", inputs[2:], [cs.vertcat(1, *found)])
+    return before, cs.Function("given", [*inputs[:2], known], cs.cse(told))
 
 
 @lru_cache(maxsize=1024)
