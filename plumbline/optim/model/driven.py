@@ -15,6 +15,7 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.fit import evaluated
+from plumbline.optim.diagnosis.motion.forward import forward
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import played
 from plumbline.optim.diagnosis.motion.signals import signals_of, spread
@@ -123,17 +124,28 @@ class Driven:
         places = self.law.follows
         first = start if start.size else u[0] if places else 0 * u[0]
         q = u - u[0] + first if places else np.broadcast_to(first, u.shape)
+        if self.law.pushes:
+            return self._pushed(t, u, q)
         for _ in range(LOAD_ROUNDS):
             q = self._played(t, u, np.vstack([first, q[1:]]))
         return np.asarray(q)
 
-    def _played(self, time: Array, command: Array, q: Array) -> Array:
-        """Positions (N, n) [rad or m], loads being those of the postures q (N, n)."""
-        asked = MotionRecording(
+    def _asked(self, time: Array, command: Array, q: Array) -> MotionRecording:
+        return MotionRecording(
             self.recording, self.robot, self.joints, self.index, self.law, time, command, q,
             None, None, self.kp, self.kd,
         )  # fmt: skip
-        signals = signals_of(asked, read=False)
+
+    def _pushed(self, time: Array, command: Array, q: Array) -> Array:
+        """Positions (N, n) [rad or m] of bodies that torques move from the first of q (N, n)."""
+        ideal = (), np.empty(0)
+        drives = ((s.effects, s.values) if (s := self.servos.get(j + 1)) else ideal
+                  for j in range(len(self.joints)))  # fmt: skip
+        return forward(self._asked(time, command, q), tuple(drives), q[0])
+
+    def _played(self, time: Array, command: Array, q: Array) -> Array:
+        """Positions (N, n) [rad or m], loads being those of the postures q (N, n)."""
+        signals = signals_of(self._asked(time, command, q))
         found = q.copy()
         for number, servo in self.servos.items():
             windows = signals.windows(number - 1, np.zeros(1, np.int64))

@@ -37,10 +37,16 @@ def bodies_at(r: MotionRecording, posture: Array, speed: Array) -> Bodies:
         q = pin.integrate(model, neutral, moved[k])
         masses[k] = pin.crba(model, data, q)[:, index]
         h[k] = pin.rnea(model, data, q, v[k], still)
-    masses, own = masses[:, index], np.arange(r.n)
-    if r.law.pushes:  # torques move a rotor where the file states nothing
-        masses[:, own, own] += LEAST_INERTIA * (masses[:, own, own] <= UNSTATED)
-    return masses, h[:, index]
+    masses = masses[:, index]
+    return with_rotors(masses) if r.law.pushes else masses, h[:, index]
+
+
+def with_rotors(masses: Array) -> Array:
+    """Mass matrices (..., n, n), with a rotor that torques move where the file states nothing."""
+    own = np.diagonal(masses, axis1=-2, axis2=-1)
+    return np.asarray(
+        masses + np.eye(own.shape[-1]) * (LEAST_INERTIA * (own <= UNSTATED))[..., None]
+    )
 
 
 def free(masses: Array) -> Array:

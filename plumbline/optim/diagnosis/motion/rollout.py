@@ -100,7 +100,7 @@ def _wide(w: Windows, effects: Effects, theta: Array, k: int) -> tuple[Array, Ar
 def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> Array:
     """The same of every sample of the roll-outs (R, steps, 1 + B), by so many parameters."""
     begin = w.passes[0]
-    shift, yields, sags = (_per_unit(effects, term) for term in ("shift", "compliance", "sag"))
+    shift, yields, sags = (per_unit(effects, term) for term in ("shift", "compliance", "sag"))
     lags = np.array([e.lags for e in effects])
     u, *du = w.asked(float(shift @ theta), float(lags @ theta), w.reach)
     now = _begun(w, u, begin, float(yields @ theta), float(sags @ theta))
@@ -229,10 +229,10 @@ def _apart(step: cs.Function) -> tuple[cs.Function, cs.Function]:
 
 
 @lru_cache(maxsize=1024)
-def _per_unit(effects: Effects, term: str) -> Array:
+def per_unit(effects: Effects, term: str) -> Array:
     """What each parameter (P,) adds to a drive's shift or compliance, per unit."""
     theta = cs.SX.sym("theta", len(effects))
-    drive = _drive(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
+    drive = drive_of(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
     value = cs.SX(0) if (made := getattr(drive, term)) is None else made
     return np.asarray(cs.DM(cs.densify(cs.jacobian(value, theta)))).reshape(-1)
 
@@ -241,13 +241,14 @@ def _per_unit(effects: Effects, term: str) -> Array:
 def _planning(effects: Effects) -> frozenset[int]:
     """Which parameters shape a planned way, its command's time among that."""
     theta, state = cs.SX.sym("theta", len(effects)), cs.SX.sym("state", len(MEMORY))
-    drive = _drive(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
+    drive = drive_of(Law.POSITION, effects, theta, cs.SX.sym("u"), cs.SX.sym("rest", 6))
     shaped = cs.vertcat(*drive.planned(Memory(*cs.vertsplit(state))))
     found = np.asarray(cs.DM(cs.jacobian_sparsity(shaped, theta), 1.0)).any(axis=0)
-    return frozenset(np.flatnonzero(found | (_per_unit(effects, "shift") != 0)).tolist())
+    return frozenset(np.flatnonzero(found | (per_unit(effects, "shift") != 0)).tolist())
 
 
-def _drive(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX) -> Drive:
+def drive_of(law: Law, effects: Effects, theta: cs.SX, command: cs.SX, rest: cs.SX) -> Drive:
+    """A drive with these effects; the rest is load, inertia, dt, kp, kd, bare."""
     load, inertia, dt, kp, kd, bare = cs.vertsplit(rest)
     drive = Drive(law, dt, command, load, inertia, kp, kd, bare)
     for k, effect in enumerate(effects):
@@ -264,7 +265,7 @@ def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
     both, data = cs.SX.sym("both", size * (1 + P)), cs.SX.sym("data", 5)
     fixed = cs.SX.sym("fixed", 4 + len(effects))
     theta, state = fixed[4:], both[:size]
-    drive = _drive(law, effects, theta, data[0], cs.vertcat(data[3:], fixed[:4]))
+    drive = drive_of(law, effects, theta, data[0], cs.vertcat(data[3:], fixed[:4]))
     if any(effect.plans for effect in effects):
         drive = drive.on_its_way(data[0])
     after = drive.step(Memory(*cs.vertsplit(state)))
@@ -273,7 +274,7 @@ def _step(law: Law, effects: Effects, by: tuple[int, ...]) -> cs.Function:
         return cs.Function("step", [both, data, fixed], cs.cse([cs.densify(new), new[3]]))
     S, some = cs.reshape(both[size:], size, P), list(by)
     S = cs.jacobian(new, state) @ S + cs.jacobian(new, theta)[:, some]
-    late = np.array([_per_unit(effects, "shift"), [e.lags for e in effects]])[:, some]
+    late = np.array([per_unit(effects, "shift"), [e.lags for e in effects]])[:, some]
     S += cs.jacobian(new, data[0]) @ (data[1:3].T @ late)
     S = cs.densify(S)
     told = [cs.vertcat(new, cs.reshape(S, size * P, 1)), cs.vertcat(new[3], S[3, :].T)]
@@ -285,7 +286,7 @@ def _plan(law: Law, shaping: Effects) -> cs.Function:
     """``(told, path, pace), command, (dt, theta) -> next, path``."""
     before, u, fixed = cs.SX.sym("before", 3), cs.SX.sym("u"), cs.SX.sym("fixed", 1 + len(shaping))
     rest = cs.vertcat(0, 1, fixed[0], cs.SX(3, 1))  # which no plan knows of
-    drive = _drive(law, shaping, fixed[1:], u, rest)
+    drive = drive_of(law, shaping, fixed[1:], u, rest)
     nothing = [cs.SX(0)] * PLAIN
     path, pace = drive.planned(Memory(*nothing, *cs.vertsplit(before)))
     return cs.Function("plan", [before, u, fixed], [cs.vertcat(drive.command, path, pace), path])
@@ -294,7 +295,7 @@ def _plan(law: Law, shaping: Effects) -> cs.Function:
 def played(windows: Windows, effects: Effects, theta: Array) -> Array:
     """Positions (M,) [rad] along the whole recording, from its measured start."""
     w, u = _whole(windows, effects, theta)
-    yields, sags = (float(_per_unit(effects, term) @ theta) for term in ("compliance", "sag"))
+    yields, sags = (float(per_unit(effects, term) @ theta) for term in ("compliance", "sag"))
     begun = _begun(w, u, w.start, yields, sags)
     if any(effect.plans for effect in effects):
         u = _way(w, effects, theta, u, begun)
@@ -307,7 +308,7 @@ def played(windows: Windows, effects: Effects, theta: Array) -> Array:
 def _whole(windows: Windows, effects: Effects, theta: Array) -> tuple[Windows, Array]:
     """A whole recording as one window, and the commands (1, M) that reach its drive."""
     w = replace(windows, start=np.zeros(1, np.int64), length=len(windows.command) - 1, settle=0)
-    shift = float(_per_unit(effects, "shift") @ theta)
+    shift = float(per_unit(effects, "shift") @ theta)
     late = sum(e.lags * value for e, value in zip(effects, theta, strict=True))
     return w, w.asked(shift, float(late), w.reach_of(w.start, w.length))[0]
 

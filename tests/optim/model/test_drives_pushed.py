@@ -1,0 +1,136 @@
+"""Drives taken home that push: what they do with other torques is what MuJoCo's bodies do."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.law import Law
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.motion import forward as forward_module
+from plumbline.optim.model.driven import Driven, Servo
+
+NAMES = {e.name: e for e in MOTION_EFFECTS}
+STEP, DT, ROWS = 2e-4, 0.005, 300
+AXES, LENGTHS, MASSES = ("0 1 0", "0 1 0", "1 0 0"), (0.3, 0.2, 0.1), (2.0, 1.0, 0.5)
+INERTIAS = (0.02, 0.008, 0.001)  # [kg m^2]
+LINK = (
+    '<joint name="j{k}" type="revolute"><origin xyz="{x} 0 0"/><parent link="l{k}"/>'
+    '<child link="l{n}"/><axis xyz="{axis}"/><limit lower="-9" upper="9" effort="99" '
+    'velocity="99"/></joint><link name="l{n}"><inertial><origin xyz="{c} 0 0.01"/>'
+    '<mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial></link>"
+)
+BODY = (
+    '<body pos="{x} 0 0"><joint name="j{k}" axis="{axis}"/><inertial pos="{c} 0 0.01" '
+    'mass="{m}" diaginertia="{i} {i} {i}"/>'
+)
+
+
+def arms():
+    """A robot and MuJoCo's model of it."""
+    links = [
+        {"k": k, "n": k + 1, "x": (0.0, *LENGTHS)[k], "axis": AXES[k], "m": MASSES[k],
+         "c": LENGTHS[k] / 2, "i": INERTIAS[k]}
+        for k in range(3)
+    ]  # fmt: skip
+    urdf = '<robot name="r"><link name="l0"/>' + "".join(LINK.format(**one) for one in links)
+    motors = "".join(f'<motor joint="j{k}"/>' for k in range(3))
+    bodies = "".join(BODY.format(**one) for one in links) + "</body>" * 3
+    arm = (
+        f'<mujoco><option timestep="{STEP}" integrator="RK4"/><worldbody>{bodies}</worldbody>'
+        f"<actuator>{motors}</actuator></mujoco>"
+    )
+    return Robot.from_urdf(urdf + "</robot>"), mujoco.MjModel.from_xml_string(arm)
+
+
+def told(t):
+    """Torques (..., 3) [N m]."""
+    return np.sin(np.multiply.outer(t, [5.0, 7.0, 9.0]) + [0.3, 1.0, 2.0]) * [1.2, 0.3, 0.03]
+
+
+def moved(start, *, straight=False, late=0.0, damping=0.0, dry=0.0):
+    """What MuJoCo's joints do (ROWS, 3) [rad]."""
+    model = arms()[1]
+    model.dof_damping[:], model.dof_frictionloss[:] = damping, dry
+    data, seen, t, per = mujoco.MjData(model), [], DT * np.arange(ROWS), round(DT / STEP)
+    data.qpos[:] = start
+    rows, times = told(t), STEP * np.arange(per * (ROWS - 1)) - late
+    if straight:
+        u = np.column_stack([np.interp(times + STEP / 2, t, x) for x in rows.T])
+    else:
+        u = rows[np.maximum((times / DT + 1e-6).astype(int), 0)]
+    for k, push in enumerate([*u, u[-1]]):
+        if k % per == 0:
+            seen.append(data.qpos.copy())
+        data.ctrl[:] = push
+        mujoco.mj_step(model, data)
+    return np.array(seen)
+
+
+def drives(law=Law.TORQUE, **values):
+    """The same arm's, each joint with these effects."""
+    effects = tuple(NAMES[name]() for name in values)
+    by = np.array([*values.values()], dtype=float)
+    servo = Servo(effects, by, 0 * by, 1.0, np.array([-9.0, 9.0]))
+    robot = arms()[0]
+    return Driven(
+        "made", robot, tuple(f"j{k}" for k in range(3)), (0, 1, 2), law, np.zeros(3), np.zeros(3),
+        {j: servo for j in (1, 2, 3)} if values else {}, 1.0, 1.0,
+    )  # fmt: skip
+
+
+T, START = DT * np.arange(ROWS), np.array([0.2, -0.4, 0.1])
+CASES = {
+    "nothing": ({}, {}, 3e-4),
+    "viscous friction": ({"damping": 0.02}, {"viscous_friction": 0.02}, 3e-4),
+    "a delay": ({"late": 0.012}, {"actuation_delay": 0.012}, 3e-4),
+    # MuJoCo's dry friction gives way a little before it slides.
+    "dry friction": ({"dry": 0.01}, {"coulomb_friction": 0.01}, 0.05),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_torques_move_coupled_bodies_as_mujoco_does(case):
+    """One and a half seconds of an arm that swings by turns; once they ran off by radians."""
+    given, values, most = CASES[case]
+    expected = moved(START, **given)
+    there = drives(**values).rollout(T, told(T), start=START)
+    assert np.ptp(expected, axis=0).min() > 0.25
+    assert np.abs(there - expected).max() < most
+
+
+def test_torques_that_run_straight_from_row_to_row_are_not_held():
+    expected = moved(START, straight=True)
+    there = drives(Law.SAMPLED_TORQUE).rollout(T, told(T), start=START)
+    held = drives().rollout(T, told(T), start=START)
+    assert np.abs(there - expected).max() < 1e-3
+    assert np.abs(held - expected).max() > 0.02
+
+
+def test_rows_may_be_unevenly_spaced():
+    chosen = np.sort(np.random.default_rng(0).choice(np.arange(1, ROWS), 240, replace=False))
+    some = np.concatenate([[0], chosen])
+    law = drives(Law.SAMPLED_TORQUE)
+    whole, part = (law.rollout(t, told(t), start=START) for t in (T, T[some]))
+    assert np.abs(part - whole[some]).max() < 0.05
+    assert np.ptp(whole, axis=0).min() > 0.5
+
+
+@pytest.mark.parametrize("constant", ["OF_A_ROW", "MIDDLES"])
+def test_a_row_is_stepped_as_finely_as_makes_a_difference(constant, monkeypatch):
+    expected = moved(START)
+    monkeypatch.setattr(forward_module, constant, 1)
+    assert np.abs(drives().rollout(T, told(T), start=START) - expected).max() > 1e-3
+
+
+def test_drives_push_in_turn_where_friction_holds_them(monkeypatch):
+    rubs = {name: 0.3 for name in ("coulomb_friction", "viscous_friction")}
+    there = drives(**rubs).rollout(T, told(T), start=START)
+    monkeypatch.setattr(forward_module, "IN_TURN", 6)
+    again = drives(**rubs).rollout(T, told(T), start=START)
+    assert np.abs(there - again).max() < 1e-3
+    monkeypatch.setattr(forward_module, "IN_TURN", 1)
+    monkeypatch.setattr(forward_module, "MIDDLES", 1)
+    alone = drives(**rubs).rollout(T, told(T), start=START)
+    assert np.abs(alone - again).max() > 1e-3
