@@ -46,7 +46,8 @@ def arms():
 
 def told(t):
     """Torques (..., 3) [N m]."""
-    return np.sin(np.multiply.outer(t, [5.0, 7.0, 9.0]) + [0.3, 1.0, 2.0]) * [1.2, 0.3, 0.03]
+    turns, phase = np.array([5.0, 7.0, 9.0]), np.array([0.3, 1.0, 2.0])
+    return np.sin(np.multiply.outer(t, turns) + phase) * [1.2, 0.3, 0.03]
 
 
 def moved(start, *, straight=False, late=0.0, damping=0.0, dry=0.0):
@@ -76,7 +77,7 @@ def drives(law=Law.TORQUE, **values):
     robot = arms()[0]
     return Driven(
         "made", robot, tuple(f"j{k}" for k in range(3)), (0, 1, 2), law, np.zeros(3), np.zeros(3),
-        {j: servo for j in (1, 2, 3)} if values else {}, 1.0, 1.0,
+        dict.fromkeys((1, 2, 3), servo) if values else {}, 1.0, 1.0,
     )  # fmt: skip
 
 
@@ -125,7 +126,7 @@ def test_a_row_is_stepped_as_finely_as_makes_a_difference(constant, monkeypatch)
 
 
 def test_drives_push_in_turn_where_friction_holds_them(monkeypatch):
-    rubs = {name: 0.3 for name in ("coulomb_friction", "viscous_friction")}
+    rubs = dict.fromkeys(("coulomb_friction", "viscous_friction"), 0.3)
     there = drives(**rubs).rollout(T, told(T), start=START)
     monkeypatch.setattr(forward_module, "IN_TURN", 6)
     again = drives(**rubs).rollout(T, told(T), start=START)
