@@ -233,7 +233,7 @@ class Signals:
 
 
 def signals_of(
-    recording: MotionRecording, most: int = MOST_SAMPLES, drives: Drives = ()
+    recording: MotionRecording, most: int = MOST_SAMPLES, drives: Drives = (), *, read: bool = True
 ) -> Signals:
     """A recording on an even clock, at most so many samples a window.
 
@@ -244,6 +244,7 @@ def signals_of(
         recording: What was recorded.
         most: Samples of a window.
         drives: What is known of each joint's drive; ideal ones if nothing is.
+        read: Whether its places were read, not made up: those are where loads are worked out.
 
     Raises:
         PlumblineError: No run of it is as long as a window.
@@ -252,7 +253,7 @@ def signals_of(
         most = MOST_HELD
     follows = recording.law.ideal or recording.law == Law.HELD
     s = _smoothed(recording, POSTURE if follows else SMOOTH, most)
-    if not recording.law.pushes:
+    if not (recording.law.pushes and read):
         return s
     known = drives or (((), np.empty(0)),) * recording.n
     late = dict.fromkeys((0.0, recording.lead))
