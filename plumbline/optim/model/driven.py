@@ -109,7 +109,7 @@ class Driven:
 
         Raises:
             PlumblineError: Commands of another number of joints, too few of them, none that are
-                finite, or a clock that does not go on.
+                finite or by far too large, or a clock that does not go on.
         """
         n = len(self.joints)
         t, u = _numbers("time", time), _numbers("command", command)
@@ -141,7 +141,11 @@ class Driven:
         ideal = (), np.empty(0)
         drives = ((s.effects, s.values) if (s := self.servos.get(j + 1)) else ideal
                   for j in range(len(self.joints)))  # fmt: skip
-        return forward(self._asked(time, command, q), tuple(drives), q[0])
+        found = forward(self._asked(time, command, q), tuple(drives), q[0])
+        if not (sane := np.isfinite(found).all(axis=1)).all():
+            at = f"command, rows before {int(np.argmin(sane)) + 1}"
+            raise fault(at, "torques that no state comes of", "such as an arm takes", "give N m")
+        return found
 
     def _played(self, time: Array, command: Array, q: Array) -> Array:
         """Positions (N, n) [rad or m], loads being those of the postures q (N, n)."""

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
@@ -116,6 +117,11 @@ def test_rows_may_be_unevenly_spaced():
     whole, part = (law.rollout(t, told(t), start=START) for t in (T, T[some]))
     assert np.abs(part - whole[some]).max() < 0.05
     assert np.ptp(whole, axis=0).min() > 0.5
+
+
+def test_torques_under_which_no_state_is_left_are_refused_by_their_row():
+    with pytest.raises(PlumblineError, match=r"rows before \d+: .*torques that no state comes of"):
+        drives().rollout(T, 1e9 * told(T))
 
 
 @pytest.mark.parametrize("constant", ["OF_A_ROW", "MIDDLES"])
