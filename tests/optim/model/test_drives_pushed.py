@@ -124,10 +124,10 @@ def test_torques_under_which_no_state_is_left_are_refused_by_their_row():
         drives().rollout(T, 1e9 * told(T))
 
 
-@pytest.mark.parametrize("constant", ["OF_A_ROW", "MIDDLES"])
-def test_a_row_is_stepped_as_finely_as_makes_a_difference(constant, monkeypatch):
+@pytest.mark.parametrize(("constant", "value"), [("PART", 1.0), ("MIDDLES", 1)])
+def test_a_row_is_stepped_as_finely_as_makes_a_difference(constant, value, monkeypatch):
     expected = moved(START)
-    monkeypatch.setattr(forward_module, constant, 1)
+    monkeypatch.setattr(forward_module, constant, value)
     assert np.abs(drives().rollout(T, told(T), start=START) - expected).max() > 1e-3
 
 

@@ -13,6 +13,7 @@ Geometric Numerical Integration, sec. II.1).
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import casadi as cs
@@ -22,7 +23,7 @@ from plumbline.kinematics.drive import Memory
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
 from plumbline.optim.diagnosis.motion.bodies import free, with_rotors
-from plumbline.optim.diagnosis.motion.constants import IN_TURN, MIDDLES, OF_A_ROW
+from plumbline.optim.diagnosis.motion.constants import IN_TURN, MIDDLES, PART
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import PLAIN, drive_of, per_unit
 from plumbline.optim.diagnosis.motion.windows import Array, Drives
@@ -36,8 +37,9 @@ def forward(r: MotionRecording, drives: Drives, start: Array) -> Array:
         drives: What each joint's drive has.
         start: Where the joints are at first (n,) [rad or m].
     """
-    n, dt = r.n, np.repeat(np.diff(r.time) / OF_A_ROW, OF_A_ROW)
-    command, coupled, bodies = _asked(r, drives), _coupled(r.law, drives), _Bodies(r)
+    n, parts = r.n, math.ceil(float(np.median(np.diff(r.time))) / PART * (1 - 1e-9))
+    dt = np.repeat(np.diff(r.time) / parts, parts)
+    command, coupled, bodies = _asked(r, drives, parts), _coupled(r.law, drives), _Bodies(r)
     bare = free(bodies.at(0 * start, 0 * start)[0][None])[0]
     fixed = np.concatenate([r.kp, r.kd, bare, *(theta for _, theta in drives)])
     memory = np.zeros((n, PLAIN))
@@ -62,18 +64,18 @@ def forward(r: MotionRecording, drives: Drives, start: Array) -> Array:
             run()
             torque[:] = gives
         own[:] = after
-        if k % OF_A_ROW == OF_A_ROW - 1:
+        if k % parts == parts - 1:
             found.append(own[3].copy())
     return np.array(found)
 
 
-def _asked(r: MotionRecording, drives: Drives) -> Array:
+def _asked(r: MotionRecording, drives: Drives, parts: int) -> Array:
     """Commands (K + 1, n) that reach the drives at first and over each part of a row.
 
     What is held counts by its mean over the part, what runs straight by its end.
     """
     t, n = r.time, r.n
-    shares = np.arange(1, OF_A_ROW + 1) / OF_A_ROW
+    shares = np.arange(1, parts + 1) / parts
     ends = np.append(t[0], (t[:-1, None] + np.diff(t)[:, None] * shares).ravel())
     out = np.empty((len(ends), n))
     for j, (effects, theta) in enumerate(drives):

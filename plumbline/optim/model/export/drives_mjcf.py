@@ -193,7 +193,15 @@ def _lacked(law: Law, servo: Servo) -> tuple[MotionEffect, ...]:
 def _sizes(
     drives: Driven, lacked: Mapping[int, tuple[MotionEffect, ...]]
 ) -> tuple[tuple[Lack, ...], float, float]:
-    """What stays out, and the RMS of all effects and of those [rad], by sines over the spans."""
+    """What stays out, and the RMS of all effects and of those [rad], by sines over the spans.
+
+    Torques alone take an arm anywhere, so that of these no size is told.
+    """
+    if drives.law.pushes:
+        named = [
+            (f"{e.name} {k}", e.words.format(element=k)) for k, es in lacked.items() for e in es
+        ]
+        return tuple(Lack(name, said, np.nan, "rad") for name, said in named), np.nan, np.nan
     time = np.arange(0.0, SPAN, SAMPLE)
     n = len(drives.joints)
     low, high = np.array([drives.servos[k].span if k in drives.servos else np.zeros(2)

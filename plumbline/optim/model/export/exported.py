@@ -54,7 +54,8 @@ class Exported:
     # could read it
     error: float
     lacks: tuple[Lack, ...]  # what the format cannot hold, the largest first
-    whole: float  # RMS of what all effects do to tip or efforts, as of a :class:`Lack` [unit]
+    # RMS of what all effects do to tip or efforts, as of a :class:`Lack` [unit]; NaN under torques
+    whole: float
     stays: float  # RMS of that which the file does not hold [unit]
     unit: str = "m"  # of these: ``"m"``, ``"rad"`` of joints, ``"N m"`` of efforts
 
@@ -80,8 +81,8 @@ class Exported:
             "largest_error": self.error if np.isfinite(self.error) else None,
             "lacks": lacks,
             "unit": self.unit,
-            "whole": self.whole,
-            "stays": self.stays,
+            "whole": self.whole if np.isfinite(self.whole) else None,
+            "stays": self.stays if np.isfinite(self.stays) else None,
         }
 
 
