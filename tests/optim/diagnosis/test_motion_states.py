@@ -16,40 +16,18 @@ from plumbline.optim.diagnosis.motion.constants import BELIEVED
 from plumbline.optim.diagnosis.motion.fit import fitted
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.motion.states import States, slopes_at
+from tests.pushed_arms import pushed_arm
 
 AXES = ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "0 1 0", "1 0 0")
 MASSES = (3.6, 3.2, 2.4, 1.9, 1.3, 0.8, 0.4)  # [kg]
 LENGTHS = (0.12, 0.28, 0.1, 0.25, 0.2, 0.12, 0.09)  # [m]
 STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 6.0, 1e-4
-JOINT = (
-    '<joint name="j{k}" type="revolute"><origin xyz="{x} 0 0"/><parent link="l{k}"/>'
-    '<child link="l{n}"/><axis xyz="{axis}"/><limit lower="-6" upper="6" effort="900" '
-    'velocity="90"/></joint><link name="l{n}"><inertial><origin xyz="{c} 0.01 0.02"/>'
-    '<mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'
-    "</inertial></link>"
-)
-BODY = (
-    '<body pos="{x} 0 0"><joint name="j{k}" axis="{axis}"/><inertial pos="{c} 0.01 0.02" '
-    'mass="{m}" diaginertia="{i} {i} {i}"/>'
-)
 
 
 def models():
     """The arm as URDF and as MuJoCo has it."""
-    lengths = (0.0, *LENGTHS)
-    links = [
-        {"k": k, "n": k + 1, "x": lengths[k], "axis": AXES[k], "m": m, "c": lengths[k + 1] / 2,
-         "i": m * lengths[k + 1] ** 2 / 8}
-        for k, m in enumerate(MASSES)
-    ]  # fmt: skip
-    urdf = '<robot name="r"><link name="l0"/>' + "".join(JOINT.format(**one) for one in links)
-    motors = "".join(f'<motor joint="j{k}"/>' for k in range(7))
-    bodies = "".join(BODY.format(**one) for one in links) + "</body>" * 7
-    arm = (
-        f'<mujoco><option timestep="{STEP}" integrator="RK4"/><worldbody>{bodies}</worldbody>'
-        f"<actuator>{motors}</actuator></mujoco>"
-    )
-    return urdf + "</robot>", mujoco.MjModel.from_xml_string(arm)
+    inertias = [m * length**2 / 8 for m, length in zip(MASSES, LENGTHS, strict=True)]
+    return pushed_arm(AXES, LENGTHS, MASSES, inertias, STEP, "0.01 0.02")
 
 
 def recorded(gain=1.0, noise=NOISE):

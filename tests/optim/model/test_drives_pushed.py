@@ -10,39 +10,18 @@ from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion import forward as forward_module
 from plumbline.optim.model.driven import Driven, Servo
+from tests.pushed_arms import pushed_arm
 
 NAMES = {e.name: e for e in MOTION_EFFECTS}
 STEP, DT, ROWS = 2e-4, 0.005, 300
 AXES, LENGTHS, MASSES = ("0 1 0", "0 1 0", "1 0 0"), (0.3, 0.2, 0.1), (2.0, 1.0, 0.5)
 INERTIAS = (0.02, 0.008, 0.001)  # [kg m^2]
-LINK = (
-    '<joint name="j{k}" type="revolute"><origin xyz="{x} 0 0"/><parent link="l{k}"/>'
-    '<child link="l{n}"/><axis xyz="{axis}"/><limit lower="-9" upper="9" effort="99" '
-    'velocity="99"/></joint><link name="l{n}"><inertial><origin xyz="{c} 0 0.01"/>'
-    '<mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'
-    "</inertial></link>"
-)
-BODY = (
-    '<body pos="{x} 0 0"><joint name="j{k}" axis="{axis}"/><inertial pos="{c} 0 0.01" '
-    'mass="{m}" diaginertia="{i} {i} {i}"/>'
-)
 
 
 def arms():
     """A robot and MuJoCo's model of it."""
-    links = [
-        {"k": k, "n": k + 1, "x": (0.0, *LENGTHS)[k], "axis": AXES[k], "m": MASSES[k],
-         "c": LENGTHS[k] / 2, "i": INERTIAS[k]}
-        for k in range(3)
-    ]  # fmt: skip
-    urdf = '<robot name="r"><link name="l0"/>' + "".join(LINK.format(**one) for one in links)
-    motors = "".join(f'<motor joint="j{k}"/>' for k in range(3))
-    bodies = "".join(BODY.format(**one) for one in links) + "</body>" * 3
-    arm = (
-        f'<mujoco><option timestep="{STEP}" integrator="RK4"/><worldbody>{bodies}</worldbody>'
-        f"<actuator>{motors}</actuator></mujoco>"
-    )
-    return Robot.from_urdf(urdf + "</robot>"), mujoco.MjModel.from_xml_string(arm)
+    urdf, model = pushed_arm(AXES, LENGTHS, MASSES, INERTIAS, STEP, "0 0.01")
+    return Robot.from_urdf(urdf), model
 
 
 def told(t):
