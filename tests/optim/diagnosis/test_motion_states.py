@@ -216,3 +216,20 @@ def test_three_passes_are_too_few(as_told, monkeypatch):
 def test_states_are_by_the_noise_that_readings_have_whatever_is_stated(as_told):
     log = replace(as_told[0], noise_std=NOISE / 10)
     np.testing.assert_array_equal(signals_of(log).posture, signals_of(as_told[0]).posture)
+
+
+def test_what_a_drive_gives_beyond_what_is_known_is_weighed_by_as_much_as_it_changes():
+    """A walk of known steps, integrated twice and read with known noise: both are found again."""
+    dt, sigma, s, K = 0.01, 1e-4, 1e-3, 20000
+    rng = np.random.default_rng(0)
+    e = rng.normal(0.0, s, (K, 1)).cumsum(axis=0)
+    q = dt**2 * e.cumsum(axis=0).cumsum(axis=0)
+    read, nothing = q + rng.normal(0.0, sigma, q.shape), np.zeros((K, 1, 1))
+    begun = States(dt, read, read, 0 * read, nothing + 1.0, 0 * read[1:], 0 * read,
+                   nothing, nothing)  # fmt: skip
+    weights = np.array([(30.0**3 * dt) ** -2.0])
+    for _ in range(30):
+        found = begun.settled(weights)
+        squares, noise = ((x**2).mean(axis=0) for x in (found.changes, read - found.place))
+        weights = states_module.believed(dt, weights, squares, noise)
+    assert weights[0] ** 0.5 == pytest.approx(sigma / s, rel=0.1)
