@@ -1,7 +1,7 @@
 """A robot's drives as data, and what they do with commands."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -9,15 +9,18 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.effects.payload import CarriedMass
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot, joints_named
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.quantities import quantity
+from plumbline.optim.diagnosis.motion.carried import NOTHING, Carried
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.forward import forward
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import played
+from plumbline.optim.diagnosis.motion.settled import carrying
 from plumbline.optim.diagnosis.motion.signals import signals_of, spread
 from plumbline.optim.diagnosis.motion.units import in_unit, levers_of, slides
 from plumbline.optim.diagnosis.motion.windows import Drives as Felt
@@ -67,6 +70,8 @@ class Driven:
     after: float  # the same with the causes [rad]
     lead: float = 0.0  # by how long its clock read positions after their rows' times [s]
     felt: Felt = ()  # under torques, by what drives of its neighbours each was found; none if ideal
+    carried: Carried = NOTHING  # what the tip carries that the robot's file lacks
+    carried_std: Array = field(default_factory=lambda: np.empty(0))  # standard errors (P,)
 
     def __repr__(self) -> str:
         count = sum(len(servo.effects) for servo in self.servos.values())
@@ -87,7 +92,11 @@ class Driven:
     def parameters(self) -> dict[str, Known]:
         """Every number found, by ``"actuation_delay 2"``."""
         units = ["m" if one else "rad" for one in slides(self.robot, self.index)]
+        masses = zip(self.carried.declared, self.carried.values, self.carried_std, strict=True)
         return {
+            f"{CarriedMass.name} {p.name}": Known(float(v), float(s), p.unit, p.doc)
+            for p, v, s in masses
+        } | {
             f"{effect.name} {number}": Known(
                 float(v),
                 float(s),
@@ -133,7 +142,7 @@ class Driven:
     def _asked(self, time: Array, command: Array, q: Array) -> MotionRecording:
         return MotionRecording(
             self.recording, self.robot, self.joints, self.index, self.law, time, command, q,
-            None, None, self.kp, self.kd,
+            None, None, self.kp, self.kd, carried=self.carried,
         )  # fmt: skip
 
     def _pushed(self, time: Array, command: Array, q: Array) -> Array:
@@ -191,13 +200,15 @@ class Driven:
             found = f"{other.robot.name} with joints placed or turning otherwise"
             mend = "give a motion of the same drives"
             raise fault(f"{other.name}, robot", found, self.robot.name, mend)
-        read = replace(other, law=self.law, lead=self.lead)
+        read = replace(other, law=self.law, lead=self.lead, carried=self.carried)
         signals = signals_of(read, drives=self.felt)
+        bare = carrying(signals, NOTHING) if self.carried.values else signals
         starts = spread(signals.starts, MOST_JUDGED)
         before, after = np.full((2, n), np.nan)
         for number, servo in self.servos.items():
             windows = signals.windows(number - 1, starts)
-            before[number - 1] = np.sqrt(evaluated(windows, (), np.empty(0)).square)
+            ideal = bare.windows(number - 1, starts)
+            before[number - 1] = np.sqrt(evaluated(ideal, (), np.empty(0)).square)
             after[number - 1] = np.sqrt(evaluated(windows, servo.effects, servo.values).square)
         return before, after
 

@@ -15,10 +15,12 @@ from plumbline.errors import fault
 from plumbline.kinematics.files import read_file
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Gap
+from plumbline.optim.diagnosis.motion.carrying import MassFindings
+from plumbline.optim.diagnosis.motion.constants import FORMS
 from plumbline.optim.diagnosis.motion.search import JointFindings
 from plumbline.optim.diagnosis.motion.signals import Signals
 from plumbline.optim.measurement import storing as storing
-from plumbline.optim.model.constants import HEAD, LARGEST_MODEL
+from plumbline.optim.model.constants import HEAD, LARGEST_MODEL, LONGEST_WORD
 from plumbline.optim.model.driven import Driven, Servo
 from plumbline.optim.model.export.drives_mjcf import drives_mjcf
 from plumbline.optim.model.export.exported import Exported
@@ -53,6 +55,10 @@ def refuse_damaged(file: str, drives: Driven) -> None:
         pieces |= {f"{where}, values": (servo.values, own), f"{where}, std": (servo.std, own),
                    f"{where}, span": (servo.span, (2,)),
                    f"{where}, inertia": (np.array(servo.inertia), ())}  # fmt: skip
+    mass, count = drives.carried.values, len(drives.carried.values)
+    if mass and (count not in FORMS or not mass[0] > 0.0):
+        raise fault(f"{file}, carried", f"{mass}"[:LONGEST_WORD], "a mass above 0", SAVE_IT)
+    pieces |= {"carried": (np.array(mass), (count,)), "carried_std": (drives.carried_std, (count,))}
     refuse_odd(file, pieces)
 
 
@@ -85,7 +91,12 @@ class Drives(Driven):
         return found
 
 
-def drives_of(signals: Signals, joints: Sequence[JointFindings], gap: Gap) -> Drives:
+def drives_of(
+    signals: Signals,
+    joints: Sequence[JointFindings],
+    gap: Gap,
+    mass: MassFindings | None = None,
+) -> Drives:
     """What a diagnosis found of every joint that moved."""
     r = signals.recording
     _, inertia = signals.loads
@@ -99,5 +110,6 @@ def drives_of(signals: Signals, joints: Sequence[JointFindings], gap: Gap) -> Dr
         )
     return Drives(
         r.name, r.robot, r.joints, r.index, r.law, r.kp, r.kd, servos,
-        gap.before, gap.after, r.lead, signals.drives,
+        gap.before, gap.after, r.lead, signals.drives, r.carried,
+        np.empty(0) if mass is None else mass.std,
     )  # fmt: skip

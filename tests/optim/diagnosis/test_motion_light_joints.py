@@ -138,7 +138,7 @@ def test_six_joints_that_lead_do_so_by_one_clock_whatever_was_taken_for_it(monke
     to feel that, one clock would be 27 nats less probable than a delay each.
     """
     monkeypatch.setattr(diagnose_module, "MOVES", 1)
-    signals, _ = diagnose_module._searched(recorded("implicitfast"), DiagnosisOptions(), None)
+    signals = diagnose_module._searched(recorded("implicitfast"), DiagnosisOptions(), None).signals
     assert signals.recording.lead == pytest.approx(STEP / 2, abs=STEP / 5)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from plumbline.kinematics.effects import MotionEffect
 from plumbline.optim.core.answer import parts_of, register, restored, restored_parts
 from plumbline.optim.diagnosis.findings import Verdict
+from plumbline.optim.diagnosis.motion.carrying import MassFindings
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -32,6 +33,7 @@ class MotionDiagnosis(WithVerdict):
         joints: What was found at each joint that moved.
         left_out: How that does on what was left out, joint by joint.
         options: How it was asked for.
+        mass: What was found of a mass that the tip carries; None if none is.
     """
 
     recording: MotionRecording
@@ -40,6 +42,7 @@ class MotionDiagnosis(WithVerdict):
     joints: tuple[JointFindings, ...]
     left_out: tuple[LeftOut, ...]
     options: DiagnosisOptions
+    mass: MassFindings | None = None
 
     @property
     def fits(self) -> dict[int, JointFit]:
@@ -48,7 +51,7 @@ class MotionDiagnosis(WithVerdict):
 
     def model(self) -> Drives:
         """What was found, to take home: what other commands do, and a file for MuJoCo."""
-        return drives_of(self.signals, self.joints, self.gap)
+        return drives_of(self.signals, self.joints, self.gap, self.mass)
 
     def transfer(self, other: MotionRecording) -> tuple[Array, Array]:
         """Root mean squares (n,) on another recording, ideal and with the causes: nothing refitted.

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from plumbline.kinematics.oracle import pin
+from plumbline.optim.diagnosis.motion.carried import model_of
 from plumbline.optim.diagnosis.motion.clock import mean_of_ends
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA, UNSTATED
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -26,8 +27,7 @@ Bodies = tuple[Array, Array]  # masses (K, n, n) [kg m^2], gravity and Coriolis 
 
 def bodies_at(r: MotionRecording, posture: Array, speed: Array) -> Bodies:
     """Masses, gravity and Coriolis of states (K, n) [rad, rad/s]; other joints stand at zero."""
-    model = pin.Model(r.robot.model)
-    model.gravity.linear = np.asarray(r.robot.gravity, dtype=float)
+    model = model_of(r)
     data, index, K = model.createData(), list(r.index), len(posture)
     masses, h = np.empty((K, model.nv, r.n)), np.empty((K, model.nv))
     neutral, still = pin.neutral(model), np.zeros(model.nv)

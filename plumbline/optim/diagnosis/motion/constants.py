@@ -100,6 +100,11 @@ OWN_PAST = 0.3  # of what is left, foretold by the sample before: noise of an en
 CORRELATED = 0.95  # of two estimates: the recording tells their sum, hardly which is which
 CONFOUNDED = 0.05  # probability from which another effect is named as what it may be instead
 
+# Masses
+# Numbers of a mass at the tip, of a point elsewhere and of any body: mass, first moment, inertia
+# (Atkeson, An, Hollerbach 1986, sec. 2).
+FORMS = POINT, ASIDE, BODY = 1, 4, 10
+
 # Diagnose
 STILL = 1e-6  # [rad] a command and an encoder that move less tell nothing of a drive
 

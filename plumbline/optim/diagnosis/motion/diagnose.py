@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,21 @@ import numpy as np
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
+from plumbline.optim.core.constants import STILL as AT_REST
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
+from plumbline.optim.diagnosis.motion.carried import NOTHING
+from plumbline.optim.diagnosis.motion.carrying import (
+    against,
+    carrying_more,
+    drives_of_all,
+    further,
+    is_asked,
+    mass_findings,
+    told_by,
+)
 from plumbline.optim.diagnosis.motion.constants import (
+    CONTENDS,
     MOVES,
     SEARCH_SAMPLES,
     SEARCHED,
@@ -28,7 +40,7 @@ from plumbline.optim.diagnosis.motion.search import Begun, prior_at, search
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
 from plumbline.optim.diagnosis.motion.verdict import MotionFindings, verdict_of
-from plumbline.optim.diagnosis.motion.windows import Array
+from plumbline.optim.diagnosis.motion.windows import Array, Drives
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE
 
@@ -51,7 +63,9 @@ def diagnose_motion(
     """
     options = options or DiagnosisOptions()
     r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
-    signals, begun = _searched(r, options, progress)
+    r = replace(r, carried=NOTHING)  # which an answer's recording has
+    found = _searched(r, options, progress)
+    signals, begun = found.signals, found.begun
     if (law := _between_rows(r)) is not None:
         other = replace(r, law=law)
         if _more_evident(signals_of(other), signals, begun):
@@ -62,13 +76,14 @@ def diagnose_motion(
         if progress is not None:
             progress(f"{r.noun} {one.number}", (1 + k / len(begun)) / 2)
         joints.append(search(one, prior, signals.sigma))
-    unseen = tuple(left_out(signals, joint) for joint in joints)
+    mass = mass_findings(signals, joints, found.more, found.plain)
+    unseen = left_out(signals, joints)
     still = [j + 1 for j in range(r.n) if j not in _moved(r)]
-    found = MotionFindings(
+    told = MotionFindings(
         r, tuple(joints), unseen, still, signals.held_out_by, options.seed, options.unlisted,
-        signals.averaged,
+        signals.averaged, mass,
     )  # fmt: skip
-    return MotionDiagnosis(r, verdict_of(found), signals, tuple(joints), unseen, options)
+    return MotionDiagnosis(r, verdict_of(told), signals, tuple(joints), unseen, options, mass)
 
 
 def _between_rows(r: MotionRecording) -> Law | None:
@@ -87,16 +102,86 @@ def _moved(r: MotionRecording) -> list[int]:
     return [j for j in range(r.n) if np.ptp(r.command[:, j]) + np.ptp(r.q[:, j]) > STILL]
 
 
+@dataclass(frozen=True, eq=False)
+class _Searched:
+    """An even clock, and where the search of each joint that moved stands on a few windows."""
+
+    signals: Signals
+    begun: tuple[Begun, ...]
+    more: float = 0.0  # log odds of a mass that is carried against none
+    plain: tuple[Begun, ...] = ()  # where it stood without one
+
+
 def _searched(
     r: MotionRecording, options: DiagnosisOptions, progress: Progress | None
-) -> tuple[Signals, tuple[Begun, ...]]:
-    """An even clock, and where the search of each joint that moved stands on a few windows.
+) -> _Searched:
+    """Where a search stands by drives alone, or by a mass that the tip carries as well.
 
-    Under torques what is found at one joint is part of what its neighbours feel: the search begins
-    anew with that, while what all joints did becomes more probable.
+    A mass is asked of ideal drives, which others are found in its place, then of those found.
     """
-    signals, begun = _begun(signals_of(r), options, progress)
-    for _ in range(MOVES if r.law.pushes else 0):
+    plain = _begun(signals_of(r), options, progress)
+    if not is_asked(plain[0], options.without):
+        return _finished(_Searched(*_by_neighbours(*plain, options, progress)))
+    found = _carrying(plain, (), options, progress)
+    if found is None or found.more < CONTENDS:
+        plain = _by_neighbours(*plain, options, progress)
+        drives = drives_of_all(plain[1], r.n)
+        found = _carrying(plain, drives, options, progress) or found
+    if found is None:
+        return _finished(_Searched(*plain))
+    found = _still(found, options, progress)
+    signals, begun = found.signals, found.begun
+    more = _more_probable(signals, begun, plain[1])
+    return _finished(_Searched(signals, begun, more, plain[1]) if more > 0 else _Searched(*plain))
+
+
+def _still(found: _Searched, options: DiagnosisOptions, progress: Progress | None) -> _Searched:
+    """The same by what neighbours give, until the mass that is carried stands still."""
+    signals, begun = _by_neighbours(found.signals, found.begun, options, progress)
+    before = None
+    for _ in range(MOVES):
+        if (fit := told_by(signals, begun)).off < AT_REST:
+            break
+        moved, before = further(signals, fit, before)
+        signals, begun = _begun(moved, options, progress, begun)
+    return replace(found, signals=signals, begun=begun)
+
+
+def _carrying(
+    plain: tuple[Signals, tuple[Begun, ...]],
+    drives: Drives,
+    options: DiagnosisOptions,
+    progress: Progress | None,
+) -> _Searched | None:
+    """Where a search stands with a mass, if that may be the more probable."""
+    given = carrying_more(*plain, drives)
+    if given is None:
+        return None
+    signals, begun = _begun(given, options, progress)
+    return _Searched(signals, begun, _more_probable(signals, begun, plain[1]), plain[1])
+
+
+def _more_probable(signals: Signals, begun: Sequence[Begun], plain: Sequence[Begun]) -> float:
+    """Log odds of a search with a mass against one without."""
+    return float(_log_odds(begun, plain).sum()) + against(signals, begun)
+
+
+def _finished(found: _Searched) -> _Searched:
+    done = [replace(one, key=one.quick.from_pairs(one.key, one.sigma)) for one in found.begun]
+    return replace(found, begun=tuple(done))
+
+
+def _by_neighbours(
+    signals: Signals,
+    begun: tuple[Begun, ...],
+    options: DiagnosisOptions,
+    progress: Progress | None,
+) -> tuple[Signals, tuple[Begun, ...]]:
+    """The search anew, under torques, while what all joints did becomes more probable.
+
+    What is found at one joint is part of what its neighbours feel.
+    """
+    for _ in range(MOVES if signals.recording.law.pushes else 0):
         if not any(one.near.effects for one in begun):
             break
         before, was = begun, signals
@@ -116,8 +201,7 @@ def _searched(
             break
         if [one.key for one in begun] == [one.key for one in before]:
             break
-    done = [replace(one, key=one.quick.from_pairs(one.key, one.sigma)) for one in begun]
-    return signals, tuple(done)
+    return signals, begun
 
 
 def _log_odds(some: Sequence[Begun], others: Sequence[Begun]) -> Array:

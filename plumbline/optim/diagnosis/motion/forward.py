@@ -23,6 +23,7 @@ from plumbline.kinematics.drive import Memory
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
 from plumbline.optim.diagnosis.motion.bodies import free, with_rotors
+from plumbline.optim.diagnosis.motion.carried import model_of
 from plumbline.optim.diagnosis.motion.constants import IN_TURN, MIDDLES, PART
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rollout import PLAIN, drive_of, per_unit
@@ -95,8 +96,7 @@ class _Bodies:
     """Masses and what gravity and Coriolis ask for, at one state after the other."""
 
     def __init__(self, r: MotionRecording) -> None:
-        self.model = pin.Model(r.robot.model)
-        self.model.gravity.linear = np.asarray(r.robot.gravity, dtype=float)
+        self.model = model_of(r)
         self.data, self.index = self.model.createData(), list(r.index)
         self.neutral, self.still = pin.neutral(self.model), np.zeros(self.model.nv)
 

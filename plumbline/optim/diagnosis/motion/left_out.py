@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.kinematics.effects.payload import CarriedMass
+from plumbline.optim.diagnosis.motion.carried import NOTHING
+from plumbline.optim.diagnosis.motion.carrying import fits_of_all
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated, fitted
+from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
 from plumbline.optim.diagnosis.motion.search import JointFindings
+from plumbline.optim.diagnosis.motion.settled import carrying
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals, spread
-from plumbline.optim.diagnosis.motion.windows import Array, Effects
+from plumbline.optim.diagnosis.motion.windows import Array, Drives, Effects
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,20 +30,67 @@ class LeftOut:
     without: Mapping[str, Array]  # of all causes but one, by its name
     residual_before: Array  # residuals (W, K) of the ideal drive [rad]
     residual_after: Array  # residuals (W, K) of the causes [rad]
+    carrying: Array | None = None  # of the ideal drive and a mass; None where none was found
 
     def over(self, lever: float) -> LeftOut:
         """Mean squares of places that are divided by so much; residuals stay."""
         square = lever**2
         without = {name: one / square for name, one in self.without.items()}
+        carrying = None if self.carrying is None else self.carrying / square
         return replace(
-            self, before=self.before / square, after=self.after / square, without=without
-        )
+            self, before=self.before / square, after=self.after / square, without=without,
+            carrying=carrying,
+        )  # fmt: skip
+
+    @property
+    def begun(self) -> Array:
+        """Of the ideal drive, with a mass that is carried (W,) [rad^2]."""
+        return self.before if self.carrying is None else self.carrying
 
 
-def left_out(signals: Signals, joint: JointFindings) -> LeftOut:
-    """Every fold's windows, by fits of the joint's causes to all others."""
+def left_out(signals: Signals, joints: Sequence[JointFindings]) -> tuple[LeftOut, ...]:
+    """Every fold's windows, by fits of the causes to all others, joint by joint."""
+    if not signals.recording.carried.values:
+        return tuple(_left_out(signals, joint) for joint in joints)
+    plain, drives = carrying(signals, NOTHING), fits_of_all(joints, signals.recording.n)
+    shifts = [_moved(signals, drives, *fold) for fold in _folds(signals)]
+    return tuple(_with_mass(plain, _left_out(signals, joint, shifts), joint) for joint in joints)
+
+
+def _moved(signals: Signals, drives: Drives, fit: Integers, judge: Integers) -> list[Array]:
+    """What a mass that was fitted without a fold changes there, joint by joint (W, K) [rad]."""
+    own = Telling(signals, drives, fit)
+    found = fitted_mass(own, signals.recording.carried.values, clock=False).carried
+    shift, there = found.numbers - own.recording.carried.numbers, Telling(signals, drives, judge)
+    return [(one.mass @ shift).reshape(one.residual.shape) for one in there.joints]
+
+
+def _with_mass(plain: Signals, judged: LeftOut, joint: JointFindings) -> LeftOut:
+    """The same with what all is like without the mass."""
+    found, parts = joint.fit, []
+    for fold in _folds(plain):
+        fit, judge = (plain.windows(joint.number - 1, starts) for starts in fold)
+        theta = fitted(fit, found.effects, found.theta, SEARCH_ITERATIONS).theta
+        pairs = (((), np.empty(0)), (found.effects, theta))
+        parts.append([evaluated(judge, *pair, slopes=False).residual for pair in pairs])
+    ideal, causes = (np.concatenate([p[k] for p in parts]) for k in (0, 1))
+    before, without = (np.mean(x**2, axis=1) for x in (ideal, causes))
+    return replace(
+        judged, before=before, residual_before=ideal, carrying=judged.before,
+        without={**judged.without, CarriedMass.name: without},
+    )  # fmt: skip
+
+
+def _left_out(
+    signals: Signals, joint: JointFindings, shifts: Sequence[Sequence[Array]] = ()
+) -> LeftOut:
+    """The same of one joint, what a mass changes in each fold going in."""
     j, found = joint.number - 1, joint.fit
     parts = [_fold(signals, j, found, *fold) for fold in _folds(signals)]
+    for part, moved in zip(parts, shifts, strict=bool(shifts)):
+        part[2][:] += moved[j]
+        for less in part[3]:
+            less += moved[j]
     names = [e.name for e in found.effects]
     joined = [np.concatenate([p[k] for p in parts]) for k in range(3)]
     without = {

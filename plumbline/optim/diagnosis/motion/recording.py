@@ -25,6 +25,7 @@ from plumbline.errors import fault, shown
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.quantities import counted
+from plumbline.optim.diagnosis.motion.carried import NOTHING, Carried
 from plumbline.optim.diagnosis.motion.constants import (
     LEAP,
     LEAST_ROWS,
@@ -74,6 +75,7 @@ class MotionRecording:
         notes: What is odd but no fault, one line each.
         lead: By how long positions were read, or worked out, after their rows' times, as far as
             that was found [s]: of one clock, of all joints.
+        carried: What the tip carries that the robot's file lacks, as far as that was found.
     """
 
     name: str
@@ -93,6 +95,7 @@ class MotionRecording:
     notes: tuple[str, ...] = ()
     observation: str = OBSERVATION
     lead: float = 0.0
+    carried: Carried = NOTHING
 
     def __len__(self) -> int:
         """Number of rows."""

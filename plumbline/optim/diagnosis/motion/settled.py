@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from plumbline.optim.diagnosis.motion.bodies import free, over_steps
+from plumbline.optim.diagnosis.motion.carried import Carried
 from plumbline.optim.diagnosis.motion.clock import mean_of_ends
 from plumbline.optim.diagnosis.motion.constants import AT_ONCE, KNOWN, PASSES
 from plumbline.optim.diagnosis.motion.rollout import pushed
@@ -78,7 +79,7 @@ def settled(s: Signals, drives: Drives) -> Signals:
     in which p is of the others alone: no drive is judged by a load that its own was taken for.
     """
     n = s.recording.n
-    weights, none, now = np.full(n, (KNOWN**3 * s.dt) ** -2.0), np.zeros((len(s.q), n, n)), s
+    weights, now = np.full(n, (KNOWN**3 * s.dt) ** -2.0), s
     for _ in range(PASSES):
         moved, read = _Moving(now, drives), s.q - s.recording.lead * now.speed
         mean, masses = moved.accelerations[0], moved.bodies[0]
@@ -93,9 +94,23 @@ def settled(s: Signals, drives: Drives) -> Signals:
         squares_of, of_noise = (np.concatenate(x).mean(axis=0) for x in (squares, noise))
         weights = believed(s.dt, weights, squares_of, of_noise)
         now = replace(s, posture=found[0], speed=found[1], acceleration=found[2])
-    moved = _Moving(now, drives)
+    return _pushed(now, drives)
+
+
+def carrying(s: Signals, carried: Carried) -> Signals:
+    """The same states, and what pushes each joint there if the tip carries this."""
+    none = ((), np.empty(0))
+    drives = s.drives or (none,) * s.recording.n
+    bodies = replace(s.recording, carried=carried)
+    return _pushed(replace(s, recording=bodies, q=s.read, pushes=None), drives)
+
+
+def _pushed(now: Signals, drives: Drives) -> Signals:
+    """At states that were found, what was read less its bends, and pushes of other joints."""
+    moved, n = _Moving(now, drives), now.recording.n
+    none = np.zeros((len(now.q), n, n))
     (masses, alone, h), mean = moved.bodies, moved.accelerations[0]
-    q, off = s.q - s.recording.lead * now.speed, np.zeros_like(s.q)
+    q, off = now.q - now.recording.lead * now.speed, np.zeros_like(now.q)
     for rows, states in moved.runs(q.copy(), (none, none)):
         q[rows] += states.bent
         off[rows] = states.off
@@ -103,4 +118,4 @@ def settled(s: Signals, drives: Drives) -> Signals:
     pulls = np.einsum("kij,kj->ki", masses, off) - alone * off
     own = moved.torque - mean_of_ends(h) - mean_of_ends(alone) * mean
     pushes[1:] = own + mean_of_ends(pulls)
-    return replace(now, q=q, pushes=pushes)
+    return replace(now, q=q, pushes=pushes, read=now.q)

@@ -21,6 +21,7 @@ from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
 from plumbline.optim.diagnosis.motion.bodies import bodies_at, free
+from plumbline.optim.diagnosis.motion.carried import model_of
 from plumbline.optim.diagnosis.motion.clock import on_even_clock
 from plumbline.optim.diagnosis.motion.constants import (
     BLOCK,
@@ -71,6 +72,7 @@ class Signals:
         drives: What drives them, each joint's causes with their values; none if all are ideal.
         behind: By how long Coriolis torques are of earlier speeds [s]: of those that a simulator's
             step began with, where the places are by those that it ended with.
+        read: What was read (M, n) [rad], where positions are less what of them is known; else None.
     """
 
     recording: MotionRecording
@@ -89,6 +91,7 @@ class Signals:
     pushes: Array | None = None
     drives: Drives = ()
     behind: float = 0.0
+    read: Array | None = None
 
     @property
     def sigma(self) -> float | None:
@@ -135,7 +138,7 @@ class Signals:
         """Inertia about each joint with all at zero, the others free (n,) [kg m^2]."""
         if not self.has_masses:
             return np.ones(self.recording.n)
-        model, index = self.recording.robot.model, list(self.recording.index)
+        model, index = model_of(self.recording), list(self.recording.index)
         M = pin.crba(model, model.createData(), pin.neutral(model))[np.ix_(index, index)]
         M += LEAST_INERTIA * 1e-3 * np.eye(len(M))
         return np.asarray(1 / np.diagonal(np.linalg.inv(M)))

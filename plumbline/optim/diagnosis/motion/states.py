@@ -30,6 +30,7 @@ import numpy as np
 import scipy
 
 from plumbline.kinematics.oracle import pin
+from plumbline.optim.diagnosis.motion.carried import model_of
 from plumbline.optim.diagnosis.motion.clock import mean_of_ends
 from plumbline.optim.diagnosis.motion.constants import BELIEVED
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
@@ -140,8 +141,7 @@ def slopes_at(
 
     Of places, speeds and accelerations (K, n); other joints stand at zero.
     """
-    model = pin.Model(r.robot.model)
-    model.gravity.linear = np.asarray(r.robot.gravity, dtype=float)
+    model = model_of(r)
     data, index, K = model.createData(), list(r.index), len(masses)
     neutral, own = pin.neutral(model), np.ix_(index, index)
     moved = np.zeros((3, K, model.nv))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.effects.payload import CarriedMass, Payload
 from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.core.judged import Judged, Judgement
@@ -26,6 +27,7 @@ from plumbline.optim.diagnosis.findings import (
     Step,
     Verdict,
 )
+from plumbline.optim.diagnosis.motion.carrying import PLACE, MassFindings, Where
 from plumbline.optim.diagnosis.motion.constants import (
     AXIS_LEVER,
     CONFOUNDED,
@@ -42,7 +44,7 @@ from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.predict.shrink import gap_between, shrink_interval
-from plumbline.optim.diagnosis.prior import EARNED, FINEST, LEAST_NAMED
+from plumbline.optim.diagnosis.prior import EARNED, FINEST, LEAST_NAMED, PART_OF_UNLISTED
 from plumbline.optim.diagnosis.verdict.lack_of_fit import quieter
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
@@ -62,6 +64,7 @@ class MotionFindings:
     seed: int  # of the interval's draws
     unlisted: float  # prior probability of a mechanism that nobody has listed
     averaged: float = 1.0  # noise of a sample on the even clock, as a share of a reading's
+    mass: MassFindings | None = None  # what was found of a mass that the tip carries
 
     @cached_property
     def levers(self) -> dict[int, float]:
@@ -79,10 +82,10 @@ def verdict_of(found: MotionFindings) -> Verdict:
     """Put the verdict together."""
     r, noise = found.recording, _noise(found)
     gap, counted = _gap(found, noise), sum(joint.effective for joint in found.joints)
-    causes = _causes(found)
+    causes = (*_mass_causes(found), *_causes(found))
     outside, depends = _outside(found, noise)
     missed = noise.source != "fit" and gap.after > EARNED * noise.sigma
-    beyond, judged = outside > LEAST_NAMED or missed, _judgement(found.joints)
+    beyond, judged = outside > LEAST_NAMED or missed, _judgement(found)
     stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
     shown = gap.shrink_ci95[0] >= 0.0
     earned = noise.source != "fit" and judged.converged and shown and not stuck
@@ -99,7 +102,7 @@ def verdict_of(found: MotionFindings) -> Verdict:
         candidates=(*causes, *_others(found, causes)),
         outside_probability=outside,
         outside_depends_on=depends if outside > LEAST_NAMED else "",
-        tree=_tree(found.joints),
+        tree=_tree(found),
         unlisted_prior=found.unlisted,
         unobservable=tuple(_unseen(found)),
         next=tuple(proposals(found.joints)),
@@ -114,8 +117,10 @@ def verdict_of(found: MotionFindings) -> Verdict:
     )
 
 
-def _tree(joints: Sequence[JointFindings]) -> tuple[dict[str, Any], ...]:
+def _tree(found: MotionFindings) -> tuple[dict[str, Any], ...]:
     """Drive, what its error depends on, mechanism: of equals what is named comes first."""
+    joints = found.joints
+    places: dict[Where, float] = {(STAGE, j.number): j.anything for j in joints}
     on = {effect.name: effect.depends_on for effect in MOTION_EFFECTS}
     mechanisms: dict[Mechanism, float] = {}
     for joint in joints:
@@ -124,7 +129,10 @@ def _tree(joints: Sequence[JointFindings]) -> tuple[dict[str, Any], ...]:
             listed = not name.startswith("?")
             depends = on.get(name, "nothing") if listed else OWN.get(name[1:], name[1:])
             mechanisms[STAGE, joint.number, depends, name if listed else None] = p
-    return tree_of({(STAGE, joint.number): joint.anything for joint in joints}, mechanisms)
+    if found.mass is not None:
+        p = _of_mass_at_all(found)
+        places[PLACE], mechanisms[*PLACE, Payload.depends_on, CarriedMass.name] = p, p
+    return tree_of(places, mechanisms)
 
 
 def _noise(found: MotionFindings) -> NoiseLevel:
@@ -165,6 +173,26 @@ def _causes(found: MotionFindings) -> tuple[Cause, ...]:
                 more = judged.without[effect.name].sum() - judged.after.sum()
                 made.append((more, _cause(found, joint, judged, k)))
     return tuple(cause for _, cause in sorted(made, key=lambda pair: -pair[0]))
+
+
+def _mass_causes(found: MotionFindings) -> Iterator[Cause]:
+    """A mass that the tip carries, if it is probable: over all joints."""
+    p = _of_mass_at_all(found)
+    if found.mass is not None and p >= LEAST_NAMED:
+        without, after = (
+            np.concatenate(squares)
+            for squares in zip(
+                *((j.without[CarriedMass.name], j.after) for j in found.together), strict=True
+            )
+        )
+        yield found.mass.cause(p, float(np.sqrt(without.mean())), float(np.sqrt(after.mean())))
+
+
+def _of_mass_at_all(found: MotionFindings) -> float:
+    """Probability of a mass: where something unlisted is at work, it may be a part of that."""
+    outside = max((joint.outside for joint in found.joints), default=0.0)
+    alone = 0.0 if found.mass is None else found.mass.probability
+    return alone * (1 - PART_OF_UNLISTED * outside)
 
 
 def _alike(joint: JointFindings, name: str) -> float:
@@ -253,14 +281,21 @@ def _outside_of(joint: JointFindings, noise: NoiseLevel) -> tuple[float, str]:
 
 def _where(found: MotionFindings) -> tuple[Place, ...]:
     """Shares of the square that each joint's causes take."""
-    drops = {
-        joint.number: max(float(judged.before.sum() - judged.after.sum()), 0.0)
+    drops: dict[Where, float] = {
+        (STAGE, joint.number): max(float(judged.begun.sum() - judged.after.sum()), 0.0)
         for joint, judged in zip(found.joints, found.together, strict=True)
         if joint.fit.effects
     }
+    if found.mass is not None:
+        drops[PLACE] = max(-sum(_of_mass(judged) for judged in found.together), 0.0)
     total = sum(drops.values()) or 1.0
-    places = [Place(STAGE, j, drop / total) for j, drop in drops.items()]
+    places = [Place(*place, drop / total) for place, drop in drops.items()]
     return tuple(sorted(places, key=lambda place: -place.share))
+
+
+def _of_mass(judged: LeftOut) -> float:
+    """What a mass that is carried adds to the square of what is left."""
+    return float(judged.begun.sum() - judged.before.sum())
 
 
 def _staircase(found: MotionFindings, gap: Gap) -> tuple[Step, ...]:
@@ -269,9 +304,12 @@ def _staircase(found: MotionFindings, gap: Gap) -> tuple[Step, ...]:
     count = sum(len(judged.before) for _, judged in pairs)
     square = sum(float(judged.before.sum()) for _, judged in pairs)
     steps = [Step("before", gap.before)]
-    for joint, judged in sorted(pairs, key=lambda x: x[1].after.sum() - x[1].before.sum()):
+    if found.mass is not None:
+        square += sum(_of_mass(judged) for _, judged in pairs)
+        steps.append(Step(CarriedMass.name, math.sqrt(square / count)))
+    for joint, judged in sorted(pairs, key=lambda x: x[1].after.sum() - x[1].begun.sum()):
         if joint.fit.effects:
-            square += float(judged.after.sum() - judged.before.sum())
+            square += float(judged.after.sum() - judged.begun.sum())
             steps.append(Step(f"drive {joint.number}", math.sqrt(square / count)))
     return tuple(steps)
 
@@ -337,9 +375,11 @@ def _held(joint: JointFindings, step: float, late: float) -> str:
     )
 
 
-def _judgement(joints: Sequence[JointFindings]) -> Judgement:
+def _judgement(found: MotionFindings) -> Judgement:
     fits = []
-    for joint in joints:
+    if found.mass is not None:
+        fits.append(Judged("the fit of the mass", found.mass.off <= STILL, found.mass.off, 0.0, ()))
+    for joint in found.joints:
         go = to_go(joint.windows, joint.fit, joint.effective)
         bound = tuple(f"{name} {joint.number}" for name in joint.fit.at_bound)
         fits.append(Judged(f"the fit of joint {joint.number}", go <= STILL, go, 0.0, bound))

@@ -28,6 +28,7 @@ from plumbline.kinematics.link_export import words, xml_text
 from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis.motion.carried import weighed
 from plumbline.optim.diagnosis.motion.constants import LEAST_INERTIA
 from plumbline.optim.model.constants import DAMPED, LEAST_DAMPED, MJCF_STEP, SAMPLE, SPAN, STIFF
 from plumbline.optim.model.driven import Driven, Servo
@@ -127,7 +128,7 @@ def _ratio(stiffness: float, inertia: float, late: float) -> float:
 
 def commanded(drives: Driven) -> tuple[Robot, dict[int, int]]:
     """The robot with all joints that were not commanded locked, and its joints' numbers there."""
-    model = drives.robot.model
+    model = weighed(drives.robot, drives.carried)
     index = [model.idx_vs[j] for j in range(1, model.njoints)]
     locked = [j for j, place in enumerate(index, start=1) if place not in drives.index]
     if locked:

@@ -1,0 +1,238 @@
+"""A mass that the tip carries: MuJoCo's arm has it, the robot's file does not."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import plumbline
+from plumbline import build_motion, diagnose
+from plumbline.errors import PlumblineError
+from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.oracle import pin
+from plumbline.kinematics.robot import Robot
+from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.motion.carried import NOTHING, Carried, from_tip, tip_of, weighed
+from plumbline.optim.diagnosis.motion.carrying import carrying_more, is_asked
+from plumbline.optim.diagnosis.motion.diagnose import _begun
+from plumbline.optim.diagnosis.motion.fit import evaluated
+from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
+from plumbline.optim.diagnosis.motion.settled import carrying
+from plumbline.optim.diagnosis.motion.signals import signals_of
+from plumbline.optim.diagnosis.options import DiagnosisOptions
+from tests.pushed_arms import pushed_arm
+
+STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 5.0, 1e-4
+AXES, LENGTHS, MASSES = ("0 0 1", "0 1 0", "0 1 0"), (0.1, 0.3, 0.2), (3.0, 2.0, 0.8)
+INERTIAS = tuple(m * length**2 / 8 for m, length in zip(MASSES, LENGTHS, strict=True))
+MASS, CENTRE = 0.5, np.array([0.2, 0.0, 0.03])  # [kg], [m] in the last link's frame
+IDEAL = (((), np.empty(0)),) * 3
+
+
+def arms(mass=0.0, damping=0.0, integrator="RK4"):
+    """A robot, and MuJoCo's model of it with a point at its last link."""
+    urdf, _ = pushed_arm(AXES, LENGTHS, MASSES, INERTIAS, STEP, "0 0.01")
+    model = mujoco.MjModel.from_xml_string(mujoco_text(mass, integrator))
+    model.dof_damping[1] = damping
+    return Robot.from_urdf(urdf), model
+
+
+def mujoco_text(mass, integrator):
+    """The arm of the file with a point more."""
+    begins, text = (0.0, *LENGTHS), ""
+    for k, axis in enumerate(AXES):
+        text += (
+            f'<body pos="{begins[k]} 0 0"><joint name="j{k}" axis="{axis}"/><inertial '
+            f'pos="{LENGTHS[k] / 2} 0 0.01" mass="{MASSES[k]}" '
+            f'diaginertia="{INERTIAS[k]} {INERTIAS[k]} {INERTIAS[k]}"/>'
+        )
+    if mass:
+        place = " ".join(map(str, CENTRE))
+        inertial = f'<inertial pos="0 0 0" mass="{mass}" diaginertia="1e-9 1e-9 1e-9"/>'
+        text += f'<body pos="{place}">{inertial}</body>'
+    motors = "".join(f'<motor joint="j{k}"/>' for k in range(len(AXES)))
+    return (
+        f'<mujoco><option timestep="{STEP}" integrator="{integrator}"/><worldbody>{text}'
+        f"{'</body>' * len(AXES)}</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+def recorded(mass=0.0, gain=1.0, seed=0, **given):
+    """Torques that hold the arm near a way; what the second motor gives is scaled."""
+    robot, model = arms(mass, **given)
+    data, nominal = mujoco.MjData(model), arms()[1]
+    plan, rng = mujoco.MjData(nominal), np.random.default_rng(7 + seed)
+    size, turn = rng.uniform(0.2, 0.5, (3, 2)), rng.uniform(1.5, 4.0, (3, 2)) * [1.0, 2.2]
+    phase, told, seen = rng.uniform(0.0, 6.0, (3, 2)), [], []
+    data.qpos[:] = (size * np.sin(phase)).sum(axis=1)
+    for k in range(round(SECONDS / STEP)):
+        if k % EVERY == 0:
+            angle = turn * k * STEP + phase
+            off = (size * np.sin(angle)).sum(axis=1) - data.qpos
+            slow = (size * turn * np.cos(angle)).sum(axis=1) - data.qvel
+            plan.qpos[:], plan.qvel[:] = data.qpos, data.qvel
+            plan.qacc[:] = 625 * off + 35 * slow - (size * turn**2 * np.sin(angle)).sum(axis=1)
+            mujoco.mj_inverse(nominal, plan)
+            told.append(plan.qfrc_inverse.copy())
+            seen.append(data.qpos.copy())
+        data.ctrl[:] = told[-1] * [1.0, gain, 1.0]
+        mujoco.mj_step(model, data)
+    q = np.array(seen) + np.random.default_rng(seed).normal(0.0, NOISE, (len(seen), 3))
+    return build_motion(
+        robot=robot, time=STEP * EVERY * np.arange(len(q)), command=np.array(told), q=q,
+        kind="torque", noise_std=NOISE,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def laden():
+    return recorded(MASS, damping=0.1)
+
+
+@pytest.fixture(scope="module")
+def answer(laden):
+    return diagnose(laden)
+
+
+def test_a_mass_that_the_file_lacks_is_told_alone_beside_a_drive_that_rubs(answer):
+    """Each drive alone had a gain, an offset or a rotor in its place."""
+    verdict = answer.verdict
+    assert verdict.verdict is Outcome.EXPLAINED
+    found = {(c.effect, c.element): c for c in verdict.causes}
+    assert set(found) == {("payload", None), ("viscous_friction", 2)}
+    told = found["payload", None]
+    values = {name: e.value for name, e in told.parameters.items()}
+    assert values["mass"] == pytest.approx(MASS, abs=4 * told.parameters["mass"].std)
+    assert told.parameters["mass"].std < 0.01 * MASS
+    moment = [values.get(axis, 0.0) for axis in "xz"]
+    np.testing.assert_allclose(moment, MASS * CENTRE[[0, 2]], atol=5e-3)
+    assert found["viscous_friction", 2].parameters["viscous"].value == pytest.approx(0.1, abs=2e-3)
+
+
+def test_a_mass_s_figures_are_of_what_was_left_out_and_of_all_joints(answer):
+    verdict = answer.verdict
+    told = verdict.causes[0]
+    assert told.effect == "payload"
+    assert told.before > 20 * told.after
+    assert verdict.where[0].stage == "tool"
+    assert verdict.where[0].element is None
+    assert verdict.where[0].share > 0.5
+    assert [step.label for step in verdict.staircase][:2] == ["before", "payload"]
+    place = next(place for place in verdict.tree if place["stage"] == "tool")
+    assert place["probability"] > 0.9
+    [leaf] = place["dependences"]
+    assert leaf["on"] == "load"
+    assert all(joint.before > 5 * joint.after for joint in verdict.joints)
+
+
+def test_an_answer_brought_back_has_its_mass(answer, tmp_path):
+    answer.save(tmp_path / "answer.json")
+    again = plumbline.load(tmp_path / "answer.json")
+    assert again.mass.carried == answer.mass.carried
+    np.testing.assert_array_equal(again.signals.q, answer.signals.q)
+
+
+def test_what_is_taken_home_carries_the_mass(answer, tmp_path):
+    answer.model().save(tmp_path / "drives.toml")
+    drives = plumbline.load(tmp_path / "drives.toml")
+    assert drives.parameters["payload mass"].value == answer.mass.carried.values[0]
+    before, after = drives.gaps(recorded(MASS, damping=0.1, seed=1))
+    assert (after < 1.2 * NOISE).all()
+    assert (before > 10 * NOISE).all()
+    model = arms(MASS, damping=0.1)[1]
+    data, seen, t = mujoco.MjData(model), [], STEP * EVERY * np.arange(100)
+    told = np.column_stack([0.3 * np.sin(5 * t), 2 * np.cos(7 * t), 0.4 * np.sin(9 * t)])
+    for push in np.repeat(told, EVERY, axis=0):
+        if len(seen) * EVERY * STEP <= data.time + STEP / 2:
+            seen.append(data.qpos.copy())
+        data.ctrl[:] = push
+        mujoco.mj_step(model, data)
+    apart = drives.rollout(t, told) - np.array(seen)
+    assert np.ptp(seen, axis=0).min() > 0.1
+    assert np.abs(apart).max() < 0.02 * np.ptp(seen, axis=0).max()
+
+
+@pytest.mark.parametrize("values", [(-0.1,), (0.5, 0.0), (0.5, 0.0, 0.0, float("nan"))])
+def test_drives_whose_mass_is_none_are_refused(values, answer, tmp_path):
+    damaged = replace(answer.model(), carried=Carried(values), carried_std=np.zeros(len(values)))
+    damaged.save(tmp_path / "drives.toml")
+    with pytest.raises(PlumblineError, match="carried"):
+        plumbline.load(tmp_path / "drives.toml")
+
+
+def test_a_file_for_mujoco_has_the_mass(answer):
+    written = mujoco.MjModel.from_xml_string(answer.model().as_mjcf().text)
+    assert written.body_mass[-1] == pytest.approx(MASSES[-1] + MASS, rel=0.01)
+    there = written.body_mass[-1] * written.body_ipos[-1]
+    expected = MASSES[-1] * np.array([LENGTHS[-1] / 2, 0.0, 0.01]) + MASS * CENTRE
+    np.testing.assert_allclose(there, expected, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    "given", [{"gain": 0.9}, {"damping": 0.3}, {"integrator": "implicitfast"}, {}]
+)
+def test_what_one_drive_does_or_a_clock_is_no_mass(given):
+    signals, begun = _begun(signals_of(recorded(**given)), DiagnosisOptions(), None)
+    assert carrying_more(signals, begun, ()) is None
+
+
+def test_no_mass_is_asked_where_it_is_left_out_of_the_library_or_nothing_pushes(laden):
+    signals = signals_of(laden)
+    assert is_asked(signals, ())
+    assert not is_asked(signals, ("payload",))
+    follows = build_motion(robot=laden.robot, time=laden.time, command=laden.q, q=laden.q)
+    assert not is_asked(signals_of(follows), ())
+
+
+def test_a_simulator_s_clock_is_told_apart_from_the_mass_that_it_carries():
+    signals = signals_of(recorded(0.9, integrator="implicitfast"))
+    others = {e.name for e in MOTION_EFFECTS} - {"actuation_gain"}
+    _, begun = _begun(signals, DiagnosisOptions(without=(*others,)), None)
+    found = carrying_more(signals, begun, ()).recording
+    assert found.lead == pytest.approx(STEP / 2, abs=STEP / 20)
+    assert found.carried.values[0] == pytest.approx(0.9, rel=0.01)
+
+
+def test_columns_are_what_a_mass_changes_of_each_joint_where_states_are_right(laden):
+    right = Carried((MASS, *(MASS * CENTRE)))
+    signals = signals_of(replace(laden, carried=right))
+    telling = Telling(signals, IDEAL, signals.training)
+    for k, step in enumerate((1e-4, 1e-5, 1e-5, 1e-5)):
+        values = np.array(right.values)
+        values[k] += step
+        other = carrying(signals, Carried((*values.tolist(),)))
+        for j, one in enumerate(telling.joints):
+            windows = (s.windows(j, s.training) for s in (other, signals))
+            moved, was = (evaluated(w, (), np.empty(0)).residual for w in windows)
+            foretold = one.mass @ (right.slopes[:, k] * step)
+            apart = np.linalg.norm((moved - was).ravel() - foretold)
+            assert apart <= 0.15 * max(np.linalg.norm(foretold), 1e-9)
+
+
+@pytest.mark.parametrize("robot", [arms()[0], Robot.bundled("ur5")])
+def test_numbers_at_the_tip_are_those_of_the_same_body_at_its_joint(robot):
+    rng = np.random.default_rng(0)
+    _, place, R = tip_of(robot)
+    square = rng.normal(size=(3, 3))
+    body = pin.Inertia(1.3, rng.normal(size=3), square @ square.T)
+    moved = pin.SE3(R, place).act(body).toDynamicParameters()
+    np.testing.assert_allclose(from_tip(robot) @ body.toDynamicParameters(), moved, atol=1e-12)
+
+
+def test_a_robot_that_carries_a_point_has_its_mass_and_inertia():
+    robot = arms()[0]
+    point = Carried((MASS, *(MASS * CENTRE)))
+    bare, found = (weighed(robot, carried).inertias[3] for carried in (NOTHING, point))
+    expected = bare + pin.Inertia(MASS, CENTRE, np.zeros((3, 3)))
+    np.testing.assert_allclose(found.toDynamicParameters(), expected.toDynamicParameters())
+    assert bare.mass == MASSES[-1]
+
+
+def test_a_mass_that_grows_less_stays_above_nothing():
+    """From far too much of it whole steps lead below, where a point's inertia has no end."""
+    signals = signals_of(recorded())
+    telling = Telling(signals, IDEAL, signals.training)
+    for form in (1, 4, 10):
+        found = fitted_mass(telling, (1.0,) + (0.0,) * (form - 1), clock=False)
+        assert 0.0 < found.carried.values[0] < 1e-3
