@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError, fault
 from plumbline.kinematics.effects.motion_effect import MotionEffect
-from plumbline.kinematics.effects.payload import CarriedMass
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot, joints_named
 from plumbline.optim.core.problem import Array
@@ -92,10 +91,11 @@ class Driven:
     def parameters(self) -> dict[str, Known]:
         """Every number found, by ``"actuation_delay 2"``."""
         units = ["m" if one else "rad" for one in slides(self.robot, self.index)]
-        masses = zip(self.carried.declared, self.carried.values, self.carried_std, strict=True)
+        masses = [(body, p) for body in self.carried.bodies for p in body.declared]
+        told = zip(masses, self.carried.values, self.carried_std, strict=True)
         return {
-            f"{CarriedMass.name} {p.name}": Known(float(v), float(s), p.unit, p.doc)
-            for p, v, s in masses
+            f"{body.label} {p.name}": Known(float(v), float(s), p.unit, p.doc)
+            for (body, p), v, s in told
         } | {
             f"{effect.name} {number}": Known(
                 float(v),
@@ -202,7 +202,7 @@ class Driven:
             raise fault(f"{other.name}, robot", found, self.robot.name, mend)
         read = replace(other, law=self.law, lead=self.lead, carried=self.carried)
         signals = signals_of(read, drives=self.felt)
-        bare = carrying(signals, NOTHING) if self.carried.values else signals
+        bare = carrying(signals, NOTHING) if self.carried.bodies else signals
         starts = spread(signals.starts, MOST_JUDGED)
         before, after = np.full((2, n), np.nan)
         for number, servo in self.servos.items():

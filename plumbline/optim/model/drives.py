@@ -16,7 +16,7 @@ from plumbline.kinematics.files import read_file
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.findings import Gap
 from plumbline.optim.diagnosis.motion.carrying import MassFindings
-from plumbline.optim.diagnosis.motion.constants import FORMS
+from plumbline.optim.diagnosis.motion.constants import OF_A_LINK, OF_A_TIP
 from plumbline.optim.diagnosis.motion.search import JointFindings
 from plumbline.optim.diagnosis.motion.signals import Signals
 from plumbline.optim.measurement import storing as storing
@@ -55,10 +55,14 @@ def refuse_damaged(file: str, drives: Driven) -> None:
         pieces |= {f"{where}, values": (servo.values, own), f"{where}, std": (servo.std, own),
                    f"{where}, span": (servo.span, (2,)),
                    f"{where}, inertia": (np.array(servo.inertia), ())}  # fmt: skip
-    mass, count = drives.carried.values, len(drives.carried.values)
-    if mass and (count not in FORMS or not mass[0] > 0.0):
-        raise fault(f"{file}, carried", f"{mass}"[:LONGEST_WORD], "a mass above 0", SAVE_IT)
-    pieces |= {"carried": (np.array(mass), (count,)), "carried_std": (drives.carried_std, (count,))}
+    for body in drives.carried.bodies:
+        forms, least = (OF_A_LINK, body.declared[0].lower) if body.link else (OF_A_TIP, 0.0)
+        there = len(body.values) in forms and 0 <= body.link <= n and body.values[0] > least
+        if not there:
+            found = f"{body.values} of link {body.link}"[:LONGEST_WORD]
+            raise fault(f"{file}, carried", found, f"a mass above {least:g}", SAVE_IT)
+    masses = np.array(drives.carried.values)
+    pieces |= {"carried": (masses, masses.shape), "carried_std": (drives.carried_std, masses.shape)}
     refuse_odd(file, pieces)
 
 

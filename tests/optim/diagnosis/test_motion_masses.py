@@ -13,8 +13,15 @@ from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.findings import Outcome
-from plumbline.optim.diagnosis.motion.carried import NOTHING, Carried, from_tip, tip_of, weighed
-from plumbline.optim.diagnosis.motion.carrying import carrying_more, is_asked
+from plumbline.optim.diagnosis.motion.carried import (
+    NOTHING,
+    Carried,
+    Off,
+    from_tip,
+    tip_of,
+    weighed,
+)
+from plumbline.optim.diagnosis.motion.carrying import candidates, carrying_more
 from plumbline.optim.diagnosis.motion.diagnose import _begun
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
@@ -23,29 +30,31 @@ from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.pushed_arms import pushed_arm
 
-STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 5.0, 1e-4
+STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 3.0, 1e-4
 AXES, LENGTHS, MASSES = ("0 0 1", "0 1 0", "0 1 0"), (0.1, 0.3, 0.2), (3.0, 2.0, 0.8)
 INERTIAS = tuple(m * length**2 / 8 for m, length in zip(MASSES, LENGTHS, strict=True))
 MASS, CENTRE = 0.5, np.array([0.2, 0.0, 0.03])  # [kg], [m] in the last link's frame
 IDEAL = (((), np.empty(0)),) * 3
+LINKS = {f"link_inertia {k}" for k in (1, 2, 3)}
 
 
-def arms(mass=0.0, damping=0.0, integrator="RK4"):
-    """A robot, and MuJoCo's model of it with a point at its last link."""
+def arms(mass=0.0, damping=0.0, integrator="RK4", link=0.0):
+    """A robot, and MuJoCo's model: a point more at its last link, its second so much heavier."""
     urdf, _ = pushed_arm(AXES, LENGTHS, MASSES, INERTIAS, STEP, "0 0.01")
-    model = mujoco.MjModel.from_xml_string(mujoco_text(mass, integrator))
+    model = mujoco.MjModel.from_xml_string(mujoco_text(mass, integrator, [1.0, 1 + link, 1.0]))
     model.dof_damping[1] = damping
     return Robot.from_urdf(urdf), model
 
 
-def mujoco_text(mass, integrator):
+def mujoco_text(mass, integrator, heavier):
     """The arm of the file with a point more."""
     begins, text = (0.0, *LENGTHS), ""
     for k, axis in enumerate(AXES):
+        inertia = f"{heavier[k] * INERTIAS[k]} " * 3
         text += (
             f'<body pos="{begins[k]} 0 0"><joint name="j{k}" axis="{axis}"/><inertial '
-            f'pos="{LENGTHS[k] / 2} 0 0.01" mass="{MASSES[k]}" '
-            f'diaginertia="{INERTIAS[k]} {INERTIAS[k]} {INERTIAS[k]}"/>'
+            f'pos="{LENGTHS[k] / 2} 0 0.01" mass="{heavier[k] * MASSES[k]}" '
+            f'diaginertia="{inertia}"/>'
         )
     if mass:
         place = " ".join(map(str, CENTRE))
@@ -136,7 +145,7 @@ def test_an_answer_brought_back_has_its_mass(answer, tmp_path):
 def test_what_is_taken_home_carries_the_mass(answer, tmp_path):
     answer.model().save(tmp_path / "drives.toml")
     drives = plumbline.load(tmp_path / "drives.toml")
-    assert drives.parameters["payload mass"].value == answer.mass.carried.values[0]
+    assert drives.parameters["payload mass"].value == answer.mass.carried.bodies[0].values[0]
     before, after = drives.gaps(recorded(MASS, damping=0.1, seed=1))
     assert (after < 1.2 * NOISE).all()
     assert (before > 10 * NOISE).all()
@@ -153,9 +162,14 @@ def test_what_is_taken_home_carries_the_mass(answer, tmp_path):
     assert np.abs(apart).max() < 0.02 * np.ptp(seen, axis=0).max()
 
 
-@pytest.mark.parametrize("values", [(-0.1,), (0.5, 0.0), (0.5, 0.0, 0.0, float("nan"))])
-def test_drives_whose_mass_is_none_are_refused(values, answer, tmp_path):
-    damaged = replace(answer.model(), carried=Carried(values), carried_std=np.zeros(len(values)))
+@pytest.mark.parametrize(
+    "body",
+    [Off((-0.1,)), Off((0.5, 0.0)), Off((0.5, 0.0, 0.0, float("nan"))), Off((0.1,), 4),
+     Off((-0.95,), 1)],
+)  # fmt: skip
+def test_drives_whose_mass_is_none_are_refused(body, answer, tmp_path):
+    carried = Carried((body,))
+    damaged = replace(answer.model(), carried=carried, carried_std=np.zeros(len(body.values)))
     damaged.save(tmp_path / "drives.toml")
     with pytest.raises(PlumblineError, match="carried"):
         plumbline.load(tmp_path / "drives.toml")
@@ -174,40 +188,41 @@ def test_a_file_for_mujoco_has_the_mass(answer):
 )
 def test_what_one_drive_does_or_a_clock_is_no_mass(given):
     signals, begun = _begun(signals_of(recorded(**given)), DiagnosisOptions(), None)
-    assert carrying_more(signals, begun, ()) is None
+    assert carrying_more(signals, begun, (), candidates(signals.recording)) is None
 
 
 def test_no_mass_is_asked_where_it_is_left_out_of_the_library_or_nothing_pushes(laden):
-    signals = signals_of(laden)
-    assert is_asked(signals, ())
-    assert not is_asked(signals, ("payload",))
+    assert {body.label for body in candidates(laden)} == {"payload", *LINKS}
+    assert {body.label for body in candidates(laden, ("payload",))} == LINKS
+    assert not candidates(laden, ("payload", "link_inertia"))
     follows = build_motion(robot=laden.robot, time=laden.time, command=laden.q, q=laden.q)
-    assert not is_asked(signals_of(follows), ())
+    assert not candidates(follows)
 
 
 def test_a_simulator_s_clock_is_told_apart_from_the_mass_that_it_carries():
     signals = signals_of(recorded(0.9, integrator="implicitfast"))
     others = {e.name for e in MOTION_EFFECTS} - {"actuation_gain"}
     _, begun = _begun(signals, DiagnosisOptions(without=(*others,)), None)
-    found = carrying_more(signals, begun, ()).recording
+    found = carrying_more(signals, begun, (), candidates(signals.recording)).recording
     assert found.lead == pytest.approx(STEP / 2, abs=STEP / 20)
     assert found.carried.values[0] == pytest.approx(0.9, rel=0.01)
 
 
 def test_columns_are_what_a_mass_changes_of_each_joint_where_states_are_right(laden):
-    right = Carried((MASS, *(MASS * CENTRE)))
+    right = Carried((Off((MASS, *(MASS * CENTRE))), Off((0.0, 0.0, 0.0, 0.0), 2)))
     signals = signals_of(replace(laden, carried=right))
     telling = Telling(signals, IDEAL, signals.training)
-    for k, step in enumerate((1e-4, 1e-5, 1e-5, 1e-5)):
+    slopes = telling.slopes(right)
+    for k, step in enumerate((1e-4, 1e-5, 1e-5, 1e-5, 1e-4, 1e-5, 1e-5, 1e-5)):
         values = np.array(right.values)
         values[k] += step
-        other = carrying(signals, Carried((*values.tolist(),)))
+        other = carrying(signals, right.valued(values))
         for j, one in enumerate(telling.joints):
             windows = (s.windows(j, s.training) for s in (other, signals))
             moved, was = (evaluated(w, (), np.empty(0)).residual for w in windows)
-            foretold = one.mass @ (right.slopes[:, k] * step)
+            foretold = one.mass @ (slopes[:, k] * step)
             apart = np.linalg.norm((moved - was).ravel() - foretold)
-            assert apart <= 0.15 * max(np.linalg.norm(foretold), 1e-9)
+            assert apart <= 0.15 * max(np.linalg.norm(foretold), 1e-5)
 
 
 @pytest.mark.parametrize("robot", [arms()[0], Robot.bundled("ur5")])
@@ -222,8 +237,8 @@ def test_numbers_at_the_tip_are_those_of_the_same_body_at_its_joint(robot):
 
 def test_a_robot_that_carries_a_point_has_its_mass_and_inertia():
     robot = arms()[0]
-    point = Carried((MASS, *(MASS * CENTRE)))
-    bare, found = (weighed(robot, carried).inertias[3] for carried in (NOTHING, point))
+    point = Carried((Off((MASS, *(MASS * CENTRE))),))
+    bare, found = (weighed(robot, (0, 1, 2), c).inertias[3] for c in (NOTHING, point))
     expected = bare + pin.Inertia(MASS, CENTRE, np.zeros((3, 3)))
     np.testing.assert_allclose(found.toDynamicParameters(), expected.toDynamicParameters())
     assert bare.mass == MASSES[-1]
@@ -234,5 +249,32 @@ def test_a_mass_that_grows_less_stays_above_nothing():
     signals = signals_of(recorded())
     telling = Telling(signals, IDEAL, signals.training)
     for form in (1, 4, 10):
-        found = fitted_mass(telling, (1.0,) + (0.0,) * (form - 1), clock=False)
+        begun = Carried((Off((1.0,) + (0.0,) * (form - 1)),))
+        found = fitted_mass(telling, begun, clock=False)
         assert 0.0 < found.carried.values[0] < 1e-3
+
+
+def test_a_link_that_weighs_more_is_told_alone_and_taken_home():
+    """A seventh more of the second link had been offsets, gains and rotors of three drives."""
+    answer = diagnose(recorded(link=0.15))
+    assert answer.verdict.verdict is Outcome.EXPLAINED
+    [told] = answer.verdict.causes
+    assert (told.effect, told.element) == ("link_inertia", 2)
+    share = told.parameters["mass"]
+    assert share.value == pytest.approx(0.15, abs=4 * share.std)
+    assert share.std < 1e-3
+    assert answer.verdict.where[0].share == pytest.approx(1.0)
+    written = mujoco.MjModel.from_xml_string(answer.model().as_mjcf().text)
+    assert written.body_mass[2] == pytest.approx(1.15 * MASSES[1], rel=1e-3)
+
+
+def test_a_link_s_numbers_are_of_its_mass_its_centre_and_its_own_shape():
+    robot = arms()[0]
+    own = robot.model.inertias[2]
+    heavier = Carried((Off((0.25,), 2),))
+    found = weighed(robot, (0, 1, 2), heavier).inertias[2]
+    np.testing.assert_allclose(found.toDynamicParameters(), 1.25 * own.toDynamicParameters())
+    shift = np.array([0.01, -0.02, 0.03])
+    moved = weighed(robot, (0, 1, 2), Carried((Off((0.25, *shift), 2),))).inertias[2]
+    np.testing.assert_allclose(moved.lever, own.lever + shift / 1.25)
+    np.testing.assert_allclose(moved.inertia, 1.25 * own.inertia)

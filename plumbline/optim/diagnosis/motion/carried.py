@@ -1,18 +1,24 @@
-r"""A mass that a robot's file lacks, carried at its tip frame: part of what torques move.
+r"""Masses that a robot's file lacks: carried at its tip frame, or a link's that is not as it says.
 
 Torques are linear in a body's ten numbers: mass m, first moment :math:`m c` and the inertia I about
 a frame's origin (Atkeson, An, Hollerbach 1986, Int. J. Robotics Research 5(3)). At the tip frame a
 mass is told by one of them where it sits there, by four where a point sits elsewhere,
-:math:`I = m (c^T c\, 1 - c\, c^T)`, and by all ten where it is any body.
+:math:`I = m (c^T c\, 1 - c\, c^T)`, and by all ten where it is any body. A link is told by the
+share that it weighs more, and by four numbers where its centre is elsewhere, too; its shape is its
+file's.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
+from plumbline.kinematics.effects import Effect
+from plumbline.kinematics.effects.link_inertia import LinkInertia
 from plumbline.kinematics.effects.payload import CarriedMass
 from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.parameters import Parameter
@@ -21,23 +27,61 @@ from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.motion.constants import ASIDE, BODY, POINT
 
 Motion = Any  # a MotionRecording, whose own module asks this one
+ENTRIES = np.tril_indices(3)  # of an inertia among its numbers: xx, xy, yy, xz, yz, zz
 
 
 @dataclass(frozen=True)
-class Carried:
-    """What the tip frame carries besides what the file states.
+class Off:
+    """A body that the file states otherwise, or not at all.
 
     Attributes:
-        values: Mass, above nothing [kg]; if it sits elsewhere, mass times its centre's x, y and z
-            in the tip frame [kg m]; if it is no point, inertia xx, yy, zz, xy, xz, yz about that
-            [kg m^2].
+        values: At the tip, mass above nothing [kg]; if it sits elsewhere, mass times its centre's
+            x, y and z in the tip frame [kg m]; if it is no point, inertia xx, yy, zz, xy, xz, yz
+            about that [kg m^2]. Of a link, mass more than stated as a share of it; if its centre
+            is elsewhere, its shift along x, y and z of its joint [m].
+        link: The joint that moves it, from 1; 0 for what the tip carries.
     """
 
-    values: tuple[float, ...] = ()
+    values: tuple[float, ...]
+    link: int = 0
+
+    @property
+    def effect(self) -> type[Effect]:
+        """The effect that it is."""
+        return LinkInertia if self.link else CarriedMass
+
+    @property
+    def label(self) -> str:
+        """Its effect, with the link's number if it has one."""
+        return f"{self.effect.name} {self.link}" if self.link else self.effect.name
+
+    @property
+    def declared(self) -> tuple[Parameter, ...]:
+        """What its values are (P,), for an arm of one kilogram that reaches one metre."""
+        every = LinkInertia().declared if self.link else CarriedMass(True).declared
+        return every[: len(self.values)]
+
+    @property
+    def form(self) -> str:
+        """Where a mass at the tip sits, in a few words; nothing where it is told."""
+        forms = {} if self.link else {POINT: "at the tip frame", BODY: "a body of any inertia"}
+        return forms.get(len(self.values), "")
+
+    def added(self, robot: Robot, index: Sequence[int]) -> tuple[int, Array]:
+        """The joint that moves it, and what its numbers there (10,) are more than stated."""
+        if not self.link:
+            return tip_of(robot)[0], from_tip(robot) @ self.numbers
+        joint = index[self.link - 1] + 1
+        own = robot.model.inertias[joint]
+        given = np.zeros(ASIDE)
+        given[: len(self.values)] = self.values
+        mass, centre = own.mass * (1 + given[0]), own.lever + given[1:] / (1 + given[0])
+        other = pin.Inertia(mass, centre, own.inertia * (1 + given[0]))
+        return joint, other.toDynamicParameters() - own.toDynamicParameters()
 
     @property
     def numbers(self) -> Array:
-        """Mass, first moment, and inertia xx, xy, yy, xz, yz, zz about the tip frame (10,)."""
+        """At the tip, mass, first moment, and inertia xx, xy, yy, xz, yz, zz about it (10,)."""
         given = np.zeros(BODY)
         given[: len(self.values)] = self.values
         mass, moment = given[0], given[1:4]
@@ -46,26 +90,52 @@ class Carried:
             return np.array([mass, *moment, *_steiner(moment, moment) / mass])
         return np.array([mass, *moment, xx, xy, yy, xz, yz, zz])
 
-    @property
-    def declared(self) -> tuple[Parameter, ...]:
-        """What its values are (P,), for an arm of one kilogram that reaches one metre."""
-        return CarriedMass(True).declared[: len(self.values)]
 
-    @property
-    def form(self) -> str:
-        """Where the mass sits, in a few words; nothing where it is told."""
-        return {POINT: "at the tip frame", BODY: "a body of any inertia"}.get(len(self.values), "")
+@dataclass(frozen=True)
+class Carried:
+    """All that a robot's joints move besides what its file states."""
 
-    @property
-    def slopes(self) -> Array:
-        """Derivatives of these numbers by the values (10, P)."""
-        own = np.array(self.values)
-        if not len(own):
-            return np.zeros((BODY, 0))
-        steps = np.eye(len(own)) * 1e-6
-        both = ([Carried((*(own + s * one),)).numbers for one in steps] for s in (1, -1))
-        ahead, behind = both
-        return np.array([a - b for a, b in zip(ahead, behind, strict=True)]).T / 2e-6
+    bodies: tuple[Off, ...] = ()
+
+    @cached_property
+    def values(self) -> tuple[float, ...]:
+        """Those of all bodies, one after the other (P,)."""
+        return tuple(v for body in self.bodies for v in body.values)
+
+    def valued(self, values: Sequence[float] | Array) -> Carried:
+        """The same bodies with other values (P,)."""
+        left, bodies = [float(v) for v in values], []
+        for body in self.bodies:
+            count = len(body.values)
+            bodies.append(replace(body, values=(*left[:count],)))
+            left = left[count:]
+        return Carried(tuple(bodies))
+
+    def alike(self, other: Carried) -> bool:
+        """Whether another is of the same bodies, told by as many values each."""
+        mine, its = ([(b.link, len(b.values)) for b in one.bodies] for one in (self, other))
+        return mine == its
+
+    def without(self, body: Off) -> Carried:
+        """All but one of them."""
+        return Carried(tuple(one for one in self.bodies if one != body))
+
+    def numbers(self, robot: Robot, index: Sequence[int]) -> Array:
+        """What each joint of the model moves more than stated (J, 10), at that joint."""
+        found = np.zeros((robot.model.njoints - 1, BODY))
+        for body in self.bodies:
+            joint, more = body.added(robot, index)
+            found[joint - 1] += more
+        return found
+
+    def slopes(self, robot: Robot, index: Sequence[int]) -> Array:
+        """Derivatives of these by the values (P, J, 10)."""
+        own, step = np.array(self.values), 1e-6
+        found = np.zeros((len(own), robot.model.njoints - 1, BODY))
+        for k, one in enumerate(step * np.eye(len(own))):
+            ahead, behind = (self.valued(own + s * one).numbers(robot, index) for s in (1, -1))
+            found[k] = (ahead - behind) / (2 * step)
+        return found
 
 
 NOTHING = Carried()
@@ -74,9 +144,10 @@ NOTHING = Carried()
 def _steiner(one: Array, other: Array) -> Array:
     r"""Of :math:`a \cdot b\, 1 - (a b^T + b a^T) / 2` xx, xy, yy, xz, yz, zz (6,)."""
     M = one @ other * np.eye(3) - (np.outer(one, other) + np.outer(other, one)) / 2
-    return np.asarray(M[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+    return np.asarray(M[ENTRIES])
 
 
+@lru_cache(maxsize=16)
 def tip_of(robot: Robot) -> tuple[int, Array, Array]:
     """The joint that moves the tip frame, and where and how that lies there (3,) [m], (3, 3)."""
     there = [f for f in robot.model.frames if f.name == robot.default_tip and f.parentJoint > 0]
@@ -84,6 +155,7 @@ def tip_of(robot: Robot) -> tuple[int, Array, Array]:
     return frame.parentJoint, np.array(frame.placement.translation), frame.placement.rotation
 
 
+@lru_cache(maxsize=16)
 def from_tip(robot: Robot) -> Array:
     """What a body's numbers at the tip frame are at the joint that moves it (10, 10)."""
     _, place, R = tip_of(robot)
@@ -92,26 +164,24 @@ def from_tip(robot: Robot) -> Array:
     found[1:4, 1:4] = R
     for k in range(3):
         found[4:, 1 + k] = 2 * _steiner(place, R[:, k])
-    rows, columns = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
-    for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
+    for k, (i, j) in enumerate(zip(*ENTRIES, strict=True)):
         one = np.zeros((3, 3))
         one[i, j] = one[j, i] = 1.0
-        found[4:, 4 + k] = (R @ one @ R.T)[rows, columns]
+        found[4:, 4 + k] = (R @ one @ R.T)[ENTRIES]
     return found
 
 
 def model_of(r: Motion) -> pin.Model:
-    """The robot's bodies under its gravity, with what its tip carries."""
-    return weighed(r.robot, r.carried)
+    """The robot's bodies under its gravity, with what they are more than its file states."""
+    return weighed(r.robot, r.index, r.carried)
 
 
-def weighed(robot: Robot, carried: Carried) -> pin.Model:
-    """A copy of a robot's model under its gravity, with what its tip carries."""
+def weighed(robot: Robot, index: Sequence[int], carried: Carried) -> pin.Model:
+    """A copy of a robot's model under its gravity, with bodies that its file states otherwise."""
     model = pin.Model(robot.model)
     model.gravity.linear = np.asarray(robot.gravity, dtype=float)
-    if carried.values:
-        joint = tip_of(robot)[0]
-        own = model.inertias[joint].toDynamicParameters() if model.inertias[joint].mass else 0.0
-        numbers = own + from_tip(robot) @ carried.numbers
-        model.inertias[joint] = pin.Inertia.FromDynamicParameters(numbers)
+    for joint, more in enumerate(carried.numbers(robot, index), start=1):
+        if more.any():
+            own = model.inertias[joint].toDynamicParameters()
+            model.inertias[joint] = pin.Inertia.FromDynamicParameters(np.nan_to_num(own) + more)
     return model

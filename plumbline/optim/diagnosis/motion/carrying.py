@@ -1,40 +1,42 @@
-r"""Whether the tip carries a mass that the robot's file lacks: asked of all joints together.
+r"""Whether bodies weigh other than a robot's file says: asked of all joints together.
 
-A mass changes what moves every body, and each drive alone finds a gain, an offset or friction in
-its place. So before drives are believed, it is asked by ideal ones, with a clock that leads beside
-it: if that is more probable than what they were found to do instead, states are found anew with
-the mass, until it stands still, and drives are searched again.
+A mass at the tip, or a link's, changes what moves every body, and each drive alone finds a gain, an
+offset or friction in its place. So before drives are believed, masses are asked by ideal ones, with
+a clock that leads beside them: if they are more probable than what drives were found to do instead,
+states are found anew with them, until they stand still, and drives are searched again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plumbline.kinematics.effects.link_inertia import LEAST_MASS
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.effects.payload import CarriedMass
 from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate
-from plumbline.optim.diagnosis.motion.carried import Carried
+from plumbline.optim.diagnosis.motion.carried import Carried, Off
 from plumbline.optim.diagnosis.motion.constants import (
     CONFOUNDED,
-    FORMS,
+    LEAST_GAIN,
     MOVES,
+    OF_A_LINK,
+    OF_A_TIP,
     ROUNDED,
     WORTH_A_FIT,
 )
 from plumbline.optim.diagnosis.motion.fit import correlation_time
-from plumbline.optim.diagnosis.motion.masses import MassFit, Telling, fitted_mass
+from plumbline.optim.diagnosis.motion.masses import MassFit, Telling, fitted_mass, path_of
 from plumbline.optim.diagnosis.motion.models import ODDS
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import Begun, JointFindings
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.motion.windows import Array, Drives, Effects
 
 Where = tuple[str, int | None]
-PLACE: Where = (str(CarriedMass.stage), None)  # where a mass is
 STAGE = str(MotionEffect.stage)
-ODDS_OF_FORM = ODDS - float(np.log(len(FORMS)))  # which share an effect's odds
 
 
 def drives_of_all(begun: Sequence[Begun], n: int) -> Drives:
@@ -46,34 +48,82 @@ def drives_of_all(begun: Sequence[Begun], n: int) -> Drives:
 
 
 def refined(signals: Signals, begun: Sequence[Begun]) -> Carried:
-    """What the tip carries, by drives that were found; nothing where it carries nothing."""
+    """Masses that were found, by drives that were; nothing where none were."""
     now = signals.recording.carried
-    return told_by(signals, begun).carried if now.values else now
+    return told_by(signals, begun).carried if now.bodies else now
 
 
 def told_by(signals: Signals, begun: Sequence[Begun]) -> MassFit:
-    """What the tip carries, by drives that were found."""
+    """The masses that were found, by drives that were."""
     telling = Telling(signals, drives_of_all(begun, signals.recording.n), signals.training)
-    return fitted_mass(telling, signals.recording.carried.values, clock=False)
+    return fitted_mass(telling, signals.recording.carried, clock=False)
 
 
-def likeliest(telling: Telling) -> tuple[MassFit, float]:
-    """Of a point at the tip, a point elsewhere and any body the most probable; a clock may lead.
+def candidates(r: MotionRecording, without: Sequence[str] = ()) -> tuple[Off, ...]:
+    """Bodies that may weigh other than the file says, in all forms, where a fit may begin.
 
-    And its log odds against none, of a clock that may lead as well.
+    At the tip, if the robot has one, and links on the way to it that weigh anything.
     """
-    now = list(telling.recording.carried.values) or [float(telling.scales[0])]
-    fits = [fitted_mass(telling, (now + [0.0] * n)[:n], clock=True) for n in FORMS]
-    times = fits[int(np.argmin([fit.squares.sum() for fit in fits]))].times
-    best, none = max(fits, key=lambda fit: fit.score(times)), fitted_mass(telling, (), clock=True)
-    return best, best.score(times) - none.score(times) + ODDS_OF_FORM
+    if not r.law.pushes or r.robot.default_tip not in r.robot.tip_frames:
+        return ()
+    path, model = path_of(r).tolist(), r.robot.model
+    weight = sum(model.inertias[j].mass for j in path)
+    found = [Off((CarriedMass.mass.scale * weight, *[0.0] * (k - 1))) for k in OF_A_TIP]
+    for k, place in enumerate(r.index, start=1):
+        if place + 1 in path and model.inertias[place + 1].mass > LEAST_MASS:
+            found += [Off((0.0,) * count, k) for count in OF_A_LINK]
+    return tuple(body for body in found if weight > 0 and body.effect.name not in without)
 
 
-Move = tuple[Array, Array]  # values of a mass (P,), and by how much those of their states are off
+def odds(carried: Carried) -> float:
+    """Prior log odds of bodies that are off: forms share those of an effect."""
+    forms = (len(OF_A_LINK if body.link else OF_A_TIP) for body in carried.bodies)
+    return float(sum(ODDS - np.log(count) for count in forms))
+
+
+def likeliest(telling: Telling, asked: Sequence[Off]) -> MassFit:
+    """The most probable bodies, from those of the states on; a clock may lead.
+
+    One more, one less or one exchanged at a time.
+    """
+    here = fitted_mass(telling, telling.recording.carried, clock=True)
+    for _ in range(MOVES):
+        tried = [fitted_mass(telling, other, clock=True) for other in _others(here.carried, asked)]
+        times = min((here, *tried), key=_misfit).times
+        counted = [fit for fit in tried if not _negligible(fit, here)]
+        best = max((here, *counted), key=lambda fit: fit.score(times) + odds(fit.carried))
+        if best is here:
+            break
+        here = best
+    return here
+
+
+def _misfit(fit: MassFit) -> float:
+    return float(np.log(fit.squares).sum())
+
+
+def _others(now: Carried, asked: Sequence[Off]) -> Iterator[Carried]:
+    """The same with one body less, one more, or one exchanged for another."""
+    yield from (now.without(body) for body in now.bodies)
+    for less in (now, *(now.without(body) for body in now.bodies)):
+        there = {body.link for body in less.bodies}
+        for body in asked:
+            other = Carried((*less.bodies, body))
+            if body.link not in there and not other.alike(now):
+                yield other
+
+
+def _negligible(fit: MassFit, given: MassFit) -> bool:
+    """Whether more values take next to nothing of what any joint is missed by."""
+    more = len(fit.carried.values) - len(given.carried.values)
+    return bool(more > 0 and (1 - fit.squares / given.squares).max() < LEAST_GAIN)
+
+
+Move = tuple[Array, Array]  # values of masses (P,), and by how much those of their states are off
 
 
 def further(signals: Signals, fit: MassFit, before: Move | None) -> tuple[Signals, Move]:
-    """States with a mass moved on, by this move and the one before it.
+    """States with masses moved on, by this move and the one before it.
 
     Of what bodies hardly tell states follow what is carried, and one move is a part of the way
     (Anderson 1965, J. ACM 12(4):547, of one move before; in standard errors).
@@ -86,49 +136,53 @@ def further(signals: Signals, fit: MassFit, before: Move | None) -> tuple[Signal
         precise = np.linalg.solve(fit.covariance, change)
         share = float(precise @ off) / max(float(precise @ change), 1e-300)
         values = values - share * (moved + change)
-    carried = Carried((*values.tolist(),))
-    return signals_of(replace(r, carried=carried), drives=signals.drives), (now, off)
+    moved_on = replace(r, carried=r.carried.valued(values))
+    return signals_of(moved_on, drives=signals.drives), (now, off)
 
 
-def is_asked(signals: Signals, without: Sequence[str]) -> bool:
-    """Whether a mass may show: where torques push bodies whose file has masses, to a tip."""
-    r = signals.recording
-    asked = r.law.pushes and signals.has_masses and r.robot.default_tip in r.robot.tip_frames
-    return asked and CarriedMass.name not in without
-
-
-def carrying_more(signals: Signals, begun: Sequence[Begun], drives: Drives) -> Signals | None:
-    """The same with a mass that the tip carries, where that may be the more probable.
+def carrying_more(
+    signals: Signals, begun: Sequence[Begun], drives: Drives, asked: Sequence[Off]
+) -> Signals | None:
+    """The same with bodies that weigh other than the file says, where that may be more probable.
 
     Args:
-        signals: States by which nothing is carried.
+        signals: States by bodies as the file has them.
         begun: What drives were found to do there.
-        drives: By which the mass is asked; none if ideal.
+        drives: By which masses are asked; none if ideal.
+        asked: Which, see :func:`candidates`.
     """
     n = signals.recording.n
     own = drives or drives_of_all((), n)
-    fit, more = likeliest(Telling(signals, own, begun[0].quick.windows.start))  # as their odds are
-    if min(more, more_probable(fit, begun)) < 0:
-        return None
+    fit = likeliest(Telling(signals, own, begun[0].quick.windows.start), asked)  # as odds are by
     was = lead = signals.recording.lead
+    if more_probable(fit, begun) < 0:
+        return None
     row = float(np.median(np.diff(signals.recording.time)))
     for _ in range(MOVES):
+        if not fit.carried.bodies:
+            return None
         bodies = replace(signals.recording, carried=fit.carried, lead=lead)
         signals = signals_of(bodies, drives=drives)
-        fit, _ = likeliest(Telling(signals, own, signals.training))
-        ahead = float(np.clip(lead - fit.late, 0.0, row))
-        significant = ((ahead - was) / fit.late_std) ** 2 / 2 > WORTH_A_FIT
-        if not significant or abs(ahead - was) < ROUNDED * row:
-            ahead = was
+        fit = likeliest(Telling(signals, own, signals.training), asked)
+        ahead = _lead(fit, was, lead, row)
         if fit.off < 1.0 and abs(ahead - lead) <= fit.late_std:
             break
         lead = ahead
     return signals
 
 
+def _lead(fit: MassFit, was: float, lead: float, row: float) -> float:
+    """By how long a clock leads [s]: as before but for what stands out, of a row so long [s]."""
+    ahead = float(np.clip(lead - fit.late, 0.0, row))
+    significant = ((ahead - was) / fit.late_std) ** 2 / 2 > WORTH_A_FIT
+    return ahead if significant and abs(ahead - was) > ROUNDED * row else was
+
+
 def more_probable(fit: MassFit, begun: Sequence[Begun]) -> float:
-    """Log odds of a mass against what drives were found to do without one."""
-    found = ODDS_OF_FORM - fit.occam
+    """Log odds of masses against what drives were found to do without any."""
+    if not fit.carried.bodies:
+        return -np.inf
+    found = odds(fit.carried) - fit.occam
     for one in begun:
         j = one.number - 1
         square, time = fit.squares[j], fit.times[j]
@@ -140,31 +194,36 @@ def more_probable(fit: MassFit, begun: Sequence[Begun]) -> float:
 
 
 def against(signals: Signals, begun: Sequence[Begun]) -> float:
-    """What a mass that is carried takes from the log odds of what all joints did."""
-    if not signals.recording.carried.values:
-        return 0.0
-    return ODDS_OF_FORM - told_by(signals, begun).occam
+    """What masses that were found take from the log odds of what all joints did."""
+    carried = signals.recording.carried
+    return odds(carried) - told_by(signals, begun).occam if carried.bodies else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class MassFindings:
-    """What was found of a mass that the tip carries."""
+    """What was found of bodies that weigh other than the file says."""
 
-    carried: Carried  # its values
-    std: Array  # their standard errors (P,)
+    carried: Carried  # which, with their values
+    std: Array  # standard errors of these (P,)
     widths: Array  # their priors' widths (P,)
-    probability: float  # that one is carried
-    # what may stand in its place: effects of joints, from 1, with their probability
-    instead: tuple[tuple[str, int, float], ...]
-    off: float  # standard errors that its values would still move
+    probability: tuple[float, ...]  # that each body is off
+    # what may stand in each one's place: effects, with joint or link, 0 for none, and probability
+    instead: tuple[tuple[tuple[str, int, float], ...], ...]
+    off: float  # standard errors that values would still move
 
-    def cause(self, probability: float, before: float, after: float) -> Cause:
-        """It as a cause, left-out errors being so large without and with it [rad]."""
-        told = zip(self.carried.declared, self.carried.values, self.std, self.widths, strict=True)
-        instead = (Blame(name, STAGE, j) for name, j, p in self.instead if p > CONFOUNDED)
+    def cause(self, k: int, probability: float, before: float, after: float) -> Cause:
+        """One body as a cause, left-out errors being so large without and with it [rad]."""
+        body, first = self.carried.bodies[k], sum(len(b.values) for b in self.carried.bodies[:k])
+        own = slice(first, first + len(body.values))
+        told = zip(body.declared, body.values, self.std[own], self.widths[own], strict=True)
+        instead = (
+            Blame(name, STAGE if j else str(CarriedMass.stage), j or None)
+            for name, j, p in self.instead[k]
+            if p > CONFOUNDED
+        )
         return Cause(
-            CarriedMass.name,
-            *PLACE,
+            body.effect.name,
+            *place_of(body),
             probability=probability,
             parameters={
                 p.name: Estimate(v, float(s), p.unit, False, p.doc, bool(s < width))
@@ -173,34 +232,66 @@ class MassFindings:
             before=before,
             after=after,
             confounded_with=tuple(instead),
-            words=CarriedMass.words,
-            variant=self.carried.form,
+            words=body.effect.words.format(element=body.link),
+            variant=body.form,
         )
 
 
+def place_of(body: Off) -> Where:
+    """Stage and element that a body is blamed on."""
+    return str(body.effect.stage), body.link or None
+
+
 def mass_findings(
-    signals: Signals, joints: Sequence[JointFindings], more: float, plain: Sequence[Begun]
+    signals: Signals,
+    joints: Sequence[JointFindings],
+    more: float,
+    plain: Sequence[Begun],
+    asked: Sequence[Off],
 ) -> MassFindings | None:
-    """What was found of a mass, by all windows.
+    """What was found of masses, by all windows.
 
     Args:
-        signals: States by which it is carried.
+        signals: States by them.
         joints: What was found at each joint.
-        more: Log odds of it against none.
-        plain: What drives were found to do without it.
+        more: Log odds of them against none.
+        plain: What drives were found to do without them.
+        asked: Which were considered.
     """
     r = signals.recording
-    if not r.carried.values:
+    if not r.carried.bodies:
         return None
-    drives = fits_of_all(joints, r.n)
-    telling = Telling(signals, drives, signals.training)
-    fit = fitted_mass(telling, r.carried.values, clock=False)
+    telling = Telling(signals, fits_of_all(joints, r.n), signals.training)
+    fit = fitted_mass(telling, r.carried, clock=False)
     rest = float(np.exp(-np.logaddexp(0.0, more)))
     own = {(e.name, j.number) for j in joints for e in j.fit.effects}
-    there = ((e.name, one.number) for one in plain for e in one.near.effects)
-    instead = tuple((*key, rest) for key in there if key not in own)
-    std = np.sqrt(np.diag(fit.covariance))
-    return MassFindings(r.carried, std, telling.scales[: len(std)], 1 - rest, instead, fit.off)
+    there = [(e.name, one.number, rest) for one in plain for e in one.near.effects
+             if (e.name, one.number) not in own]  # fmt: skip
+    found = [_exchanged(telling, fit, k, asked) for k in range(len(r.carried.bodies))]
+    return MassFindings(
+        r.carried, np.sqrt(np.diag(fit.covariance)), telling.scales(r.carried),
+        tuple((1 - rest) * p for p, _ in found), tuple((*alike, *there) for _, alike in found),
+        fit.off,
+    )  # fmt: skip
+
+
+def _exchanged(
+    telling: Telling, fit: MassFit, k: int, asked: Sequence[Off]
+) -> tuple[float, list[tuple[str, int, float]]]:
+    """Probability of a body among all that may stand in its place, and those with theirs."""
+    body = fit.carried.bodies[k]
+    less = fit.carried.without(body)
+    there = {one.link for one in less.bodies}
+    others = [one for one in asked if one.link not in there and one.link != body.link]
+    fits = [fitted_mass(telling, Carried((*less.bodies, one)), clock=False) for one in others]
+    own = fit.score(fit.times) + odds(fit.carried)
+    scores = np.array([0.0, *(f.score(fit.times) + odds(f.carried) - own for f in fits)])
+    weights = np.exp(scores - np.logaddexp.reduce(scores))
+    by: dict[int, float] = {}
+    for one, p in zip(others, weights[1:], strict=True):
+        by[one.link] = by.get(one.link, 0.0) + float(p)
+    names = {one.link: one.effect.name for one in others}
+    return float(weights[0]), [(names[link], link, p) for link, p in by.items()]
 
 
 def fits_of_all(joints: Sequence[JointFindings], n: int) -> Drives:

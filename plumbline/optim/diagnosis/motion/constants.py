@@ -103,7 +103,9 @@ CONFOUNDED = 0.05  # probability from which another effect is named as what it m
 # Masses
 # Numbers of a mass at the tip, of a point elsewhere and of any body: mass, first moment, inertia
 # (Atkeson, An, Hollerbach 1986, sec. 2).
-FORMS = POINT, ASIDE, BODY = 1, 4, 10
+OF_A_TIP = POINT, ASIDE, BODY = 1, 4, 10
+# Of a link: how much more it weighs, and where its centre is.
+OF_A_LINK = 1, 4
 
 # Diagnose
 STILL = 1e-6  # [rad] a command and an encoder that move less tell nothing of a drive

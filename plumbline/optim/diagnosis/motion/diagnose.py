@@ -17,10 +17,10 @@ from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.carried import NOTHING
 from plumbline.optim.diagnosis.motion.carrying import (
     against,
+    candidates,
     carrying_more,
     drives_of_all,
     further,
-    is_asked,
     mass_findings,
     told_by,
 )
@@ -76,7 +76,8 @@ def diagnose_motion(
         if progress is not None:
             progress(f"{r.noun} {one.number}", (1 + k / len(begun)) / 2)
         joints.append(search(one, prior, signals.sigma))
-    mass = mass_findings(signals, joints, found.more, found.plain)
+    asked = candidates(r, options.without)
+    mass = mass_findings(signals, joints, found.more, found.plain, asked)
     unseen = left_out(signals, joints)
     still = [j + 1 for j in range(r.n) if j not in _moved(r)]
     told = MotionFindings(
@@ -115,12 +116,12 @@ class _Searched:
 def _searched(
     r: MotionRecording, options: DiagnosisOptions, progress: Progress | None
 ) -> _Searched:
-    """Where a search stands by drives alone, or by a mass that the tip carries as well.
+    """Where a search stands by drives alone, or by bodies that weigh other than the file says.
 
-    A mass is asked of ideal drives, which others are found in its place, then of those found.
+    Masses are asked of ideal drives, as others are found in their place, then of those found.
     """
     plain = _begun(signals_of(r), options, progress)
-    if not is_asked(plain[0], options.without):
+    if not candidates(r, options.without):
         return _finished(_Searched(*_by_neighbours(*plain, options, progress)))
     found = _carrying(plain, (), options, progress)
     if found is None or found.more < CONTENDS:
@@ -154,7 +155,8 @@ def _carrying(
     progress: Progress | None,
 ) -> _Searched | None:
     """Where a search stands with a mass, if that may be the more probable."""
-    given = carrying_more(*plain, drives)
+    asked = candidates(plain[0].recording, options.without)
+    given = carrying_more(*plain, drives, asked)
     if given is None:
         return None
     signals, begun = _begun(given, options, progress)

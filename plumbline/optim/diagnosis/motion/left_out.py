@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plumbline.kinematics.effects.motion_effect import MotionEffect
-from plumbline.kinematics.effects.payload import CarriedMass
 from plumbline.optim.diagnosis.motion.carried import NOTHING
 from plumbline.optim.diagnosis.motion.carrying import fits_of_all
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED, SEARCH_ITERATIONS
@@ -50,35 +49,49 @@ class LeftOut:
 
 def left_out(signals: Signals, joints: Sequence[JointFindings]) -> tuple[LeftOut, ...]:
     """Every fold's windows, by fits of the causes to all others, joint by joint."""
-    if not signals.recording.carried.values:
+    if not signals.recording.carried.bodies:
         return tuple(_left_out(signals, joint) for joint in joints)
-    plain, drives = carrying(signals, NOTHING), fits_of_all(joints, signals.recording.n)
+    drives, carried = fits_of_all(joints, signals.recording.n), signals.recording.carried
     shifts = [_moved(signals, drives, *fold) for fold in _folds(signals)]
-    return tuple(_with_mass(plain, _left_out(signals, joint, shifts), joint) for joint in joints)
+    others = {body.label: carrying(signals, carried.without(body)) for body in carried.bodies}
+    plain = carrying(signals, NOTHING)
+    return tuple(
+        _with_mass(plain, others, _left_out(signals, joint, shifts), joint) for joint in joints
+    )
 
 
 def _moved(signals: Signals, drives: Drives, fit: Integers, judge: Integers) -> list[Array]:
-    """What a mass that was fitted without a fold changes there, joint by joint (W, K) [rad]."""
-    own = Telling(signals, drives, fit)
-    found = fitted_mass(own, signals.recording.carried.values, clock=False).carried
-    shift, there = found.numbers - own.recording.carried.numbers, Telling(signals, drives, judge)
+    """What masses that were fitted without a fold change there, joint by joint (W, K) [rad]."""
+    own, now = Telling(signals, drives, fit), signals.recording.carried
+    shift = own.numbers(fitted_mass(own, now, clock=False).carried) - own.numbers(now)
+    there = Telling(signals, drives, judge)
     return [(one.mass @ shift).reshape(one.residual.shape) for one in there.joints]
 
 
-def _with_mass(plain: Signals, judged: LeftOut, joint: JointFindings) -> LeftOut:
-    """The same with what all is like without the mass."""
-    found, parts = joint.fit, []
-    for fold in _folds(plain):
-        fit, judge = (plain.windows(joint.number - 1, starts) for starts in fold)
-        theta = fitted(fit, found.effects, found.theta, SEARCH_ITERATIONS).theta
-        pairs = (((), np.empty(0)), (found.effects, theta))
-        parts.append([evaluated(judge, *pair, slopes=False).residual for pair in pairs])
-    ideal, causes = (np.concatenate([p[k] for p in parts]) for k in (0, 1))
-    before, without = (np.mean(x**2, axis=1) for x in (ideal, causes))
+def _with_mass(
+    plain: Signals, others: Mapping[str, Signals], judged: LeftOut, joint: JointFindings
+) -> LeftOut:
+    """The same with what all is like without any mass, and without each of them."""
+    ideal = _refitted(plain, joint, (), np.empty(0))
+    own = joint.fit.effects, joint.fit.theta
+    without = {
+        label: np.mean(_refitted(other, joint, *own) ** 2, axis=1)
+        for label, other in others.items()
+    }
     return replace(
-        judged, before=before, residual_before=ideal, carrying=judged.before,
-        without={**judged.without, CarriedMass.name: without},
+        judged, before=np.mean(ideal**2, axis=1), residual_before=ideal, carrying=judged.before,
+        without={**judged.without, **without},
     )  # fmt: skip
+
+
+def _refitted(signals: Signals, joint: JointFindings, effects: Effects, theta: Array) -> Array:
+    """Residuals (W, K) [rad] of each fold by effects fitted to all others."""
+    parts = []
+    for fold in _folds(signals):
+        fit, judge = (signals.windows(joint.number - 1, starts) for starts in fold)
+        there = fitted(fit, effects, theta, SEARCH_ITERATIONS).theta
+        parts.append(evaluated(judge, effects, there, slopes=False).residual)
+    return np.concatenate(parts)
 
 
 def _left_out(

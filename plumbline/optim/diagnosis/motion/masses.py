@@ -1,13 +1,13 @@
-r"""What all joints together tell of a mass that the tip carries: least squares, and the evidence.
+r"""What all joints together tell of masses that a file lacks: least squares, and the evidence.
 
-Where joints were and how they moved, torques beyond those of the file are linear in the mass's
+Where joints were and how they moved, torques beyond those of the file are linear in a body's
 numbers p (:mod:`~plumbline.optim.diagnosis.motion.carried`): :math:`Y(q, \dot q, \ddot q)\, p`. A
 joint of inertia :math:`J_j` that is not told of them is missed by
 
 .. math:: \iint \frac{Y_j\, p}{J_j}\, dt^2
 
-so that one pass over a recording has the columns of every mass. Each joint is weighed by what it is
-missed by itself: one that is wrong for a reason of its own hardly counts,
+so that one pass over a recording has the columns of every body on the way to the tip. Each joint is
+weighed by what it is missed by itself: one that is wrong for a reason of its own hardly counts,
 
 .. math:: \max_p \; -\sum_j \frac{n_j}{2} \log s_j(p)
 
@@ -17,7 +17,6 @@ gives way (Schur).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -25,20 +24,15 @@ from typing import Any
 import numpy as np
 
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
-from plumbline.kinematics.effects.link_inertia import size_of
+from plumbline.kinematics.effects.link_inertia import LinkInertia, size_of
 from plumbline.kinematics.effects.payload import CarriedMass
 from plumbline.kinematics.oracle import pin
-from plumbline.optim.diagnosis.motion.carried import (
-    Carried,
-    from_tip,
-    model_of,
-    tip_of,
-)
-from plumbline.optim.diagnosis.motion.clock import mean_of_ends
+from plumbline.optim.diagnosis.motion.carried import Carried, model_of, tip_of
 from plumbline.optim.diagnosis.motion.constants import BODY, ENOUGH, ITERATIONS
 from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated
+from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.signals import Integers, Signals
-from plumbline.optim.diagnosis.motion.windows import Array, Drives, Windows
+from plumbline.optim.diagnosis.motion.windows import Array, Drives
 from plumbline.optim.diagnosis.prior import FINEST
 
 
@@ -49,7 +43,7 @@ class Told:
     Attributes:
         residual: Predicted minus measured (W, K) [rad].
         own: Derivatives by what its drive does, in widths of the priors (W K, P) [rad].
-        mass: By the mass's numbers at the tip (W K, 10).
+        mass: By numbers of the bodies on the way to the tip (W K, 10 B).
         late: By a delay (W K,) [rad/s].
     """
 
@@ -84,13 +78,11 @@ class Telling:
 
     def __init__(self, signals: Signals, drives: Drives, starts: Integers) -> None:
         self.signals, self.recording = signals, signals.recording
-        self.columns = _columns(signals)
-        self.joints = tuple(
-            self._told(signals.windows(j, starts), j, drives[j]) for j in range(self.recording.n)
-        )
+        self.path = path_of(self.recording)
+        self.joints = tuple(self._told(starts, j, drives[j]) for j in range(self.recording.n))
 
-    def _told(self, w: Windows, j: int, drive: Any) -> Told:
-        effects, theta = drive
+    def _told(self, starts: Integers, j: int, drive: Any) -> Told:
+        (effects, theta), w = drive, self.signals.windows(j, starts)
         P = len(effects)
         asked, values = (*effects, ActuationDelay()), np.append(theta, 0.0)
         if any(e.name == ActuationDelay.name for e in effects):
@@ -98,17 +90,50 @@ class Telling:
         fit = evaluated(w, asked, values)
         late = fit.flat[:, P] if len(asked) > P else np.zeros(fit.residual.size)
         rotor = sum(v for e, v in zip(effects, theta, strict=True) if e.term == "rotor")
-        K = w.length - w.settle
-        pushes = -self.columns[:, j] / (w.inertia + rotor)[:, None]
-        pushes[1:] = mean_of_ends(pushes)
-        mass = w.integrated(pushes[w.samples].reshape(-1, BODY)) * (K * w.dt) ** 2
+        rows, columns = self.columns(starts)
+        pushes = -columns[:, j] / (w.inertia[rows] + rotor)[:, None]
+        K, at = w.length - w.settle, np.searchsorted(rows, w.samples)
+        steps = (pushes[at] + pushes[at - 1]).reshape(-1, pushes.shape[1]) / 2
+        mass = w.integrated(steps) * (K * w.dt) ** 2
         return Told(fit.residual, fit.flat[:, :P] * fit.scales[:P], mass, late)
 
+    def columns(self, starts: Integers) -> tuple[Integers, Array]:
+        """Samples (R,) of windows, and torques there by numbers of bodies (R, n, 10 B)."""
+        if not self.found:
+            s = self.signals
+            rows = np.unique(starts[:, None] + np.arange(s.length + 1))
+            self.found.append((rows, _columns(s, rows, self.path)))
+        return self.found[0]
+
     @cached_property
-    def scales(self) -> Array:
-        """Widths of the priors of a mass's values (10,)."""
-        arm, reach = size_of(self.recording.robot.chain())
-        return np.array([p.scale for p in CarriedMass(True, arm, reach).parameters])
+    def found(self) -> list[tuple[Integers, Array]]:
+        """The columns, once they are worked out."""
+        return []
+
+    def numbers(self, carried: Carried) -> Array:
+        """Of bodies on the way to the tip, more than stated (10 B,)."""
+        r = self.recording
+        return carried.numbers(r.robot, r.index)[self.path - 1].ravel()
+
+    def slopes(self, carried: Carried) -> Array:
+        """Derivatives of these by the values (10 B, P)."""
+        r = self.recording
+        slopes = carried.slopes(r.robot, r.index)[:, self.path - 1]
+        return slopes.reshape(len(slopes), BODY * len(self.path)).T
+
+    @cached_property
+    def size(self) -> tuple[float, float]:
+        """What the arm weighs [kg], and how far it reaches [m]."""
+        return size_of(self.recording.robot.chain())
+
+    def scales(self, carried: Carried) -> Array:
+        """Widths of the priors of values (P,)."""
+        arm, reach = self.size
+        tip, link = CarriedMass(True, arm, reach).parameters, LinkInertia(1, reach).parameters
+        return np.array([
+            p.scale for body in carried.bodies
+            for p in (link if body.link else tip)[: len(body.values)]
+        ])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,72 +164,80 @@ class MassFit:
         return float(-counts @ np.log(self.squares) / 2 - self.occam)
 
 
-def fitted_mass(telling: Telling, values: Sequence[float], *, clock: bool) -> MassFit:
-    """The mass that all joints tell best, from these values on.
+def fitted_mass(telling: Telling, carried: Carried, *, clock: bool) -> MassFit:
+    """The masses that all joints tell best, from some values on.
 
     Args:
         telling: What they tell.
-        values: Of a mass (P,), see :class:`~plumbline.optim.diagnosis.motion.carried.Carried`.
+        carried: Which bodies, with the values to begin at.
         clock: Whether one clock of all may be late, or lead, besides.
     """
-    scales = np.append(telling.scales[: len(values)], ActuationDelay.parameter.scale)
-    x = np.append(np.array(values, dtype=float), 0.0)
+    scales = np.append(telling.scales(carried), ActuationDelay.parameter.scale)
+    least = np.array([
+        p.lower if k == 0 else -np.inf for body in carried.bodies
+        for k, p in enumerate(body.declared)
+    ])  # fmt: skip
+    x = np.append(np.array(carried.values, dtype=float), 0.0)
     for _ in range(ITERATIONS):
-        more, b = _sums(telling, x, clock=clock)
+        more, b = _sums(telling, carried, x, clock=clock)
         A = np.diag(scales**-2.0) + more
         scaled = A * np.outer(scales, scales)
         step = -np.linalg.solve(scaled, b * scales) * scales
-        if values:
-            step[0] = max(step[0], -x[0] / 2)  # below nothing there is none
+        step[:-1] = np.maximum(step[:-1], (least - x[:-1]) / 2)  # no mass is less than nothing
         x = x + step
         if step @ A @ step < ENOUGH:
             break
-    C = np.asarray(np.linalg.inv(A), dtype=float)
+    C, occam = np.asarray(np.linalg.inv(A), dtype=float), float(np.linalg.slogdet(scaled)[1] / 2)
+    found = carried.valued(x[:-1])
     return MassFit(
-        Carried((*x[:-1].tolist(),)), float(x[-1]), _left(telling, x), C[:-1, :-1],
-        float(np.linalg.slogdet(scaled)[1] / 2), float(C[-1, -1] ** 0.5),
-        _off(telling, x[:-1], C[:-1, :-1]),
+        found, float(x[-1]), _left(telling, found, x[-1]), C[:-1, :-1], occam,
+        float(C[-1, -1] ** 0.5), _off(telling, found, C[:-1, :-1]),
     )  # fmt: skip
 
 
-def _left(telling: Telling, x: Array) -> tuple[Array, ...]:
-    """What values and a lateness (P + 1,) leave of each joint (W, K) [rad]."""
-    shift = Carried((*x[:-1],)).numbers - telling.recording.carried.numbers
-    return tuple(one.left(shift, x[-1]) for one in telling.joints)
+def _left(telling: Telling, carried: Carried, late: float) -> tuple[Array, ...]:
+    """What masses and a lateness [s] leave of each joint (W, K) [rad]."""
+    shift = telling.numbers(carried) - telling.numbers(telling.recording.carried)
+    return tuple(one.left(shift, late) for one in telling.joints)
 
 
-def _sums(telling: Telling, x: Array, *, clock: bool) -> tuple[Array, Array]:
+def _sums(telling: Telling, carried: Carried, x: Array, *, clock: bool) -> tuple[Array, Array]:
     """Precision (P + 1, P + 1) and pull (P + 1,) of all joints, each by what it leaves itself."""
-    slopes = Carried((*x[:-1],)).slopes
-    A, b = np.zeros((len(x), len(x))), np.zeros(len(x))
-    for one, r in zip(telling.joints, _left(telling, x), strict=True):
+    now = carried.valued(x[:-1])
+    slopes, A, b = telling.slopes(now), np.zeros((len(x), len(x))), np.zeros(len(x))
+    for one, r in zip(telling.joints, _left(telling, now, x[-1]), strict=True):
         weight = 1 / (correlation_time(r) * max(float(np.mean(r**2)), FINEST**2))
         more = one.sums(slopes, r, weight, clock=clock)
         A, b = A + more[0], b + more[1]
     return A, b
 
 
-def _off(telling: Telling, values: Array, covariance: Array) -> float:
-    """Standard errors that values (P,) are off those of the states; infinite in another form."""
-    begun = np.array(telling.recording.carried.values)
-    if len(begun) != len(values):
+def _off(telling: Telling, carried: Carried, covariance: Array) -> float:
+    """Standard errors that values are off those of the states; infinite of other bodies."""
+    begun = telling.recording.carried
+    if not carried.alike(begun):
         return float("inf")
-    off = values - begun
+    off = np.subtract(carried.values, begun.values)
     return float(np.sqrt(off @ np.linalg.solve(covariance, off)))
 
 
-def _columns(s: Signals) -> Array:
-    """Torques of every joint by the tip's numbers (M, n, 10)."""
+def path_of(r: MotionRecording) -> Integers:
+    """Joints of the model (B,) on the way to the tip."""
+    return np.array([j for j in r.robot.model.supports[tip_of(r.robot)[0]] if j > 0], np.int64)
+
+
+def _columns(s: Signals, rows: Integers, path: Integers) -> Array:
+    """Torques of every joint (R, n, 10 B) by numbers of bodies on the way to the tip."""
     r = s.recording
-    model, X = model_of(r), from_tip(r.robot)
-    joint, index, data = tip_of(r.robot)[0], list(r.index), model.createData()
-    neutral = pin.neutral(model)
-    moved, v, a = np.zeros((3, len(s.q), model.nv))
-    moved[:, index], v[:, index], a[:, index] = s.posture, s.turning, s.acceleration
-    found = np.empty((len(s.q), r.n, BODY))
-    own = slice(BODY * (joint - 1), BODY * joint)
-    for k in range(len(s.q)):
+    model, index = model_of(r), list(r.index)
+    data, neutral = model.createData(), pin.neutral(model)
+    moved, v, a = np.zeros((3, len(rows), model.nv))
+    moved[:, index], v[:, index] = s.posture[rows], s.turning[rows]
+    a[:, index] = s.acceleration[rows]
+    found = np.empty((len(rows), r.n, BODY * len(path)))
+    own = (BODY * (path[:, None] - 1) + np.arange(BODY)).ravel()
+    for k in range(len(rows)):
         q = pin.integrate(model, neutral, moved[k])
         Y = pin.computeJointTorqueRegressor(model, data, q, v[k], a[k])
-        found[k] = Y.reshape(model.nv, -1)[index, own] @ X  # of one joint it is flat
+        found[k] = Y.reshape(model.nv, -1)[index][:, own]  # of one joint it is flat
     return found

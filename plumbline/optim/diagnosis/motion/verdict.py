@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.kinematics.effects import MOTION_EFFECTS
-from plumbline.kinematics.effects.payload import CarriedMass, Payload
+from plumbline.kinematics.effects.payload import Payload
 from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.core.judged import Judged, Judgement
@@ -27,7 +27,7 @@ from plumbline.optim.diagnosis.findings import (
     Step,
     Verdict,
 )
-from plumbline.optim.diagnosis.motion.carrying import PLACE, MassFindings, Where
+from plumbline.optim.diagnosis.motion.carrying import MassFindings, Where, place_of
 from plumbline.optim.diagnosis.motion.constants import (
     AXIS_LEVER,
     CONFOUNDED,
@@ -36,6 +36,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import to_go
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
+from plumbline.optim.diagnosis.motion.masses_told import Bodies, causes_of, probable, shares, taken
 from plumbline.optim.diagnosis.motion.proposals import one_operator, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import JointFindings
@@ -44,7 +45,7 @@ from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.predict.shrink import gap_between, shrink_interval
-from plumbline.optim.diagnosis.prior import EARNED, FINEST, LEAST_NAMED, PART_OF_UNLISTED
+from plumbline.optim.diagnosis.prior import EARNED, FINEST, LEAST_NAMED
 from plumbline.optim.diagnosis.verdict.lack_of_fit import quieter
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
@@ -64,7 +65,7 @@ class MotionFindings:
     seed: int  # of the interval's draws
     unlisted: float  # prior probability of a mechanism that nobody has listed
     averaged: float = 1.0  # noise of a sample on the even clock, as a share of a reading's
-    mass: MassFindings | None = None  # what was found of a mass that the tip carries
+    mass: MassFindings | None = None  # what was found of bodies that weigh other than stated
 
     @cached_property
     def levers(self) -> dict[int, float]:
@@ -77,12 +78,17 @@ class MotionFindings:
         pairs = zip(self.joints, self.judged, strict=True)
         return [judged.over(self.levers[joint.number]) for joint, judged in pairs]
 
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Those that weigh other than stated, with their probability."""
+        return probable(self.mass, self.joints)
+
 
 def verdict_of(found: MotionFindings) -> Verdict:
     """Put the verdict together."""
     r, noise = found.recording, _noise(found)
     gap, counted = _gap(found, noise), sum(joint.effective for joint in found.joints)
-    causes = (*_mass_causes(found), *_causes(found))
+    causes = (*causes_of(found.mass, found.bodies, found.together), *_causes(found))
     outside, depends = _outside(found, noise)
     missed = noise.source != "fit" and gap.after > EARNED * noise.sigma
     beyond, judged = outside > LEAST_NAMED or missed, _judgement(found)
@@ -129,9 +135,10 @@ def _tree(found: MotionFindings) -> tuple[dict[str, Any], ...]:
             listed = not name.startswith("?")
             depends = on.get(name, "nothing") if listed else OWN.get(name[1:], name[1:])
             mechanisms[STAGE, joint.number, depends, name if listed else None] = p
-    if found.mass is not None:
-        p = _of_mass_at_all(found)
-        places[PLACE], mechanisms[*PLACE, Payload.depends_on, CarriedMass.name] = p, p
+    for body, p in found.bodies:
+        place = place_of(body)
+        places[place] = 1 - (1 - places.get(place, 0.0)) * (1 - p)
+        mechanisms[*place, Payload.depends_on, body.effect.name] = p
     return tree_of(places, mechanisms)
 
 
@@ -173,26 +180,6 @@ def _causes(found: MotionFindings) -> tuple[Cause, ...]:
                 more = judged.without[effect.name].sum() - judged.after.sum()
                 made.append((more, _cause(found, joint, judged, k)))
     return tuple(cause for _, cause in sorted(made, key=lambda pair: -pair[0]))
-
-
-def _mass_causes(found: MotionFindings) -> Iterator[Cause]:
-    """A mass that the tip carries, if it is probable: over all joints."""
-    p = _of_mass_at_all(found)
-    if found.mass is not None and p >= LEAST_NAMED:
-        without, after = (
-            np.concatenate(squares)
-            for squares in zip(
-                *((j.without[CarriedMass.name], j.after) for j in found.together), strict=True
-            )
-        )
-        yield found.mass.cause(p, float(np.sqrt(without.mean())), float(np.sqrt(after.mean())))
-
-
-def _of_mass_at_all(found: MotionFindings) -> float:
-    """Probability of a mass: where something unlisted is at work, it may be a part of that."""
-    outside = max((joint.outside for joint in found.joints), default=0.0)
-    alone = 0.0 if found.mass is None else found.mass.probability
-    return alone * (1 - PART_OF_UNLISTED * outside)
 
 
 def _alike(joint: JointFindings, name: str) -> float:
@@ -286,16 +273,11 @@ def _where(found: MotionFindings) -> tuple[Place, ...]:
         for joint, judged in zip(found.joints, found.together, strict=True)
         if joint.fit.effects
     }
-    if found.mass is not None:
-        drops[PLACE] = max(-sum(_of_mass(judged) for judged in found.together), 0.0)
+    for body, share in shares(found.bodies, found.together):
+        drops[place_of(body)] = drops.get(place_of(body), 0.0) + share
     total = sum(drops.values()) or 1.0
     places = [Place(*place, drop / total) for place, drop in drops.items()]
     return tuple(sorted(places, key=lambda place: -place.share))
-
-
-def _of_mass(judged: LeftOut) -> float:
-    """What a mass that is carried adds to the square of what is left."""
-    return float(judged.begun.sum() - judged.before.sum())
 
 
 def _staircase(found: MotionFindings, gap: Gap) -> tuple[Step, ...]:
@@ -305,8 +287,9 @@ def _staircase(found: MotionFindings, gap: Gap) -> tuple[Step, ...]:
     square = sum(float(judged.before.sum()) for _, judged in pairs)
     steps = [Step("before", gap.before)]
     if found.mass is not None:
-        square += sum(_of_mass(judged) for _, judged in pairs)
-        steps.append(Step(CarriedMass.name, math.sqrt(square / count)))
+        square -= taken(found.together)
+        labels = " + ".join(body.label for body in found.mass.carried.bodies)
+        steps.append(Step(labels, math.sqrt(square / count)))
     for joint, judged in sorted(pairs, key=lambda x: x[1].after.sum() - x[1].begun.sum()):
         if joint.fit.effects:
             square += float(judged.after.sum() - judged.begun.sum())
@@ -378,7 +361,7 @@ def _held(joint: JointFindings, step: float, late: float) -> str:
 def _judgement(found: MotionFindings) -> Judgement:
     fits = []
     if found.mass is not None:
-        fits.append(Judged("the fit of the mass", found.mass.off <= STILL, found.mass.off, 0.0, ()))
+        fits.append(Judged("the fit of masses", found.mass.off <= STILL, found.mass.off, 0.0, ()))
     for joint in found.joints:
         go = to_go(joint.windows, joint.fit, joint.effective)
         bound = tuple(f"{name} {joint.number}" for name in joint.fit.at_bound)

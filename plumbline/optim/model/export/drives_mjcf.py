@@ -128,7 +128,7 @@ def _ratio(stiffness: float, inertia: float, late: float) -> float:
 
 def commanded(drives: Driven) -> tuple[Robot, dict[int, int]]:
     """The robot with all joints that were not commanded locked, and its joints' numbers there."""
-    model = weighed(drives.robot, drives.carried)
+    model = weighed(drives.robot, drives.index, drives.carried)
     index = [model.idx_vs[j] for j in range(1, model.njoints)]
     locked = [j for j, place in enumerate(index, start=1) if place not in drives.index]
     if locked:
