@@ -29,7 +29,6 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.diagnosis.prior import OFFSET_WIDTH, SLOPE_WIDTH
 from plumbline.optim.measurement.nuisance import nuisances_of
-from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 KINDS = ("tip_position", "pose", "fixed_point", "joint_position")
@@ -42,7 +41,7 @@ def settings(tmp_path_factory):
     for kind in KINDS:
         case = faultless(rows=40, seed=6, observation=kind)
         recording, _ = recorded(case, tmp_path_factory.mktemp(kind))
-        found[kind] = diagnose(recording, FEW_EFFECTS)
+        found[kind] = diagnose(recording, DiagnosisOptions(library=(Scale,)))
     return found
 
 

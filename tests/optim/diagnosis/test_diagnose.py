@@ -19,6 +19,7 @@ from plumbline.experiments.reality.joint_effects import (
 )
 from plumbline.kinematics.effects import EFFECTS, REGISTRY, Stage
 from plumbline.kinematics.effects.backlash import Backlash
+from plumbline.kinematics.effects.joint_coupling import JointCoupling as JointDrag
 from plumbline.kinematics.effects.joint_offset import JointOffset as OwnOffset
 from plumbline.kinematics.effects.link_thermal import LinkWarmUp
 from plumbline.kinematics.robot import Robot
@@ -31,9 +32,11 @@ from plumbline.optim.model import apply
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.loading import load_recording
 from tests.benches import bench
-from tests.few_effects import FEW_EFFECTS, few_and
+from tests.few_effects import FEW_EFFECTS
 from tests.made_up_diagnosis import BENCH
 from tests.simulated_cases import causes, faultless, recorded, with_fault
+
+ZERO_OR_WHEEL = DiagnosisOptions(library=(OwnOffset, REGISTRY["transmission_ripple"]))
 
 
 def planted(folder, *faults, gap=4.0, **given):
@@ -58,11 +61,11 @@ def diagnosis(ripple):
 
 def test_the_form_that_was_found_is_said(tmp_path):
     dragged = planted(tmp_path, JointCoupling(0.0, 3, source=2), gap=5.0, rows=60, seed=5)
-    [cause] = diagnose(dragged, few_and("joint_coupling")).verdict.causes
+    [cause] = diagnose(dragged, DiagnosisOptions(library=(JointDrag, OwnOffset))).verdict.causes
     assert cause.words == "joint 3 is dragged along by joint 2"
     twice = TransmissionRipple(0.0, 2, once=(0.0, 0.0), twice=(1.0, 0.4))
     other = planted(tmp_path / "twice", twice, gap=5.0, rows=60, seed=5)
-    verdict = diagnose(other, FEW_EFFECTS).verdict
+    verdict = diagnose(other, ZERO_OR_WHEEL).verdict
     assert [cause.variant for cause in verdict.causes] == ["order 2"]
     assert verdict.to_dict()["causes"][0]["variant"] == "order 2"
 
@@ -96,7 +99,7 @@ def test_an_effect_of_the_user_s_own_is_called_by_its_joint(tmp_path):
 
 
 def test_where_no_noise_is_stated_no_floor_is_claimed(ripple):
-    verdict = diagnose(replace(ripple, noise_std=None), FEW_EFFECTS).verdict
+    verdict = diagnose(replace(ripple, noise_std=None), ZERO_OR_WHEEL).verdict
     assert verdict.noise.source == "fit"
     assert np.isnan(verdict.gap.removable)
     said = " ".join((verdict.meaning, gap_words(verdict), shrink_words(verdict)))
@@ -159,7 +162,8 @@ def bare(recording, rows=slice(None)):
 
 def test_where_the_device_stands_changes_nothing(ripple):
     """But for effects of the device itself, which may differ along its axes."""
-    library = [e for e in FEW_EFFECTS.library if e.stage != Stage.SENSOR]
+    library = (*ZERO_OR_WHEEL.library, REGISTRY["base_drift"], REGISTRY["link_geometry"])
+    assert all(effect.stage != Stage.SENSOR for effect in library)
     R = Rotation.from_rotvec([0.4, -1.1, 2.0]).as_matrix()
     moved = replace(ripple, measured=ripple.measured @ R.T + np.array([3.0, -2.0, 5.0]))
     one, two = (diagnose(r, DiagnosisOptions(library=library)).verdict for r in (ripple, moved))
@@ -172,7 +176,7 @@ def test_where_the_device_stands_changes_nothing(ripple):
 def test_the_order_of_postures_does_not_matter(ripple):
     """Sorted by the joint that errs, what it does runs smoothly from row to row."""
     orders = slice(None), np.argsort(ripple.q[:, 2])
-    straight, other = (diagnose(bare(ripple, rows), FEW_EFFECTS) for rows in orders)
+    straight, other = (diagnose(bare(ripple, rows), ZERO_OR_WHEEL) for rows in orders)
     assert causes(straight) == [("transmission_ripple", 3)]
     assert_same_verdict(other, straight)
 
@@ -182,7 +186,8 @@ def test_columns_that_mean_nothing_do_not_matter(ripple, diagnosis):
     more = replace(
         ripple, effort=rng.normal(0.0, 20.0, (60, 6)), velocity=rng.normal(0.0, 0.3, (60, 6))
     )
-    readers = few_and("hysteresis", "friction", "latency")
+    reading = ("hysteresis", "friction", "latency", "transmission_ripple")
+    readers = DiagnosisOptions(library=tuple(REGISTRY[name] for name in reading))
     assert causes(diagnose(more, readers)) == causes(diagnosis)
 
 
@@ -252,14 +257,14 @@ def test_the_staircase_starts_at_what_is_always_fitted(observation, always, word
 
 def test_a_planted_offset_has_its_value_within_its_error(tmp_path):
     case = with_fault(faultless(rows=60, seed=5), JointOffset(0.0, 3))
-    [cause] = diagnose(recorded(case, tmp_path)[0], FEW_EFFECTS).verdict.causes
+    [cause] = diagnose(recorded(case, tmp_path)[0], ZERO_OR_WHEEL).verdict.causes
     estimate = cause.parameters["offset"]
     assert abs(estimate.value - case.effects[0].size) < 4 * estimate.std
     assert estimate.std < 0.05 * abs(estimate.value)
 
 
 def test_without_a_gap_nothing_is_blamed(tmp_path):
-    verdict = diagnose(recorded(faultless(rows=50, seed=21), tmp_path)[0]).verdict
+    verdict = diagnose(recorded(faultless(rows=50, seed=21), tmp_path)[0], FEW_EFFECTS).verdict
     assert verdict.verdict == Outcome.NO_GAP
     assert verdict.causes == ()
     assert verdict.where == ()
@@ -271,7 +276,7 @@ def test_without_a_gap_nothing_is_blamed(tmp_path):
     ("observation", "noise_std"), [("tip_position", 1e-4), ("pose", 1e-4), ("joint_position", None)]
 )
 def test_readings_without_any_noise_are_no_gap(observation, noise_std):
-    verdict = diagnose(bench("ur5", observation, noise_std=noise_std), FEW_EFFECTS).verdict
+    verdict = diagnose(bench("ur5", observation, noise_std=noise_std), ZERO_OR_WHEEL).verdict
     assert verdict.verdict == Outcome.NO_GAP
     assert verdict.gap.before < 1e-9
 
@@ -288,7 +293,7 @@ def test_a_verdict_cannot_be_changed(diagnosis):
 def test_progress_is_told_from_nought_to_one(tmp_path):
     told = []
     recording = recorded(faultless(rows=40, seed=21), tmp_path)[0]
-    diagnose(recording, FEW_EFFECTS, progress=lambda words, share: told.append((words, share)))
+    diagnose(recording, ZERO_OR_WHEEL, progress=lambda words, share: told.append((words, share)))
     shares = [share for _, share in told]
     assert shares[0] == 0.0
     assert shares == sorted(shares)
@@ -302,8 +307,9 @@ def test_what_is_always_fitted_is_no_candidate(tmp_path):
     fault = JointScale(0.0, 3)
     recording = planted(tmp_path, fault, rows=60, seed=5)
     held = replace(recording, always=("frame", "tool", "joint_scale"))
-    verdict = diagnose(held, FEW_EFFECTS).verdict
-    assert causes(diagnose(recording, FEW_EFFECTS)) == [("joint_scale", 3)]
+    options = DiagnosisOptions(library=(REGISTRY["joint_scale"], *ZERO_OR_WHEEL.library))
+    verdict = diagnose(held, options).verdict
+    assert causes(diagnose(recording, options)) == [("joint_scale", 3)]
     assert "joint_scale" not in {c.effect for c in verdict.candidates}
     assert verdict.verdict == Outcome.NO_GAP
 
@@ -316,7 +322,8 @@ def test_what_was_fitted_helps_on_another_recording_of_the_arm(tmp_path):
     orders = (GearRipple(0.0, 2, 12.0, 0.3), GearRipple(0.0, 2, 31.0, 1.0))
     first = with_fault(faultless(rows=90, seed=34), *orders)
     second = replace(faultless(rows=30, seed=31), effects=first.effects, gap_to_noise=(4.0, 4.0))
-    found = diagnose(recorded(first, tmp_path)[0], few_and("gear_ripple"))
+    gears = DiagnosisOptions(library=(REGISTRY["gear_ripple"], OwnOffset))
+    found = diagnose(recorded(first, tmp_path)[0], gears)
     other = recorded(second, tmp_path)[0]
     transfer = found.transfer(other)
     assert causes(found) == [("gear_ripple", 2)]
@@ -330,7 +337,7 @@ def test_what_was_fitted_helps_on_another_recording_of_the_arm(tmp_path):
 def test_a_planted_fault_is_found_whatever_was_observed(observation, tmp_path):
     fault = TransmissionRipple(0.0, 3, once=(1.0, 0.5))
     recording = planted(tmp_path, fault, rows=60, seed=6, observation=observation)
-    diagnosis = diagnose(recording, FEW_EFFECTS)
+    diagnosis = diagnose(recording, ZERO_OR_WHEEL)
     assert causes(diagnosis) == [("transmission_ripple", 3)]
     assert diagnosis.verdict.gap.unit == ("rad" if observation == "joint_position" else "m")
     assert diagnosis.residual_after.shape[0] == 60
@@ -361,7 +368,7 @@ def test_of_poses_the_gap_says_how_far_the_tool_is_turned():
 def test_a_robot_without_masses_is_said_to_have_none(diagnosis):
     rows = [{"d": 0.1, "a": 0.4, "alpha": a, "theta": 0.0} for a in (np.pi / 2, 0.0, np.pi / 2)]
     massless = bench(Robot.from_dh(rows), "tip_position", noise_std=1e-4)
-    notes = " ".join(diagnose(massless, FEW_EFFECTS).verdict.notes)
+    notes = " ".join(diagnose(massless, ZERO_OR_WHEEL).verdict.notes)
     assert "masses are not given" in notes
     assert "masses are not given" not in " ".join(diagnosis.verdict.notes)
 
@@ -371,7 +378,7 @@ def carried():
     """The model that the bundled recording has, and the recording without its columns."""
     recording = load_recording(BENCH)
     bare = replace(recording, time=None, temperature=None, direction=None, group=None)
-    return diagnose(recording, FEW_EFFECTS).model(), bare
+    return diagnose(recording, ZERO_OR_WHEEL).model(), bare
 
 
 def test_a_model_carries_over_to_a_recording_that_lacks_its_columns(carried):

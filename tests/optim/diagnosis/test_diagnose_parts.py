@@ -26,6 +26,7 @@ from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 from tests.answer_contract import contradicts_nothing
 from tests.benches import bench
 from tests.dh_sessions import simulated_recording
+from tests.few_effects import FEW_EFFECTS
 from tests.fuzz.recordings import sound
 from tests.part_cases import JOINTS, diagnosed, fiducials, first, ranges
 
@@ -410,7 +411,7 @@ def test_an_arm_whose_links_are_all_wrong_lacks_nothing_of_the_library():
     """Sixty readings, each link off by some 5 mm: four causes more, no unlisted function."""
     robot = Robot.bundled("ur5")
     rows = simulated_recording(robot, 60, np.random.default_rng(1), shift=5e-3, noise=1e-3)
-    verdict = diagnose(rows).verdict
+    verdict = diagnose(rows, FEW_EFFECTS).verdict
     links = {c.element for c in verdict.causes if c.effect == "link_geometry"}
     assert links.issuperset({1, 2, 3, 5})
     assert verdict.outside_probability < 0.2

@@ -43,6 +43,7 @@ from plumbline.optim.diagnosis.verdict.explanation import Explanation, _told, ex
 from plumbline.optim.diagnosis.verdict.judge import judge
 from plumbline.optim.diagnosis.verdict.terms import _joined, of_many, terms_of, with_terms
 from tests.explained import searched
+from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import faultless, recorded, with_fault
 
 SCALE, OFFSET = ("joint_scale", 2), ("joint_offset", 2)
@@ -298,7 +299,8 @@ def scaled(tmp_path_factory):
     """Joint 2's scale is off: the recording, where its search ends, and its diagnosis."""
     case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=2.0)
     recording, _ = recorded(case, tmp_path_factory.mktemp("scaled"))
-    return recording, searched(recording)[0], diagnose(recording)
+    library = FEW_EFFECTS.library
+    return recording, searched(recording, library)[0], diagnose(recording, FEW_EFFECTS)
 
 
 def test_a_place_is_as_probable_as_any_mechanism_there(scaled):

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.alternatives import alternatives
 from plumbline.optim.diagnosis.discrepancy.spectra import Spectrum, _process, spectra
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.joint_problem import stated
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near
@@ -18,12 +19,12 @@ from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import UNLISTED
 from plumbline.optim.diagnosis.verdict.terms import _fitted, begins_of
 from tests.benches import bench, measured, readings
-from tests.explained import searched
-from tests.few_effects import few_and
+from tests.explained import searched, told
 
 NOISE = 5e-5  # [m]
 WAY = 2.0  # of the joint that errs [rad]
-GEARS = few_and("gear_ripple", "hysteresis", "joint_coupling")
+BESIDE = ("joint_offset", "joint_scale", "transmission_ripple", "gear_ripple", "joint_coupling")
+GEARS = DiagnosisOptions(library=tuple(REGISTRY[name] for name in BESIDE))
 
 
 def twelve_orders(x):
@@ -48,18 +49,16 @@ def recording(error, size, rows=240, every=1):
     return found.select(np.arange(rows)[::every])
 
 
-def gear(verdict):
+def gear(found):
     """The probability of the joint's gear."""
-    [place] = [p for p in verdict.tree if (p["stage"], p["element"]) == ("joint", 2)]
-    every = [m for d in place["dependences"] for m in d["mechanisms"]]
-    return sum(m["inclusion"] for m in every if m["effect"] == "gear_ripple")
+    return found.probabilities.get(("gear_ripple", 2), 0.0)
 
 
 @pytest.mark.parametrize("every", [1, 2])
 def test_many_small_orders_are_one_cause_however_many_rows_find_them(every):
-    verdict = diagnose(recording(twelve_orders, 1.0, every=every), GEARS).verdict
-    assert gear(verdict) > 0.95
-    assert verdict.causes[0].label == "gear_ripple of joint 2"
+    found = told(recording(twelve_orders, 1.0, every=every), GEARS.library)
+    assert gear(found) > 0.95
+    assert ("gear_ripple", 2) in found.named
 
 
 OTHERWISE = {
@@ -72,9 +71,9 @@ OTHERWISE = {
 
 @pytest.mark.parametrize("error", OTHERWISE.values(), ids=OTHERWISE)
 def test_what_errs_otherwise_over_a_short_way_is_no_gear(error):
-    verdict = diagnose(recording(error, 3.0, rows=120), GEARS).verdict
-    assert gear(verdict) < 0.05
-    assert verdict.outside_probability > 0.9
+    found = told(recording(error, 3.0, rows=120), GEARS.library)
+    assert gear(found) < 0.05
+    assert found.unlisted > 0.9
 
 
 def test_a_spectrum_is_weaker_in_its_higher_orders_and_loses_nothing_that_shows():

@@ -12,6 +12,7 @@ from plumbline.experiments.reality.joint_effects import Backlash as RealBacklash
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
 from plumbline.experiments.reality.joint_effects import TransmissionRipple as RealRipple
 from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects.backlash import Backlash
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale
@@ -27,6 +28,7 @@ from plumbline.optim.diagnosis.predict.folds import kind_of_folds
 from plumbline.optim.diagnosis.predict.shrink import shrink_interval
 from plumbline.optim.diagnosis.prior import MANY_ROWS
 from plumbline.optim.measurement.observation import build_model, rows_of, scope_of
+from tests.explained import searched
 from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -71,8 +73,10 @@ def test_the_interval_knows_only_the_rows_it_is_given():
     assert alone[1] < 0.6
 
 
-@pytest.mark.parametrize("observation", ["tip_position", "pose", "fixed_point", "joint_position"])
-@pytest.mark.parametrize("kept_back", [False, True])
+@pytest.mark.parametrize(
+    ("observation", "kept_back"),
+    [("tip_position", False), ("pose", True), ("fixed_point", True), ("joint_position", False)],
+)
 def test_the_staircase_ends_at_the_gap(observation, kept_back, tmp_path):
     case = faultless(rows=90, seed=3, observation=observation)
     recording, _ = recorded(
@@ -138,7 +142,7 @@ def test_a_known_distance_counts_as_much_as_all_visits_not_as_those_of_a_part(tm
     whole = replace(touched(tmp_path, rows=50), socket_distance=0.1, socket_pairs=((1, 2),))
     part = whole.select(np.arange(0, len(whole), 2))
     assert {1, 2} <= set(part.socket.tolist())
-    found = diagnose(part, DiagnosisOptions(library=SMALL)).selected
+    found, _ = searched(part, SMALL)
     model, solution = on_all_rows(found, whole, np.ones(len(whole)))
     own = build_model(whole)
     [resumed], [fresh] = (
@@ -151,10 +155,10 @@ def test_a_known_distance_counts_as_much_as_all_visits_not_as_those_of_a_part(tm
 
 def test_a_stated_distance_of_sockets_that_is_wrong_is_blamed_and_not_the_links(tmp_path):
     touching = recorded(faultless(rows=60, seed=3, observation="fixed_point"), tmp_path)[0]
-    told = diagnose(touching, DiagnosisOptions(library=(*SMALL, SensorScale))).verdict
-    assert "sensor_scale" not in {cause.effect for cause in told.candidates}
-    place = told.nuisances
-    one, two = (np.array([place[f"socket {k} {c}"].value for c in "xyz"]) for k in (1, 2))
+    told, _ = searched(touching, (*SMALL, SensorScale))
+    assert SensorScale not in {type(c.effect) for c in told.pool.candidates}
+    place = told.best.by_name
+    one, two = (np.array([place[f"socket {k} {c}"] for c in "xyz"]) for k in (1, 2))
     far = 1.01 * float(np.linalg.norm(one - two))
     stated = replace(touching, socket_distance=far, socket_pairs=((1, 2),))
     found = diagnose(stated, DiagnosisOptions(library=(*SMALL, LinkGeometry, SensorScale))).verdict
@@ -196,7 +200,7 @@ def test_a_bump_in_one_stretch_is_foretold_by_rows_in_between(tmp_path):
     knock = RealBump(0.0, (1.0, 0.4, 0.2, 0.0, 0.0, 0.0), moment=0.5)
     case = with_fault(faultless(rows=60, seed=5), knock, gap=8.0)
     recording, _ = recorded(case, tmp_path)
-    verdict = diagnose(recording).verdict
+    verdict = diagnose(recording, FEW_EFFECTS).verdict
     assert [c.effect for c in verdict.causes] == ["base_bump"]
     assert verdict.verdict == Outcome.EXPLAINED
     assert verdict.gap.held_out_by == "rows"
@@ -265,7 +269,7 @@ def from_both_sides(seed, tmp_path, **context):
 
 def test_what_a_side_of_approach_does_is_no_noise(tmp_path):
     case, recording = from_both_sides(4, tmp_path)
-    noise = diagnose(recording, FEW_EFFECTS).verdict.noise
+    noise = diagnose(recording, DiagnosisOptions(library=(*SMALL, Backlash))).verdict.noise
     assert noise.source == "repeats"
     assert noise.repeats >= 80
     assert noise.sigma == pytest.approx(case.noise_std, rel=0.15)
@@ -282,4 +286,5 @@ def test_both_sides_of_an_approach_are_no_repeats_even_where_nothing_explains_th
 def test_repeats_never_count_for_more_than_the_fit_leaves(tmp_path):
     _, recording = from_both_sides(4, tmp_path)
     blind = replace(recording, direction=None)
-    assert diagnose(blind, FEW_EFFECTS).verdict.noise.ratio > 0.8
+    found = diagnose(blind, DiagnosisOptions(library=(*SMALL, Backlash)))
+    assert found.verdict.noise.ratio > 0.8

@@ -25,6 +25,7 @@ from plumbline.optim.diagnosis.discrepancy.resembling import (
     resembling,
 )
 from plumbline.optim.diagnosis.findings import Outcome
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import Candidate, NoisePrior
 from plumbline.optim.diagnosis.posterior.joint import sample
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
@@ -35,6 +36,7 @@ from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.building import build_recording
 from plumbline.optim.recording.kinds import KINDS
 from tests.designs import selection, statistics
+from tests.explained import told
 from tests.few_effects import FEW_EFFECTS, few_and
 from tests.simulated_cases import faultless, recorded, with_fault
 
@@ -297,13 +299,12 @@ def test_a_zero_and_a_soft_drive_of_one_joint_are_two_causes_not_one_unlisted(se
     real = q.copy()
     real[:, j] += 2e-3 - 1.5e-3 * load[:, j] / np.abs(load[:, j]).max()
     tips = robot.chain().tips(real, tool) + rng.normal(0.0, 1e-4, (60, 3))
-    verdict = diagnose(build_recording(
+    found = told(build_recording(
         observation="tip_position", robot=robot, q=q, measured=tips, tool_offset=tool,
         noise_std=1e-4,
-    ), FEW_EFFECTS).verdict  # fmt: skip
-    named = {(c.effect, c.element) for c in verdict.causes}
-    assert named == {("joint_offset", j + 1), ("joint_compliance", j + 1)}
-    assert min(c.probability for c in verdict.causes) > 0.97
+    ), FEW_EFFECTS.library)  # fmt: skip
+    assert found.named == {("joint_offset", j + 1), ("joint_compliance", j + 1)}
+    assert min(found.probabilities[key] for key in found.named) > 0.97
 
 
 def test_a_device_s_scale_is_a_cause_of_its_own_and_no_deviation_of_warm_links(tmp_path):
@@ -311,14 +312,15 @@ def test_a_device_s_scale_is_a_cause_of_its_own_and_no_deviation_of_warm_links(t
     case, faults, gaps = faultless(100, 6), (LinkThermal(0.0), SensorScale(1.0)), (1.5, 4.0)
     sized = [with_fault(case, f, gap=g).effects[0] for f, g in zip(faults, gaps, strict=True)]
     case = replace(case, kind="pair", effects=tuple(sized), gap_to_noise=gaps)
-    verdict = diagnose(recorded(case, tmp_path)[0], few_and("link_thermal")).verdict
-    assert verdict.outside_probability < 0.1
-    assert {c.effect for c in verdict.causes} == {f.effect for f in faults}
-    assert min(c.probability for c in verdict.causes) > 0.9
+    found = told(recorded(case, tmp_path)[0], few_and("link_thermal").library)
+    assert found.unlisted < 0.1
+    assert {effect for effect, _ in found.named} == {f.effect for f in faults}
+    assert min(found.probabilities[key] for key in found.named) > 0.9
 
 
 @pytest.mark.parametrize(
-    ("seed", "options"), [(4, None), (5, few_and("link_thermal", "sensor_distortion"))]
+    ("seed", "options"),
+    [(4, DiagnosisOptions()), (5, few_and("link_thermal", "sensor_distortion"))],
 )
 def test_links_that_are_right_at_another_temperature_are_no_scale_of_the_device(
     seed, options, tmp_path
@@ -328,8 +330,8 @@ def test_links_that_are_right_at_another_temperature_are_no_scale_of_the_device(
     At ten times of what is known of that the first is another, at a tenth the second.
     """
     case = with_fault(faultless(100, seed), LinkThermal(0.0, 23.0), gap=4.0)
-    verdict = diagnose(recorded(case, tmp_path)[0], options).verdict
-    [cause] = verdict.causes
-    assert cause.effect == "link_thermal"
-    assert cause.probability > 0.95
-    assert verdict.outside_probability < 0.1
+    found = told(recorded(case, tmp_path)[0], options.library)
+    [cause] = found.named
+    assert cause == ("link_thermal", None)
+    assert found.probabilities[cause] > 0.95
+    assert found.unlisted < 0.1

@@ -5,14 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.measurement.observation import scope_of
 from tests.benches import T_DEVICE_BASE, bench
-from tests.few_effects import few_and
+from tests.explained import told
 
 NOISE = 5e-5
-SCREWS = few_and("screw_ripple", "gear_ripple", "joint_coupling")
+BESIDE = ("joint_offset", "joint_scale", "backlash", "screw_ripple", "gear_ripple", "sensor_scale")
+SCREWS = DiagnosisOptions(library=tuple(REGISTRY[name] for name in BESIDE))
 
 
 def recorded(error, seed, kind="tip_position", rows=90):
@@ -51,8 +54,7 @@ def test_a_screw_is_named_with_its_lead(lead, size, kind):
 
 def test_a_screw_and_a_scale_of_one_joint_are_two_causes():
     error = recorded(lambda q: 3e-4 * np.sin(2 * np.pi * q / 4e-3 + 1.0) + 4e-3 * q, 2)
-    causes = {(c.effect, c.element) for c in diagnose(error, SCREWS).verdict.causes}
-    assert causes == {("screw_ripple", 7), ("joint_scale", 7)}
+    assert told(error, SCREWS.library).named == {("screw_ripple", 7), ("joint_scale", 7)}
 
 
 def test_leads_are_from_a_millimetre_to_where_a_wave_and_a_half_is_seen():
@@ -71,12 +73,12 @@ def test_an_arm_without_slides_is_not_told_of_screws(arm, joints):
     still[:, -1] = 0.1
     measured = still + NOISE * np.random.default_rng(0).normal(size=still.shape)
     recording = replace(plain, q=still, measured=measured, noise_std=NOISE, whole=None, place=None)
-    unseen = {b.effect for b in diagnose(recording).verdict.unobservable}
+    unseen = {b.effect for b in diagnose(recording, SCREWS).verdict.unobservable}
     assert ("screw_ripple" in unseen) == (arm == "laparoscopic")
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_noise_is_no_screw(seed):
-    found = diagnose(recorded(np.zeros_like, seed), SCREWS).verdict
-    assert not found.causes
-    assert found.outside_probability < 0.1
+    found = told(recorded(np.zeros_like, seed), SCREWS.library)
+    assert not found.named
+    assert found.unlisted < 0.1

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import plumbline
-from tests.few_effects import FEW_EFFECTS
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from tests.several import SIGMA, recorded
 
 ROWS = (10, 15, 21)  # of three reflectors on one flange
@@ -32,7 +34,7 @@ def test_a_short_recording_weighs_by_the_noise_that_it_has_beside_the_others(see
         )
         for k, (rows, tool) in enumerate(zip(ROWS, TOOLS, strict=True), start=1)
     ]
-    answer = plumbline.diagnose(parts, FEW_EFFECTS)
+    answer = plumbline.diagnose(parts, DiagnosisOptions(library=(JointOffset, TransmissionRipple)))
     assert next(c.label for c in answer.causes) == "joint_offset of joint 5"
     for one in answer.verdict.recordings:
         assert 0.5 * SIGMA < one.noise < 1.7 * SIGMA

@@ -9,7 +9,6 @@ import scipy.linalg
 
 from plumbline.experiments.benches.ar1 import NOISES, clean
 from plumbline.optim.diagnosis.diagnose import diagnose
-from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.correlation import Left, correlation_of
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem
@@ -17,6 +16,7 @@ from plumbline.optim.diagnosis.prior import CORRELATIONS
 from plumbline.optim.diagnosis.verdict.explanation import _correlation
 from tests.benches import bench
 from tests.designs import statistics, wandering
+from tests.few_effects import few_and
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,8 @@ def test_of_few_rows_and_no_stated_noise_one_that_wanders_is_no_mechanism(number
     drifting = NOISES["drift"](
         clean(number, 0, rows=(30, 31)), np.random.default_rng([0, number, 29])
     )
-    found = diagnose(replace(drifting, noise_std=None), DiagnosisOptions(force=True))
+    options = replace(few_and("respiration"), force=True)
+    found = diagnose(replace(drifting, noise_std=None), options)
     assert found.recording.wander > 0.5
     assert found.verdict.outside_probability < 0.1
     assert not found.verdict.causes

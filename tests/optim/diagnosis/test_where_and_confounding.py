@@ -7,7 +7,7 @@ import pytest
 
 from plumbline.experiments.reality.joint_effects import JointOffset as RealOffset
 from plumbline.experiments.reality.joint_effects import TransmissionRipple as RealRipple
-from plumbline.kinematics.effects import EFFECTS
+from plumbline.kinematics.effects import EFFECTS, REGISTRY
 from plumbline.kinematics.effects.friction import Friction
 from plumbline.kinematics.effects.joint_compliance import JointCompliance
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
@@ -112,7 +112,7 @@ def test_where_nothing_was_chosen_nothing_is_to_blame():
 
 def test_a_planted_fault_has_the_whole_share_of_its_joint(tmp_path):
     case = with_fault(faultless(rows=60, seed=5), RealRipple(0.0, 3, once=(1.0, 0.5)))
-    diagnosis = diagnose(recorded(case, tmp_path)[0])
+    diagnosis = diagnose(recorded(case, tmp_path)[0], ZERO_OR_WHEEL)
     assert [(p.stage, p.element, p.share) for p in diagnosis.verdict.where] == [("joint", 3, 1.0)]
 
 
@@ -123,7 +123,7 @@ def test_two_planted_faults_have_the_shares_of_their_gaps(tmp_path):
     weak = with_fault(case, RealOffset(0.0, 4), gap=2.5)
     both = (*strong.effects, *weak.effects)
     case = replace(strong, effects=both, gap_to_noise=(5.0, 2.5))
-    diagnosis = diagnose(recorded(case, tmp_path)[0])
+    diagnosis = diagnose(recorded(case, tmp_path)[0], ZERO_OR_WHEEL)
     assert set(causes(diagnosis)) == {("transmission_ripple", 2), ("joint_offset", 4)}
     found = {p.element: p.share for p in diagnosis.verdict.where}
     assert sum(found.values()) == pytest.approx(1.0)
@@ -184,6 +184,7 @@ def test_what_is_not_allowed_is_no_rival():
     assert rivals(asked, asked.reduce([SelectedTerm(0, 1.0)]), [SelectedTerm(0, 1.0)]) == []
 
 
+ZERO_OR_WHEEL = DiagnosisOptions(library=(JointOffset, REGISTRY["transmission_ripple"]))
 LIBRARY = (JointOffset, JointCoupling, JointCompliance)
 
 

@@ -13,6 +13,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.verdict import settled as module
 from plumbline.optim.diagnosis.verdict.causes import _without
 from plumbline.optim.recording.building import build_recording
+from tests.few_effects import FEW_EFFECTS
 
 # An industrial arm of 0.44 m and 0.435 m, by standard DH
 ALPHA = np.radians([-90, 0, -90, 90, -90, 0])
@@ -60,7 +61,7 @@ def tracked(seed, rows=30):
 @pytest.mark.parametrize("seed", [9])
 def test_an_arm_all_of_whose_links_err_is_no_unlisted_one(seed):
     """One function of one link had stood for two zeros and that link: 0.32 mm were left."""
-    found = diagnose(tracked(seed))
+    found = diagnose(tracked(seed), FEW_EFFECTS)
     assert found.outside_probability < 0.05
     assert {c.effect for c in found.causes} == {"joint_offset", "link_geometry"}
     assert found.gap.after < 1.5 * np.sqrt(3) * PLACE

@@ -143,8 +143,7 @@ def test_of_joints_that_stand_where_they_read_nothing_is_asked():
     assert none.count(RowNoise()) >= 39
 
 
-@pytest.mark.parametrize("off", [(0, 2e-4, 0, 0, 0, 0), (1e-4,) * 6])
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize(("off", "seed"), [((0, 2e-4, 0, 0, 0, 0), 3), ((1e-4,) * 6, 0)])
 def test_joints_that_scatter_are_no_mechanism_and_their_size_is_told(off, seed):
     """They had been a gear's ripple at 0.70, or an unlisted one of the joint's own angle."""
     found = diagnose(loose(off, seed, stated=None), FEW_EFFECTS)
