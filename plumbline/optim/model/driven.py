@@ -73,7 +73,8 @@ class Driven:
     carried_std: Array = field(default_factory=lambda: np.empty(0))  # standard errors (P,)
 
     def __repr__(self) -> str:
-        count = sum(len(servo.effects) for servo in self.servos.values())
+        count = len(self.carried.bodies)
+        count += sum(len(servo.effects) for servo in self.servos.values())
         gap = f"{quantity(self.before, self.unit)} -> {quantity(self.after, self.unit)}"
         return f"<Drives of {self.robot.name[:40]!r}: {count} causes, {gap}>"
 

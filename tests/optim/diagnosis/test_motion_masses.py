@@ -38,11 +38,14 @@ IDEAL = (((), np.empty(0)),) * 3
 LINKS = {f"link_inertia {k}" for k in (1, 2, 3)}
 
 
-def arms(mass=0.0, damping=0.0, integrator="RK4", link=0.0):
+def arms(mass=0.0, damping=0.0, integrator="RK4", link=0.0, first=0.0, rotor=0.0):
     """A robot, and MuJoCo's model: a point more at its last link, its second so much heavier."""
     urdf, _ = pushed_arm(AXES, LENGTHS, MASSES, INERTIAS, STEP, "0 0.01")
-    model = mujoco.MjModel.from_xml_string(mujoco_text(mass, integrator, [1.0, 1 + link, 1.0]))
-    model.dof_damping[1] = damping
+    model = mujoco.MjModel.from_xml_string(
+        mujoco_text(mass, integrator, [1 + first, 1 + link, 1.0])
+    )
+    model.dof_damping[1], model.dof_armature[0] = damping, rotor
+    mujoco.mj_setConst(model, mujoco.MjData(model))
     return Robot.from_urdf(urdf), model
 
 
@@ -184,7 +187,7 @@ def test_a_file_for_mujoco_has_the_mass(answer):
 
 
 @pytest.mark.parametrize(
-    "given", [{"gain": 0.9}, {"damping": 0.3}, {"integrator": "implicitfast"}, {}]
+    "given", [{"gain": 0.9}, {"damping": 0.3}, {"rotor": 0.05}, {"integrator": "implicitfast"}, {}]
 )
 def test_what_one_drive_does_or_a_clock_is_no_mass(given):
     signals, begun = _begun(signals_of(recorded(**given)), DiagnosisOptions(), None)
@@ -266,6 +269,26 @@ def test_a_link_that_weighs_more_is_told_alone_and_taken_home():
     assert answer.verdict.where[0].share == pytest.approx(1.0)
     written = mujoco.MjModel.from_xml_string(answer.model().as_mjcf().text)
     assert written.body_mass[2] == pytest.approx(1.15 * MASSES[1], rel=1e-3)
+
+
+def test_a_rotor_beside_a_mass_is_no_link_that_weighs_three_times_as_much():
+    """What turns about one upright axis feels both alike: widths of priors tell them apart."""
+    others = {e.name for e in MOTION_EFFECTS} - {"rotor_inertia", "viscous_friction"}
+    answer = diagnose(recorded(MASS, rotor=0.05), DiagnosisOptions(without=(*others,)))
+    found = {(c.effect, c.element): c for c in answer.causes}
+    assert set(found) == {("payload", None), ("rotor_inertia", 1)}
+    rotor = found["rotor_inertia", 1].parameters["inertia"]
+    assert rotor.value == pytest.approx(0.05, abs=0.005)
+
+
+def test_a_link_that_turns_about_an_upright_axis_may_be_a_rotor():
+    others = {e.name for e in MOTION_EFFECTS} - {"rotor_inertia", "viscous_friction"}
+    options = DiagnosisOptions(without=(*others, "payload"))
+    answer = diagnose(recorded(first=0.2), options)
+    told = {(c.effect, c.element): c for c in answer.candidates}
+    both = [("link_inertia", 1), ("rotor_inertia", 1)]
+    assert sum(told[key].probability for key in both if key in told) > 0.5
+    assert all(c.probability < 0.999 for c in answer.causes if c.effect == "link_inertia")
 
 
 def test_a_link_s_numbers_are_of_its_mass_its_centre_and_its_own_shape():

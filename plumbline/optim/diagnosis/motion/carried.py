@@ -120,6 +120,10 @@ class Carried:
         """All but one of them."""
         return Carried(tuple(one for one in self.bodies if one != body))
 
+    def with_one(self, body: Off) -> Carried:
+        """These and one more, the tip's first."""
+        return Carried(tuple(sorted((*self.bodies, body), key=lambda one: one.link)))
+
     def numbers(self, robot: Robot, index: Sequence[int]) -> Array:
         """What each joint of the model moves more than stated (J, 10), at that joint."""
         found = np.zeros((robot.model.njoints - 1, BODY))

@@ -8,7 +8,7 @@ states are found anew with them, until they stand still, and drives are searched
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,17 +21,19 @@ from plumbline.optim.diagnosis.motion.carried import Carried, Off
 from plumbline.optim.diagnosis.motion.constants import (
     CONFOUNDED,
     LEAST_GAIN,
+    LEAST_SHARE,
     MOVES,
     OF_A_LINK,
     OF_A_TIP,
     ROUNDED,
     WORTH_A_FIT,
 )
-from plumbline.optim.diagnosis.motion.fit import correlation_time
+from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated
 from plumbline.optim.diagnosis.motion.masses import MassFit, Telling, fitted_mass, path_of
 from plumbline.optim.diagnosis.motion.models import ODDS
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import Begun, JointFindings
+from plumbline.optim.diagnosis.motion.settled import carrying
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of
 from plumbline.optim.diagnosis.motion.windows import Array, Drives, Effects
 
@@ -81,10 +83,13 @@ def odds(carried: Carried) -> float:
     return float(sum(ODDS - np.log(count) for count in forms))
 
 
-def likeliest(telling: Telling, asked: Sequence[Off]) -> MassFit:
+def likeliest(
+    telling: Telling, asked: Sequence[Off], enough: Callable[[MassFit], bool] = lambda _: True
+) -> MassFit:
     """The most probable bodies, from those of the states on; a clock may lead.
 
-    One more, one less or one exchanged at a time.
+    One more, one less or one exchanged at a time until that is enough, which one is unless it is
+    said: where states are far off, more bodies would stand for what the first leaves of them.
     """
     here = fitted_mass(telling, telling.recording.carried, clock=True)
     for _ in range(MOVES):
@@ -95,6 +100,8 @@ def likeliest(telling: Telling, asked: Sequence[Off]) -> MassFit:
         if best is here:
             break
         here = best
+        if enough(here):
+            break
     return here
 
 
@@ -108,7 +115,7 @@ def _others(now: Carried, asked: Sequence[Off]) -> Iterator[Carried]:
     for less in (now, *(now.without(body) for body in now.bodies)):
         there = {body.link for body in less.bodies}
         for body in asked:
-            other = Carried((*less.bodies, body))
+            other = less.with_one(body)
             if body.link not in there and not other.alike(now):
                 yield other
 
@@ -153,12 +160,13 @@ def carrying_more(
     """
     n = signals.recording.n
     own = drives or drives_of_all((), n)
-    fit = likeliest(Telling(signals, own, begun[0].quick.windows.start), asked)  # as odds are by
+    telling = Telling(signals, own, begun[0].quick.windows.start)  # as their odds are by
+    fit = likeliest(telling, asked, lambda fit: more_probable(fit, begun) > 0)
     was = lead = signals.recording.lead
     if more_probable(fit, begun) < 0:
         return None
     row = float(np.median(np.diff(signals.recording.time)))
-    for _ in range(MOVES):
+    for _ in range(2 * MOVES):
         if not fit.carried.bodies:
             return None
         bodies = replace(signals.recording, carried=fit.carried, lead=lead)
@@ -191,6 +199,35 @@ def more_probable(fit: MassFit, begun: Sequence[Begun]) -> float:
         effective = fit.residuals[j].size / time
         found -= effective / 2 * float(np.log(square)) + one.quick.score(one.key, time)
     return found
+
+
+def lesser(signals: Signals, begun: Sequence[Begun], body: Off) -> Iterator[Carried]:
+    """The same bodies without one, and with it told by fewer values."""
+    carried, drives = signals.recording.carried, drives_of_all(begun, signals.recording.n)
+    less = carried.without(body)
+    yield less
+    for count in OF_A_LINK if body.link else OF_A_TIP:
+        if count < len(body.values):
+            form = replace(body, values=body.values[:count])
+            telling = Telling(signals, drives, signals.training)
+            yield fitted_mass(telling, less.with_one(form), clock=False).carried
+
+
+def felt_by_one(signals: Signals, begun: Sequence[Begun], other: Carried) -> Signals | None:
+    """The same with fewer masses, where one joint alone feels that: its drive may be what is off.
+
+    A rotor, and what turns about one upright axis, are one and the same to that joint.
+    """
+    less, felt = carrying(signals, other), []
+    for one in begun:
+        windows, near = less.windows(one.number - 1, one.quick.windows.start), one.near
+        square = evaluated(windows, near.effects, near.theta, slopes=False).square
+        effective = near.residual.size / correlation_time(near.residual)
+        felt.append(max(effective / 2 * float(np.log(square / near.square)), 0.0))
+    return less if max(felt) > (1 - LEAST_SHARE) * sum(felt) else None
+
+
+Rivals = dict[str, tuple[float, list[tuple[str, int]]]]
 
 
 def against(signals: Signals, begun: Sequence[Begun]) -> float:
@@ -248,6 +285,7 @@ def mass_findings(
     more: float,
     plain: Sequence[Begun],
     asked: Sequence[Off],
+    rivals: Rivals,
 ) -> MassFindings | None:
     """What was found of masses, by all windows.
 
@@ -257,6 +295,7 @@ def mass_findings(
         more: Log odds of them against none.
         plain: What drives were found to do without them.
         asked: Which were considered.
+        rivals: By a body's label its log odds against what a drive may do in its place.
     """
     r = signals.recording
     if not r.carried.bodies:
@@ -267,11 +306,17 @@ def mass_findings(
     own = {(e.name, j.number) for j in joints for e in j.fit.effects}
     there = [(e.name, one.number, rest) for one in plain for e in one.near.effects
              if (e.name, one.number) not in own]  # fmt: skip
-    found = [_exchanged(telling, fit, k, asked) for k in range(len(r.carried.bodies))]
+    found = []
+    for k, body in enumerate(r.carried.bodies):
+        p, alike = _exchanged(telling, fit, k, asked)
+        sure, effects = rivals.get(body.label, (np.inf, []))
+        other = float(np.exp(-np.logaddexp(0.0, sure)))
+        alike += [(*key, other) for key in effects if key not in own]
+        found.append(((1 - rest) * (1 - other) * p, (*alike, *there)))
+    probability, instead = zip(*found, strict=True)
     return MassFindings(
-        r.carried, np.sqrt(np.diag(fit.covariance)), telling.scales(r.carried),
-        tuple((1 - rest) * p for p, _ in found), tuple((*alike, *there) for _, alike in found),
-        fit.off,
+        r.carried, np.sqrt(np.diag(fit.covariance)), telling.scales(r.carried), probability,
+        instead, fit.off,
     )  # fmt: skip
 
 
@@ -283,7 +328,7 @@ def _exchanged(
     less = fit.carried.without(body)
     there = {one.link for one in less.bodies}
     others = [one for one in asked if one.link not in there and one.link != body.link]
-    fits = [fitted_mass(telling, Carried((*less.bodies, one)), clock=False) for one in others]
+    fits = [fitted_mass(telling, less.with_one(one), clock=False) for one in others]
     own = fit.score(fit.times) + odds(fit.carried)
     scores = np.array([0.0, *(f.score(fit.times) + odds(f.carried) - own for f in fits)])
     weights = np.exp(scores - np.logaddexp.reduce(scores))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,14 @@ from plumbline.optim.core.progress import Progress
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.carried import NOTHING
 from plumbline.optim.diagnosis.motion.carrying import (
+    Rivals,
     against,
     candidates,
     carrying_more,
     drives_of_all,
+    felt_by_one,
     further,
+    lesser,
     mass_findings,
     told_by,
 )
@@ -77,7 +80,7 @@ def diagnose_motion(
             progress(f"{r.noun} {one.number}", (1 + k / len(begun)) / 2)
         joints.append(search(one, prior, signals.sigma))
     asked = candidates(r, options.without)
-    mass = mass_findings(signals, joints, found.more, found.plain, asked)
+    mass = mass_findings(signals, joints, found.more, found.plain, asked, found.rivals)
     unseen = left_out(signals, joints)
     still = [j + 1 for j in range(r.n) if j not in _moved(r)]
     told = MotionFindings(
@@ -111,6 +114,8 @@ class _Searched:
     begun: tuple[Begun, ...]
     more: float = 0.0  # log odds of a mass that is carried against none
     plain: tuple[Begun, ...] = ()  # where it stood without one
+    # by a body's label its log odds against what a drive may do in its place, and that
+    rivals: Rivals = field(default_factory=dict)
 
 
 def _searched(
@@ -130,10 +135,11 @@ def _searched(
         found = _carrying(plain, drives, options, progress) or found
     if found is None:
         return _finished(_Searched(*plain))
-    found = _still(found, options, progress)
+    found = _without_stand_ins(_still(found, options, progress), options, progress)
     signals, begun = found.signals, found.begun
     more = _more_probable(signals, begun, plain[1])
-    return _finished(_Searched(signals, begun, more, plain[1]) if more > 0 else _Searched(*plain))
+    better = replace(found, more=more, plain=plain[1])
+    return _finished(better if more > 0 else _Searched(*plain))
 
 
 def _still(found: _Searched, options: DiagnosisOptions, progress: Progress | None) -> _Searched:
@@ -146,6 +152,28 @@ def _still(found: _Searched, options: DiagnosisOptions, progress: Progress | Non
         moved, before = further(signals, fit, before)
         signals, begun = _begun(moved, options, progress, begun)
     return replace(found, signals=signals, begun=begun)
+
+
+def _without_stand_ins(
+    found: _Searched, options: DiagnosisOptions, progress: Progress | None
+) -> _Searched:
+    """The same with less of each body that one joint alone feels, whose drive is more probable."""
+    for body in found.signals.recording.carried.bodies:
+        for other in lesser(found.signals, found.begun, body):
+            signals, begun = found.signals, found.begun
+            if (less := felt_by_one(signals, begun, other)) is None:
+                continue
+            _, anew = _begun(less, options, progress)
+            sure = _more_probable(signals, begun, anew) - against(less, anew)
+            if sure < 0:
+                drives = drives_of_all(anew, less.recording.n)
+                again = _begun(signals_of(less.recording, drives=drives), options, progress)
+                found = replace(found, signals=again[0], begun=again[1])
+                found = _still(found, options, progress)
+                break
+            effects = [(e.name, one.number) for one in anew for e in one.near.effects]
+            found.rivals.setdefault(body.label, (sure, effects))
+    return found
 
 
 def _carrying(

@@ -144,7 +144,7 @@ class MassFit:
     late: float  # how much later than so far all are by it [s]
     residuals: tuple[Array, ...]  # what it leaves of each joint (W, K) [rad]
     covariance: Array  # of its values (P, P)
-    occam: float  # what its evidence is less by
+    occam: float  # what its evidence is less by: how well it is told, and how large it is
     late_std: float  # standard error of the lateness [s]
     off: float  # standard errors that its values moved from those of the states
 
@@ -187,7 +187,8 @@ def fitted_mass(telling: Telling, carried: Carried, *, clock: bool) -> MassFit:
         x = x + step
         if step @ A @ step < ENOUGH:
             break
-    C, occam = np.asarray(np.linalg.inv(A), dtype=float), float(np.linalg.slogdet(scaled)[1] / 2)
+    C, within = np.asarray(np.linalg.inv(A), dtype=float), x[:-1] / scales[:-1]
+    occam = float(np.linalg.slogdet(scaled)[1] + within @ within) / 2
     found = carried.valued(x[:-1])
     return MassFit(
         found, float(x[-1]), _left(telling, found, x[-1]), C[:-1, :-1], occam,
