@@ -14,7 +14,7 @@ from plumbline.optim.diagnosis.motion.fit import fitted
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 
-STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 10.0, 1e-4
+STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 6.0, 1e-4
 AT = np.array([0.0, -0.9, 1.4, -0.5, 0.3, 0.0])  # [rad] about which it swings
 # Of each link: place [m], axis, centre [m], mass [kg], inertias [kg m^2]; sizes are of a UR5.
 LINKS = (
@@ -112,7 +112,7 @@ def test_rows_far_apart_leave_nothing_of_their_own(every):
 
 def test_loads_of_a_log_of_minutes_are_worked_out_at_every_row():
     """On lines between every other row's a wrist would err by a seventh of the noise."""
-    short, many = recorded(noise=0.0), 21
+    short, many = recorded(noise=0.0), 18
     rows = np.arange(many * len(short))
     long = replace(
         short, time=STEP * EVERY * rows, command=np.tile(short.command, (many, 1)),

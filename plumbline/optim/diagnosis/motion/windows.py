@@ -102,12 +102,16 @@ class Windows:
 
     def level(self, misses: Array) -> Array:
         """Misses (W, K, ...) without what a window's unknown start makes of them."""
-        order = OPEN.get(self.law, 0)
-        if not order:
+        if not OPEN.get(self.law, 0):
             return misses
-        K = self.length - self.settle
-        basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, K), order))[0]
-        return np.asarray(misses - np.einsum("ka,la,wl...->wk...", basis, basis, misses))
+        starts, columns = self._starts, misses.reshape(*misses.shape[:2], -1)
+        return (columns - starts @ (starts.T @ columns)).reshape(misses.shape)
+
+    @cached_property
+    def _starts(self) -> Array:
+        """An orthonormal basis (K, a) of what unknown starts make of a window."""
+        even = np.linspace(-1.0, 1.0, self.length - self.settle)
+        return np.linalg.qr(np.vander(even, OPEN[self.law]))[0]
 
     def integrated(self, features: Array) -> Array:
         """What functions (n, F) that act on a drive's rate or torque do to its place (n, F)."""
