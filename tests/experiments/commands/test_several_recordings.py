@@ -12,12 +12,16 @@ import pytest
 import plumbline
 from plumbline.experiments.commands.app import run
 from plumbline.experiments.report.writing import report_html
+from plumbline.kinematics.effects import EFFECTS, REGISTRY
 from plumbline.optim.diagnosis.of_recordings import Carries
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.several import transfer
 from plumbline.optim.diagnosis.several.transfer import Each, transfers
-from tests.few_effects import FEW_EFFECTS
 from tests.several import recorded, written
 
+LIBRARY = ("joint_offset", "joint_scale", "transmission_ripple", "tool_slip", "sensor_scale")
+FEW = DiagnosisOptions(library=tuple(REGISTRY[name] for name in LIBRARY))
+WITHOUT = [w for e in EFFECTS if e.name not in LIBRARY for w in ("--without", e.name)]
 RIPPLE, GAIN, SLIP = 2e-3, 1.5e-3, (1e-3, 0.0, 0.0)
 
 
@@ -48,7 +52,7 @@ def tips():
 
 @pytest.fixture(scope="module")
 def answer(tips):
-    return plumbline.diagnose(tips, FEW_EFFECTS)
+    return plumbline.diagnose(tips, FEW)
 
 
 def test_a_cause_that_all_share_is_fitted_to_all_rows(answer):
@@ -147,8 +151,8 @@ def test_the_verdict_tells_recordings_and_transfer_in_json_page_and_store(answer
 
 def test_a_single_recording_is_a_session_of_one():
     encoders = recorded("joint_position", 4, rippled, rows=30)
-    alone = plumbline.diagnose(encoders, FEW_EFFECTS)
-    assert plumbline.diagnose([encoders], FEW_EFFECTS).to_dict() == alone.to_dict()
+    alone = plumbline.diagnose(encoders, FEW)
+    assert plumbline.diagnose([encoders], FEW).to_dict() == alone.to_dict()
     assert not {"recordings", "transfer"} & set(alone.to_dict())
 
 
@@ -157,9 +161,9 @@ def test_what_each_alone_doubts_all_together_tell():
     tips = recorded("tip_position", 45, stretched, scale=1e-3, reach=0.3, rows=50)
     encoders = recorded("joint_position", 48, stretched, reach=0.3, rows=24)
     truth = {"joint_scale": GAIN, "sensor_scale": 1e-3}
-    alone = {c.effect: c.probability for c in plumbline.diagnose(tips, FEW_EFFECTS).causes}
+    alone = {c.effect: c.probability for c in plumbline.diagnose(tips, FEW).causes}
     assert alone.get("joint_scale", 0.0) < 0.5, "the case is told by tips alone: take another"
-    found = plumbline.diagnose([tips, encoders], FEW_EFFECTS)
+    found = plumbline.diagnose([tips, encoders], FEW)
     assert {c.effect for c in found.causes} == set(truth)
     assert {c.effect: c.probability for c in found.causes}["joint_scale"] > 0.9
     for cause in found.causes:
@@ -174,7 +178,7 @@ def test_a_recording_that_states_too_little_noise_misleads_no_other():
     """Its rows weigh what its own fit leaves, and what it states is held against that."""
     calm = recorded("tip_position", 120, rippled, rows=30)
     loud = replace(recorded("tip_position", 121, rippled, rows=30), noise_std=1e-5)
-    found = plumbline.diagnose([calm, loud], FEW_EFFECTS)
+    found = plumbline.diagnose([calm, loud], FEW)
     assert {(c.effect, c.element) for c in found.causes} == {("transmission_ripple", 2)}
     assert found.verdict.verdict == "partly-explained"
     said = (found.verdict.outside_depends_on, *found.verdict.notes)
@@ -199,7 +203,7 @@ def test_a_session_s_folder_is_asked_as_one(folder, tmp_path, capsys):
     out = tmp_path / "all.json"
     other = written(recorded("tip_position", 5, rippled, rows=20), tmp_path / "other")
     more = ["--also", str(other), "--model", str(tmp_path / "arm.toml")]
-    assert run(["diagnose", str(folder), "--json", str(out), *more]) == 0
+    assert run(["diagnose", str(folder), "--json", str(out), *more, *WITHOUT]) == 0
     told = json.loads(out.read_text())
     assert told["recording"] == "arm 7"
     assert [c["effect"] for c in told["causes"]][:1] == ["transmission_ripple"]

@@ -38,7 +38,7 @@ from plumbline.optim.diagnosis.prior import (
 from tests.designs import candidates, statistics
 
 N, SIGMA = 30, 0.1
-SEEDS = (0, 1)
+SEEDS = (1,)
 STARTS = (frozenset[int](), frozenset[int]({0}))
 
 
@@ -158,8 +158,7 @@ def _evidence(G, b, columns):
 # Against the sum of all sets
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("strength", [3.0, 6.0])
+@pytest.mark.parametrize(("seed", "strength"), [(0, 3.0), (1, 6.0)])
 def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
     asked = problem(*drawn(seed, strength=strength))
     found, expected = sample(asked, STARTS, seed), by_enumeration(asked)[0]
@@ -167,9 +166,10 @@ def test_what_chains_find_is_what_all_sets_add_up_to(seed, strength):
         np.testing.assert_allclose(ours, theirs, atol=0.01)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize(("of_place", "first"), [(np.arange(7) // 2, 1), (np.arange(7), 0)])
-def test_beside_what_is_unlisted_a_listed_term_may_be_a_part_of_it(seed, of_place, first):
+@pytest.mark.parametrize(
+    ("of_place", "first", "seed"), [(np.arange(7) // 2, 1, 0), (np.arange(7), 0, 1)]
+)
+def test_beside_what_is_unlisted_a_listed_term_may_be_a_part_of_it(of_place, first, seed):
     """Chains and the sum of all sets take it for that with the same probability, and it matters."""
     plain = problem(*drawn(seed, strength=6.0), labels=[np.arange(7), of_place])
     asked = replace(plain, unlisted=np.arange(7) % 2 == first, shared=parts(of_place))
@@ -476,10 +476,9 @@ def test_where_one_state_dominates_its_terms_asked_one_by_one_say_the_same(seed)
     assert found.states[0][1] == tuple(state)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(
-    ("strength", "resembling", "within"),
-    [(3.0, 0.4, 0.05), (3.0, 0.7, 0.04), (6.0, 0.7, 0.15), (6.0, 1.5, 0.06)],
+    ("seed", "strength", "resembling", "within"),
+    [(0, 3.0, 0.4, 0.05), (1, 3.0, 0.7, 0.04), (0, 6.0, 0.7, 0.15), (1, 6.0, 1.5, 0.06)],
 )
 def test_chains_about_a_long_state_find_what_all_sets_add_up_to(seed, strength, resembling, within):
     """Where columns resemble one another; the climb's end alone was wrong by three quarters.

@@ -45,6 +45,7 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.prior import MANY_CAUSES
 from plumbline.optim.recording.loading import load_recording
+from tests.few_effects import FEW_EFFECTS
 from tests.made_up_diagnosis import BENCH
 from tests.recording_folders import KINDS, columns, csv_text, slider_columns, write_folder
 
@@ -243,7 +244,7 @@ def test_designed_rows_of_a_recording_tell_more_than_random_ones(weak):
     means[1, tilt] = 1.0
     made = Rivals(("none", "tilt"), np.array([0.5, 0.5]), means, C)
     told = {}
-    for criterion in (Resolution(), *map(AtRandom, range(40))):
+    for criterion in (Resolution(), *map(AtRandom, range(12))):
         chosen = Design.of(replace(pair, rivals=made), replace(QUICK, criterion=criterion))
         told[criterion] = chosen.choose().beliefs.information[1, 0]
     by_chance = np.mean([told[c] for c in told if isinstance(c, AtRandom)])
@@ -496,7 +497,7 @@ def test_options_that_make_no_sense_are_refused(bad, message):
 @pytest.mark.parametrize("observation", ["pose", "fixed_point", "joint_position"])
 def test_every_kind_of_observation_gets_rows(observation, tmp_path):
     plan = replace(WEAK, observation=observation, gap=(0.4, 0.8))
-    diagnosis = diagnose(recorded(plan, 3, tmp_path))
+    diagnosis = diagnose(recorded(plan, 3, tmp_path), FEW_EFFECTS)
     candidates = explanations(diagnosis.selected, 3)
     chosen = Design.of(contest(diagnosis.selected, candidates), QUICK).choose()
     assert len(chosen.rows) == QUICK.count
