@@ -200,7 +200,7 @@ def test_standard_errors_hold():
     simulated = session(0, tilts=False, noise=1e-4)
     camera, rng, zs = simulated.camera, np.random.default_rng(0), []
     exact = (simulated.built.tips(simulated.q) - camera.t) @ camera.R
-    for k in range(12):
+    for k in range(8):
         options = DHOptions(loss=LOSSES[k % 2], hayati=False)
         if k < 2:
             truth = fit_dh(recording(replace(simulated, tips=exact)), options)

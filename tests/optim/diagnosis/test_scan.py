@@ -21,6 +21,7 @@ from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model, scope_of
 from tests.benches import bench
 from tests.designs import statistics
+from tests.explained import searched
 from tests.few_effects import FEW_EFFECTS
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
@@ -109,14 +110,13 @@ def test_a_long_pause_changes_nothing_about_which_rows_a_bump_may_part():
     np.testing.assert_array_equal(*parted)
 
 
-@pytest.mark.parametrize("pause", [0.0, 3600.0])
-def test_a_bump_is_found_where_it_was_whatever_pause_was_made(pause, tmp_path):
+def test_a_bump_is_found_where_it_was_whatever_pause_was_made(tmp_path):
     case = with_fault(
         faultless(rows=60, seed=4), Bumped(0.0, (1.0, -0.6, 0.8, 0.5, 1.0, 0.7), 0.2), gap=2.0
     )
     recording, _ = recorded(case, tmp_path)
     late = np.arange(60) >= 45
-    found = diagnose(at_other_times(recording, recording.time + pause * late), FEW_EFFECTS)
+    found = diagnose(at_other_times(recording, recording.time + 3600.0 * late), FEW_EFFECTS)
     assert causes(found) == [("base_bump", None)]
     [effect] = found.effects
     true = recording.time[0] + 0.2 * np.ptp(recording.time)
@@ -223,7 +223,7 @@ def test_gross_rows_do_not_fill_the_short_lists(tmp_path):
     recording, _ = recorded(with_fault(faultless(rows=45, seed=4), bump, gap=0.7), tmp_path)
     spoilt = recording.measured.copy()
     spoilt[10] += 40.0 * recording.noise_std
-    found = diagnose(replace(recording, measured=spoilt), FEW_EFFECTS).selected
+    found, _ = searched(replace(recording, measured=spoilt), FEW_EFFECTS.library)
     true = recording.time[0] + 0.6 * np.ptp(recording.time)
     after = int((recording.time > true).sum())
     listed = [

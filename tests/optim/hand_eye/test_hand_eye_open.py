@@ -30,7 +30,7 @@ def readings_of_turns(seed, turns, noise=5e-5):
     return scene, seen_from(scene, turned(facing(scene, rng), turns), rng, noise)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_one_commanded_orientation_a_board_is_refused(seed):
     _, readings = readings_of_turns(seed, np.zeros((COUNT, 3)))
     words = "leave open r altogether .infinite standard error.*on each plane all orientations agree"
@@ -50,8 +50,7 @@ def test_a_finder_that_repeats_itself_is_refused_and_not_computed_with():
         calibrate(stuck)
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.5], ids=["none", "one axis"])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("seed", "turn"), [(0, 0.0), (1, 0.5)], ids=["none", "one axis"])
 def test_an_open_beam_is_said_and_never_blamed_on_columns_or_quaternions(seed, turn):
     """Boards square to the beam, bowed a little: a start ends anywhere, with scatter of 5 cm."""
     rng = np.random.default_rng([seed, 5])
@@ -72,7 +71,7 @@ def test_an_open_beam_is_said_and_never_blamed_on_columns_or_quaternions(seed, t
         calibrate(readings)
 
 
-@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0.0, 0.8)])
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0.6, 0.0, 0.8)])
 def test_turning_about_one_axis_is_refused_and_the_axis_named(axis):
     rng = np.random.default_rng(1)
     _, readings = readings_of_turns(1, turns_about(axis, rng))
@@ -81,7 +80,7 @@ def test_turning_about_one_axis_is_refused_and_the_axis_named(axis):
         calibrate(readings)
 
 
-@pytest.mark.parametrize("noise", [0.0, 5e-5, 5e-4])
+@pytest.mark.parametrize("noise", [0.0, 5e-4])
 def test_no_noise_makes_an_open_direction_seen(noise):
     _, readings = readings_of_turns(2, np.zeros((COUNT, 3)), noise)
     with pytest.raises(PlumblineError, match="leave open r"):
