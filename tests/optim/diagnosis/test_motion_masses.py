@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.motion.carried import (
     tip_of,
     weighed,
 )
-from plumbline.optim.diagnosis.motion.carrying import candidates, carrying_more
+from plumbline.optim.diagnosis.motion.carrying import candidates, carrying_more, states_by
 from plumbline.optim.diagnosis.motion.diagnose import _begun
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
@@ -300,4 +300,27 @@ def test_a_link_s_numbers_are_of_its_mass_its_centre_and_its_own_shape():
     shift = np.array([0.01, -0.02, 0.03])
     moved = weighed(robot, (0, 1, 2), Carried((Off((0.25, *shift), 2),))).inertias[2]
     np.testing.assert_allclose(moved.lever, own.lever + shift / 1.25)
-    np.testing.assert_allclose(moved.inertia, 1.25 * own.inertia)
+    np.testing.assert_allclose(moved.inertia, 1.25 * own.inertia, atol=1e-12)
+
+
+LESS = (0.5, 0.05, 0.0, 0.0, 0.0, -0.04, 0.01, 0.0, 0.0, 0.0)  # than no inertia
+
+
+@pytest.mark.parametrize(
+    ("body", "real"),
+    [
+        (Off((0.5, 0.05, 0.0, 0.0, 0.0, 0.01, 0.01, 0.0, 0.0, 0.0)), True),
+        (Off(LESS), False),
+        (Off((-0.5, 0.05, 0.0, 0.0), 2), True),
+        (Off((-1.5,), 2), False),
+    ],
+)
+def test_bodies_whose_mass_is_below_nothing_anywhere_are_none(body, real):
+    assert Carried((body,)).is_real(arms()[0], (0, 1, 2)) is real
+
+
+def test_states_that_run_off_are_none(laden):
+    """Of an inertia of less than none some had run off, which had ended in a fault."""
+    far = replace(laden, q=laden.q * np.linspace(1.0, 1e160, len(laden))[:, None])
+    assert states_by(far, ()) is None
+    assert states_by(laden, ()) is not None

@@ -76,8 +76,8 @@ class Off:
         given = np.zeros(ASIDE)
         given[: len(self.values)] = self.values
         mass, centre = own.mass * (1 + given[0]), own.lever + given[1:] / (1 + given[0])
-        other = pin.Inertia(mass, centre, own.inertia * (1 + given[0]))
-        return joint, other.toDynamicParameters() - own.toDynamicParameters()
+        about = own.inertia[ENTRIES] * (1 + given[0]) + mass * _steiner(centre, centre)
+        return joint, np.array([mass, *(mass * centre), *about]) - own.toDynamicParameters()
 
     @property
     def numbers(self) -> Array:
@@ -131,6 +131,23 @@ class Carried:
             joint, more = body.added(robot, index)
             found[joint - 1] += more
         return found
+
+    def is_real(self, robot: Robot, index: Sequence[int]) -> bool:
+        """Whether every body that it changes is one: all its mass is above nothing, anywhere.
+
+        Of a body's density the second moments, the first and the mass are a positive matrix
+        (Wensing, Kim, Slotine 2018, IEEE Robotics and Automation Letters 3(1):60).
+        """
+        for joint, more in enumerate(self.numbers(robot, index), start=1):
+            if more.any():
+                total = robot.model.inertias[joint].toDynamicParameters() + more
+                inertia = np.empty((3, 3))
+                inertia[ENTRIES], inertia.T[ENTRIES] = total[4:], total[4:]
+                moments = np.trace(inertia) / 2 * np.eye(3) - inertia
+                both = np.block([[moments, total[1:4, None]], [total[None, 1:4], total[:1]]])
+                if not np.isfinite(both).all() or np.linalg.eigvalsh(both)[0] < 0.0:
+                    return False
+        return True
 
     def slopes(self, robot: Robot, index: Sequence[int]) -> Array:
         """Derivatives of these by the values (P, J, 10)."""

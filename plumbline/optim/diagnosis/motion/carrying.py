@@ -49,10 +49,23 @@ def drives_of_all(begun: Sequence[Begun], n: int) -> Drives:
     return tuple(drives)
 
 
+def states_by(r: MotionRecording, drives: Drives) -> Signals | None:
+    """States by bodies that may be far from what they are; none where they run off."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = signals_of(r, drives=drives)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    return found if found.finite else None
+
+
 def refined(signals: Signals, begun: Sequence[Begun]) -> Carried:
     """Masses that were found, by drives that were; nothing where none were."""
     now = signals.recording.carried
-    return told_by(signals, begun).carried if now.bodies else now
+    if not now.bodies:
+        return now
+    fit = told_by(signals, begun)
+    return fit.carried if fit.real else now
 
 
 def told_by(signals: Signals, begun: Sequence[Begun]) -> MassFit:
@@ -129,8 +142,8 @@ def _negligible(fit: MassFit, given: MassFit) -> bool:
 Move = tuple[Array, Array]  # values of masses (P,), and by how much those of their states are off
 
 
-def further(signals: Signals, fit: MassFit, before: Move | None) -> tuple[Signals, Move]:
-    """States with masses moved on, by this move and the one before it.
+def further(signals: Signals, fit: MassFit, before: Move | None) -> tuple[Signals | None, Move]:
+    """States with masses moved on, none where they run off: by this move and the one before it.
 
     Of what bodies hardly tell states follow what is carried, and one move is a part of the way
     (Anderson 1965, J. ACM 12(4):547, of one move before; in standard errors).
@@ -143,8 +156,9 @@ def further(signals: Signals, fit: MassFit, before: Move | None) -> tuple[Signal
         precise = np.linalg.solve(fit.covariance, change)
         share = float(precise @ off) / max(float(precise @ change), 1e-300)
         values = values - share * (moved + change)
-    moved_on = replace(r, carried=r.carried.valued(values))
-    return signals_of(moved_on, drives=signals.drives), (now, off)
+    ahead = r.carried.valued(values)
+    moved_on = replace(r, carried=ahead if ahead.is_real(r.robot, r.index) else fit.carried)
+    return states_by(moved_on, signals.drives), (now, off)
 
 
 def carrying_more(
@@ -167,10 +181,12 @@ def carrying_more(
         return None
     row = float(np.median(np.diff(signals.recording.time)))
     for _ in range(2 * MOVES):
-        if not fit.carried.bodies:
+        if not (fit.carried.bodies and fit.real and np.isfinite(fit.squares).all()):
             return None
         bodies = replace(signals.recording, carried=fit.carried, lead=lead)
-        signals = signals_of(bodies, drives=drives)
+        if (moved := states_by(bodies, drives)) is None:
+            return None
+        signals = moved
         fit = likeliest(Telling(signals, own, signals.training), asked)
         ahead = _lead(fit, was, lead, row)
         if fit.off < 1.0 and abs(ahead - lead) <= fit.late_std:
@@ -219,6 +235,8 @@ def felt_by_one(signals: Signals, begun: Sequence[Begun], other: Carried) -> Sig
     A rotor, and what turns about one upright axis, are one and the same to that joint.
     """
     less, felt = carrying(signals, other), []
+    if not (less.finite and other.is_real(less.recording.robot, less.recording.index)):
+        return None
     for one in begun:
         windows, near = less.windows(one.number - 1, one.quick.windows.start), one.near
         square = evaluated(windows, near.effects, near.theta, slopes=False).square

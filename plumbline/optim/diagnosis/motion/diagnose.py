@@ -25,6 +25,7 @@ from plumbline.optim.diagnosis.motion.carrying import (
     further,
     lesser,
     mass_findings,
+    states_by,
     told_by,
 )
 from plumbline.optim.diagnosis.motion.constants import (
@@ -147,9 +148,12 @@ def _still(found: _Searched, options: DiagnosisOptions, progress: Progress | Non
     signals, begun = _by_neighbours(found.signals, found.begun, options, progress)
     before = None
     for _ in range(MOVES):
-        if (fit := told_by(signals, begun)).off < AT_REST:
+        fit = told_by(signals, begun)
+        if fit.off < AT_REST or not fit.real:
             break
         moved, before = further(signals, fit, before)
+        if moved is None:
+            break
         signals, begun = _begun(moved, options, progress, begun)
     return replace(found, signals=signals, begun=begun)
 
@@ -167,7 +171,9 @@ def _without_stand_ins(
             sure = _more_probable(signals, begun, anew) - against(less, anew)
             if sure < 0:
                 drives = drives_of_all(anew, less.recording.n)
-                again = _begun(signals_of(less.recording, drives=drives), options, progress)
+                if (fewer := states_by(less.recording, drives)) is None:
+                    continue
+                again = _begun(fewer, options, progress)
                 found = replace(found, signals=again[0], begun=again[1])
                 found = _still(found, options, progress)
                 break

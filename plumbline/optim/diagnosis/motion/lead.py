@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from plumbline.kinematics.effects.actuation_delay import ActuationDelay
-from plumbline.optim.diagnosis.motion.carrying import refined
+from plumbline.optim.diagnosis.motion.carrying import refined, states_by
 from plumbline.optim.diagnosis.motion.constants import MOVES, WORTH_A_FIT
 from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.search import Begun
@@ -68,7 +68,9 @@ def _by(
             more = (leads[1] - leads[0]) * np.array(late, dtype=float)
             drives[one.number - 1] = near.effects, near.theta + more
     other = replace(r, lead=leads[1], carried=refined(signals, begun))
-    return signals_of(other, drives=tuple(drives))
+    if not other.carried.bodies:
+        return signals_of(other, drives=tuple(drives))
+    return states_by(other, tuple(drives)) or signals
 
 
 def _leading(one: Begun, signals: Signals, was: float) -> JointFit | None:

@@ -55,7 +55,7 @@ class Told:
     def left(self, shift: Array, late: float = 0.0) -> Array:
         """Its residual (W, K) [rad] with other numbers, what its drive does giving way."""
         r = self.residual.ravel() + self.mass @ shift + late * self.late
-        if self.own.shape[1]:
+        if self.own.shape[1] and np.isfinite(r).all():
             r = r - self.own @ np.linalg.lstsq(self.own, r, rcond=None)[0]
         return r.reshape(self.residual.shape)
 
@@ -148,6 +148,8 @@ class MassFit:
     late_std: float  # standard error of the lateness [s]
     off: float  # standard errors that its values moved from those of the states
 
+    real: bool = True  # whether bodies can be so
+
     @property
     def squares(self) -> Array:
         """Mean squares of what it leaves of each joint (n,) [rad^2]."""
@@ -160,6 +162,8 @@ class MassFit:
 
     def score(self, times: Array) -> float:
         """Log evidence of it, samples counting as independent so far apart (n,)."""
+        if not self.real:
+            return -float("inf")
         counts = np.array([r.size for r in self.residuals]) / times
         return float(-counts @ np.log(self.squares) / 2 - self.occam)
 
@@ -183,6 +187,8 @@ def fitted_mass(telling: Telling, carried: Carried, *, clock: bool) -> MassFit:
         A = np.diag(scales**-2.0) + more
         scaled = A * np.outer(scales, scales)
         step = -np.linalg.solve(scaled, b * scales) * scales
+        if not np.isfinite(step).all():
+            break
         step[:-1] = np.maximum(step[:-1], (least - x[:-1]) / 2)  # no mass is less than nothing
         x = x + step
         if step @ A @ step < ENOUGH:
@@ -193,6 +199,7 @@ def fitted_mass(telling: Telling, carried: Carried, *, clock: bool) -> MassFit:
     return MassFit(
         found, float(x[-1]), _left(telling, found, x[-1]), C[:-1, :-1], occam,
         float(C[-1, -1] ** 0.5), _off(telling, found, C[:-1, :-1]),
+        found.is_real(telling.recording.robot, telling.recording.index),
     )  # fmt: skip
 
 

@@ -99,6 +99,13 @@ class Signals:
         stated = self.recording.noise_std
         return None if stated is None else stated * self.averaged
 
+    @property
+    def finite(self) -> bool:
+        """Whether no state runs off, as of bodies or drives that are far from what they are."""
+        pushes = 0.0 if self.pushes is None else self.pushes
+        states = (self.q, self.posture, self.speed, self.acceleration, pushes)
+        return all(bool(np.isfinite(x).all()) for x in states)
+
     @cached_property
     def bodies(self) -> tuple[Integers, Array, Array]:
         """Samples (K,) [even], masses (K, n, n) [kg m^2], gravity and Coriolis (K, n) [N m]."""
