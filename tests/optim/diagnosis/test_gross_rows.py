@@ -110,10 +110,11 @@ def test_a_pose_may_be_wrong_in_place_alone_or_in_its_turn(columns, seed, tmp_pa
     push = np.zeros((2, 6))
     push[:, columns] = rng.normal(size=(2, 6))[:, columns]
     push *= np.array([[48.0], [39.0]]) / np.linalg.norm(push, axis=1, keepdims=True)
-    found = diagnose(spoilt(recording, [20, 45], push), FEW_EFFECTS)
-    assert found.verdict.verdict == Outcome.NO_GAP
-    assert found.outside_probability < 0.1
-    assert list(np.flatnonzero(~found.trusted)) == [20, 45]
+    selected, bad = searched(spoilt(recording, [20, 45], push), FEW_EFFECTS.library)
+    found = explain(selected, 0)
+    assert not found.named
+    assert found.unlisted < 0.1
+    assert list(np.flatnonzero(bad)) == [20, 45]
 
 
 def spoilt(recording, rows, push):
