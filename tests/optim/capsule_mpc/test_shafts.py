@@ -89,7 +89,7 @@ def test_a_log_tells_that_a_shaft_is_turned_and_slid(found):
 def test_a_log_of_axes_that_slide_tells_that_nothing_is_turned(log):
     from tests.optim.capsule_mpc.test_identified import NEAR, TRUE, logged
 
-    slid = logged(TRUE)
+    slid = logged(TRUE, seconds=8.0)
     moved = build_tracking(time=slid.time, rate=slid.command, x=slid.q + START)
     assert not identified(NEAR, moved, STATEMENT).turned
 

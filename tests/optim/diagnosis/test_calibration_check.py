@@ -13,6 +13,7 @@ from plumbline.experiments.commands.app import run
 from plumbline.experiments.reality.joint_effects import JointScale
 from plumbline.kinematics.effects import EFFECTS
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
+from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale as Scale
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.calibrate.check import (
@@ -145,7 +146,7 @@ def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(
     case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recording, _ = recorded(case, tmp_path)
     before = {k: v.copy() for k, v in vars(recording).items() if isinstance(v, np.ndarray)}
-    diagnosis = diagnose(recording, DiagnosisOptions(library=(Scale, JointCoupling)))
+    diagnosis = diagnose(recording, DiagnosisOptions(library=(Scale, JointOffset)))
     told = []
     found = check_calibration(
         diagnosis, 3, jobs=1, progress=lambda words, share: told.append(share)
@@ -209,7 +210,8 @@ def test_the_command_checks_calibration_and_says_so(tmp_path, capsys):
     case = with_fault(faultless(rows=40, seed=5), JointScale(0.0, 2), gap=3.0)
     recorded(case, tmp_path)
     folder = tmp_path / case.name
-    assert run(["diagnose", str(folder), "--rehearse", "2", "--json", "-"]) == 0
+    without = [w for e in EFFECTS if e is not Scale for w in ("--without", e.name)]
+    assert run(["diagnose", str(folder), "--rehearse", "2", "--json", "-", *without]) == 0
     verdict = json.loads(capsys.readouterr().out)
     assert verdict["calibration"]["cases"] == 2
     assert verdict["calibration"]["first_right"]["of"] <= 2

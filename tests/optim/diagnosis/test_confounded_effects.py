@@ -23,6 +23,7 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
@@ -34,6 +35,13 @@ from tests.few_effects import FEW_EFFECTS, few_and
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
 COUPLED = few_and("joint_coupling", "coupled_play", "gear_ripple", "hysteresis", "joint_tilt")
+BREATHS, TEETH = (
+    DiagnosisOptions(library=tuple(REGISTRY[name] for name in ("joint_offset", *names)))
+    for names in (
+        ("base_drift", "base_bump", "sensor_scale", "respiration"),
+        ("joint_scale", "transmission_ripple", "gear_ripple"),
+    )
+)
 NEEDLES = few_and("needle_sag", "needle_bending", "payload", "tool_offset")
 LOADED = few_and("joint_tilt", "hysteresis", "friction", "link_flex", "base_compliance", "payload",
                  "needle_sag", "needle_bending")  # fmt: skip
@@ -135,7 +143,7 @@ def test_a_breath_that_dwells_is_a_breath(tmp_path):
     case = faultless(rows=90, seed=10)
     breath = Respiration(0.0, (0.6, 0.0, 0.8), 4.2, 0.7, 3)
     recording, _ = recorded(with_fault(case, breath, gap=12.0), tmp_path)
-    diagnosis = diagnose(recording, few_and("respiration"))
+    diagnosis = diagnose(recording, BREATHS)
     assert causes(diagnosis) == [("respiration", None)]
     assert len(diagnosis.effects) == 1  # not two breaths, one twice as fast
     assert diagnosis.verdict.noise.ratio < 1.2
@@ -163,7 +171,7 @@ def breathing(between, rows=200):
 
 def test_a_breath_between_frequencies_that_are_tried_is_a_breath():
     """What a quarter of a step leaves of it had been nearly a breath, of no listed effect."""
-    found = told(breathing(0.4), few_and("respiration").library)
+    found = told(breathing(0.4), BREATHS.library)
     assert found.named == {("respiration", None)}
     assert found.probabilities["respiration", None] > 0.99
 
@@ -326,7 +334,7 @@ def test_teeth_that_are_no_sine_are_a_ripple_with_its_overtone():
     tips = robot.chain().tips(behind, TOOL) + rng.normal(0.0, 1e-4, (120, 3))
     given = {"robot": robot, "q": q, "tool_offset": TOOL, "noise_std": 1e-4}
     recording = build_recording(observation="tip_position", measured=tips, **given)
-    answer = diagnose(recording, few_and("gear_ripple"))
+    answer = diagnose(recording, TEETH)
     assert causes(answer) == [("gear_ripple", 3)]
     assert answer.causes[0].variant == "orders 24 and 48"
     assert answer.outside_probability < 0.05

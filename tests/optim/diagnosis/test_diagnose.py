@@ -272,9 +272,7 @@ def test_without_a_gap_nothing_is_blamed(tmp_path):
     assert verdict.gap.shrink == 0.0
 
 
-@pytest.mark.parametrize(
-    ("observation", "noise_std"), [("tip_position", 1e-4), ("pose", 1e-4), ("joint_position", None)]
-)
+@pytest.mark.parametrize(("observation", "noise_std"), [("pose", 1e-4), ("joint_position", None)])
 def test_readings_without_any_noise_are_no_gap(observation, noise_std):
     verdict = diagnose(bench("ur5", observation, noise_std=noise_std), ZERO_OR_WHEEL).verdict
     assert verdict.verdict == Outcome.NO_GAP

@@ -10,8 +10,11 @@ import plumbline
 from plumbline.errors import PlumblineError
 from plumbline.experiments.commands.app import run
 from plumbline.kinematics.effects import REGISTRY
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.kinematics.effects.link_geometry import LinkGeometry
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.of_any_kind import diagnose
+from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.predict import held_out
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
 from plumbline.optim.diagnosis.predict.held_out import Evaluation
@@ -26,7 +29,6 @@ from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 from tests.answer_contract import contradicts_nothing
 from tests.benches import bench
 from tests.dh_sessions import simulated_recording
-from tests.few_effects import FEW_EFFECTS
 from tests.fuzz.recordings import sound
 from tests.part_cases import JOINTS, diagnosed, fiducials, first, ranges
 
@@ -411,7 +413,8 @@ def test_an_arm_whose_links_are_all_wrong_lacks_nothing_of_the_library():
     """Sixty readings, each link off by some 5 mm: four causes more, no unlisted function."""
     robot = Robot.bundled("ur5")
     rows = simulated_recording(robot, 60, np.random.default_rng(1), shift=5e-3, noise=1e-3)
-    verdict = diagnose(rows, FEW_EFFECTS).verdict
+    links_and_zeros = DiagnosisOptions(library=(LinkGeometry, JointOffset))
+    verdict = diagnose(rows, links_and_zeros).verdict
     links = {c.element for c in verdict.causes if c.effect == "link_geometry"}
     assert links.issuperset({1, 2, 3, 5})
     assert verdict.outside_probability < 0.2
