@@ -28,6 +28,8 @@ from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
 from plumbline.optim.diagnosis.motion.settled import carrying
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
+from plumbline.optim.diagnosis.several.masses import masses_carry
+from plumbline.optim.diagnosis.several.motions import joined_motions
 from tests.pushed_arms import pushed_arm
 
 STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 3.0, 1e-4
@@ -324,3 +326,19 @@ def test_states_that_run_off_are_none(laden):
     far = replace(laden, q=laden.q * np.linspace(1.0, 1e160, len(laden))[:, None])
     assert states_by(far, ()) is None
     assert states_by(laden, ()) is not None
+
+
+@pytest.mark.parametrize(
+    ("masses", "carries"), [((0.5, 0.5), "transfers"), ((0.5, 0.3), "differs")]
+)
+def test_a_mass_that_one_motion_has_is_held_against_all_others(masses, carries):
+    motions = [recorded(mass, seed=k) for k, mass in enumerate(masses)]
+    both = joined_motions([replace(m, name=f"motion {k}") for k, m in enumerate(motions)])
+    middle = np.mean(masses)
+    carried = Carried((Off((middle, *(middle * CENTRE))),))
+    signals = signals_of(replace(both, carried=carried))
+    first = signals.group[signals.starts] == 0
+    [line] = masses_carry(signals, (), first, "motion 0")
+    assert (line.effect, line.element, line.carries) == ("payload", None, carries)
+    assert line.parameters["mass"].value == pytest.approx(masses[0], abs=0.02)
+    assert line.parameters["mass"].others == pytest.approx(masses[1], abs=0.02)

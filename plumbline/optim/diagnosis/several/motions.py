@@ -46,6 +46,7 @@ from plumbline.optim.diagnosis.posterior.noise import noise_of, scatter_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, find_causes
 from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED, ROUNDING, SETTLED_WITHIN
+from plumbline.optim.diagnosis.several.masses import masses_carry
 from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
 from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.refit import gap_unit, runs_once
@@ -90,6 +91,11 @@ def diagnose_motions(
         found.verdict,
         recordings=tuple(_figures(found, part, k, motion) for k, motion in enumerate(motions)),
         transfer=tuple(
+            line
+            for k, motion in enumerate(motions)
+            for line in masses_carry(found.signals, found.joints, part == k, motion.name)
+        )
+        + tuple(
             line
             for joint in found.joints
             for k, motion in enumerate(motions)
