@@ -21,7 +21,12 @@ from plumbline.optim.diagnosis.motion.carried import (
     tip_of,
     weighed,
 )
-from plumbline.optim.diagnosis.motion.carrying import candidates, carrying_more, states_by
+from plumbline.optim.diagnosis.motion.carrying import (
+    candidates,
+    carrying_more,
+    more_probable,
+    states_by,
+)
 from plumbline.optim.diagnosis.motion.diagnose import _begun
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
@@ -194,6 +199,17 @@ def test_a_file_for_mujoco_has_the_mass(answer):
 def test_what_one_drive_does_or_a_clock_is_no_mass(given):
     signals, begun = _begun(signals_of(recorded(**given)), DiagnosisOptions(), None)
     assert carrying_more(signals, begun, (), candidates(signals.recording)) is None
+
+
+def test_a_mass_that_two_joints_tell_is_not_lost_for_what_a_third_one_s_drive_does(laden):
+    """Light joints that rub leave a hundred times as much, which a body of any form takes."""
+    signals, begun = _begun(signals_of(laden), DiagnosisOptions(), None)
+    telling = Telling(signals, IDEAL, begun[0].quick.windows.start)
+    fit = fitted_mass(telling, Carried((Off((MASS, *(MASS * CENTRE))),)), clock=True)
+    *others, third = fit.residuals
+    assert more_probable(replace(fit, residuals=(*others, 1e20 * third)), begun) > 0
+    none = tuple(1e20 * residual for residual in fit.residuals)
+    assert more_probable(replace(fit, residuals=none), begun) < 0
 
 
 def test_no_mass_is_asked_where_it_is_left_out_of_the_library_or_nothing_pushes(laden):

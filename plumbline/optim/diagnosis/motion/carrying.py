@@ -213,7 +213,8 @@ def more_probable(fit: MassFit, begun: Sequence[Begun]) -> float:
         if square > one.near.square:
             time = correlation_time(one.near.residual)
         effective = fit.residuals[j].size / time
-        found -= effective / 2 * float(np.log(square)) + one.quick.score(one.key, time)
+        alone = -effective / 2 * float(np.log(square)) - one.quick.score(one.key, time)
+        found += max(alone, 0.0)  # what its drive was found to do it may do beside
     return found
 
 
