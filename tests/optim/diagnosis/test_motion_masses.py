@@ -27,6 +27,7 @@ from plumbline.optim.diagnosis.motion.carrying import (
     more_probable,
     states_by,
 )
+from plumbline.optim.diagnosis.motion.constants import ROUNDED_OFF
 from plumbline.optim.diagnosis.motion.diagnose import _begun
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
@@ -335,6 +336,22 @@ LESS = (0.5, 0.05, 0.0, 0.0, 0.0, -0.04, 0.01, 0.0, 0.0, 0.0)  # than no inertia
 )
 def test_bodies_whose_mass_is_below_nothing_anywhere_are_none(body, real):
     assert Carried((body,)).is_real(arms()[0], (0, 1, 2)) is real
+
+
+@pytest.mark.parametrize(("share", "real"), [(0.5, True), (2.0, False)])
+def test_a_point_s_inertia_may_be_less_than_nothing_by_noise_alone(share, real):
+    """Links of files that have no inertia are points, just so."""
+    rows = [
+        {"d": 0.3, "alpha": np.pi / 2, "mass": 3.0},
+        {"a": 0.4, "mass": 2.0, "com": [-0.2, 0, 0]},
+    ]
+    robot = Robot.from_dh([{"a": 0.0, "alpha": 0.0, **row} for row in rows])
+    assert Carried((Off((0.3,), 2),)).is_real(robot, (0, 1))
+    assert Carried((Off((0.5, 0.01, 0.0, 0.0)),)).is_real(robot, (0, 1))
+    whole = robot.model.inertias[2].toDynamicParameters()[[4, 6, 9]].sum()
+    less = -share * ROUNDED_OFF * whole
+    body = Off((1e-6, 0.0, 0.0, 0.0, 2 * less, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert Carried((body,)).is_real(robot, (0, 1)) is real
 
 
 def test_states_that_run_off_are_none(laden):

@@ -24,7 +24,7 @@ from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.parameters import Parameter
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
-from plumbline.optim.diagnosis.motion.constants import ASIDE, BODY, POINT
+from plumbline.optim.diagnosis.motion.constants import ASIDE, BODY, POINT, ROUNDED_OFF
 
 Motion = Any  # a MotionRecording, whose own module asks this one
 ENTRIES = np.tril_indices(3)  # of an inertia among its numbers: xx, xy, yy, xz, yz, zz
@@ -135,17 +135,15 @@ class Carried:
     def is_real(self, robot: Robot, index: Sequence[int]) -> bool:
         """Whether every body that it changes is one: all its mass is above nothing, anywhere.
 
-        Of a body's density the second moments, the first and the mass are a positive matrix
-        (Wensing, Kim, Slotine 2018, IEEE Robotics and Automation Letters 3(1):60).
+        Of a body's density the second moments about its centre are a positive matrix (Wensing, Kim,
+        Slotine 2018, IEEE Robotics and Automation Letters 3(1):60), as those of a file that has
+        points for links just are.
         """
         for joint, more in enumerate(self.numbers(robot, index), start=1):
             if more.any():
-                total = robot.model.inertias[joint].toDynamicParameters() + more
-                inertia = np.empty((3, 3))
-                inertia[ENTRIES], inertia.T[ENTRIES] = total[4:], total[4:]
-                moments = np.trace(inertia) / 2 * np.eye(3) - inertia
-                both = np.block([[moments, total[1:4, None]], [total[None, 1:4], total[:1]]])
-                if not np.isfinite(both).all() or np.linalg.eigvalsh(both)[0] < 0.0:
+                own = robot.model.inertias[joint].toDynamicParameters()
+                least, size = _least_moment(own + more)
+                if not least >= min(_least_moment(own)[0], 0.0) - ROUNDED_OFF * size:
                     return False
         return True
 
@@ -166,6 +164,18 @@ def _steiner(one: Array, other: Array) -> Array:
     r"""Of :math:`a \cdot b\, 1 - (a b^T + b a^T) / 2` xx, xy, yy, xz, yz, zz (6,)."""
     M = one @ other * np.eye(3) - (np.outer(one, other) + np.outer(other, one)) / 2
     return np.asarray(M[ENTRIES])
+
+
+def _least_moment(numbers: Array) -> tuple[float, float]:
+    """Least second moment of a body about its centre, and its inertia about the joint [kg m^2]."""
+    mass, moment = numbers[0], numbers[1:4]
+    inertia = np.zeros((3, 3))
+    inertia[ENTRIES], inertia.T[ENTRIES] = numbers[4:], numbers[4:]
+    size = float(np.abs(np.diagonal(inertia)).sum())
+    if not np.isfinite(numbers).all() or mass <= 0.0:
+        return (-np.inf if mass else 0.0), size
+    about = inertia - mass * (moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass**2
+    return float(np.linalg.eigvalsh(np.trace(about) / 2 * np.eye(3) - about)[0]), size
 
 
 @lru_cache(maxsize=16)

@@ -343,6 +343,8 @@ def _exchanged(
     telling: Telling, fit: MassFit, k: int, asked: Sequence[Off]
 ) -> tuple[float, list[tuple[str, int, float]]]:
     """Probability of a body among all that may stand in its place, and those with theirs."""
+    if not fit.real:
+        return 1.0, []
     body = fit.carried.bodies[k]
     less = fit.carried.without(body)
     there = {one.link for one in less.bodies}

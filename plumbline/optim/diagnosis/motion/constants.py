@@ -106,6 +106,9 @@ CONFOUNDED = 0.05  # probability from which another effect is named as what it m
 OF_A_TIP = POINT, ASIDE, BODY = 1, 4, 10
 # Of a link: how much more it weighs, and where its centre is.
 OF_A_LINK = 1, 4
+# [1] of a body's inertia about its joint that its second moments may lack of nothing: by hand, far
+# above what noise makes of a point's, a hundredth of what lets states run off.
+ROUNDED_OFF = 1e-3
 
 # Diagnose
 STILL = 1e-6  # [rad] a command and an encoder that move less tell nothing of a drive
