@@ -23,7 +23,6 @@ from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
-from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.measurement.nuisance import nuisances_of
@@ -31,20 +30,21 @@ from plumbline.optim.measurement.observation import build_model, scope_of
 from plumbline.optim.recording.building import build_recording
 from tests.benches import TOOL, bench, measured, readings
 from tests.explained import told
-from tests.few_effects import FEW_EFFECTS, few_and
+from tests.few_effects import FEW_EFFECTS, only
 from tests.simulated_cases import causes, faultless, recorded, with_fault
 
-COUPLED = few_and("joint_coupling", "coupled_play", "gear_ripple", "hysteresis", "joint_tilt")
-BREATHS, TEETH = (
-    DiagnosisOptions(library=tuple(REGISTRY[name] for name in ("joint_offset", *names)))
-    for names in (
-        ("base_drift", "base_bump", "sensor_scale", "respiration"),
-        ("joint_scale", "transmission_ripple", "gear_ripple"),
-    )
-)
-NEEDLES = few_and("needle_sag", "needle_bending", "payload", "tool_offset")
-LOADED = few_and("joint_tilt", "hysteresis", "friction", "link_flex", "base_compliance", "payload",
-                 "needle_sag", "needle_bending")  # fmt: skip
+ZEROS = ("joint_offset", "joint_scale", "transmission_ripple")
+COUPLED = only(*ZEROS, "joint_coupling", "coupled_play", "gear_ripple", "hysteresis")
+DRAGGED = only(*ZEROS, "joint_coupling")
+PLAY = only(*ZEROS, "backlash", "hysteresis", "friction")
+SEEN = only("joint_offset", "joint_scale", "base_bump", "sensor_scale", "sensor_distortion")
+BREATHS = only("joint_offset", "base_drift", "base_bump", "sensor_scale", "respiration")
+TEETH = only(*ZEROS, "gear_ripple")
+NEEDLES = only("joint_offset", "joint_compliance", "base_compliance", "needle_sag",
+               "needle_bending", "payload", "tool_offset")  # fmt: skip
+LOADED = only("joint_offset", "joint_compliance", "backlash", "joint_tilt", "hysteresis",
+              "friction", "link_flex", "base_compliance", "payload", "needle_sag",
+              "needle_bending")  # fmt: skip
 
 
 def fitted(recording, effects=()):
@@ -56,7 +56,7 @@ def test_effects_confounded_with_a_coupling_that_the_library_lacks_give_way(tmp_
     case = with_fault(faultless(rows=80, seed=12), JointCoupling(1.0, 3, 4), gap=2.5)
     recording, _ = recorded(case, tmp_path)
     near = ("coupled_play", "joint_tilt", "gear_ripple", "hysteresis", "payload", "link_flex")
-    found = told(recording, few_and(*near).library)
+    found = told(recording, only(*ZEROS, "joint_compliance", "backlash", *near).library)
     assert found.unlisted > 0.5
     assert "joint 3's error depends on" in found.words
     assert max(found.probabilities.values()) < 0.95
@@ -132,7 +132,7 @@ def test_a_joint_that_two_others_drag_tells_them_apart(tmp_path):
     """One cause with a gain for each: its sentence and its values name both."""
     faults = (JointCoupling(0.0, 3, 4), JointCoupling(0.0, 3, 5))
     recording, _ = recorded(with_fault(faultless(rows=100, seed=9), *faults), tmp_path)
-    (cause,) = diagnose(recording, few_and("joint_coupling")).causes
+    (cause,) = diagnose(recording, DRAGGED).causes
     assert set(cause.parameters) == {"gain, by 4", "gain, by 5"}
     assert {f"joint 3 is dragged along by joint {k}" for k in (4, 5)} == set(
         cause.words.split("; ")
@@ -191,7 +191,7 @@ def test_wherever_in_its_play_the_first_row_rests_it_is_play():
         direction=direction,
         noise_std=6e-5,
     )
-    found = told(recording, few_and("hysteresis", "friction").library)
+    found = told(recording, PLAY.library)
     [(effect, joint)] = found.named
     assert joint == 3
     assert effect in {"hysteresis", "backlash"}
@@ -287,7 +287,7 @@ def seen_by(gain, seed):
 def test_a_scale_that_is_not_listed_is_no_distortion():
     """A growth of nothing beside a level of its own had been one, more than 95 % sure."""
     recording = seen_by(lambda tips: np.full(len(tips), 2e-4), 0)
-    options = few_and("sensor_distortion")
+    options = SEEN
     assert causes(diagnose(recording, options)) == [("sensor_scale", None)]
     found = told(recording, replace(options, without=("sensor_scale",)).effects)
     assert found.named == frozenset()
@@ -301,7 +301,7 @@ def test_a_distortion_about_a_working_depth_is_one_cause():
         low, high = tips[:, 2].min(), tips[:, 2].max()
         return 5e-4 * (tips[:, 2] - low - (0.3 + 0.2 * seed) * (high - low))
 
-    found = told(seen_by(grows, seed), few_and("sensor_distortion").library)
+    found = told(seen_by(grows, seed), SEEN.library)
     assert found.named == {("sensor_distortion", None)}
     assert found.probabilities["sensor_distortion", None] > 0.95
 
@@ -319,7 +319,7 @@ def test_play_that_only_a_velocity_tells_may_be_dry_friction():
     recording = build_recording(
         observation="tip_position", measured=tips + noise, velocity=velocity, **given
     )
-    [cause] = diagnose(recording, few_and("hysteresis", "friction")).causes
+    [cause] = diagnose(recording, PLAY).causes
     assert (cause.effect, cause.element) == ("backlash", 3)
     assert ("friction", 3) in {(b.effect, b.element) for b in cause.confounded_with}
 

@@ -26,7 +26,6 @@ from plumbline.experiments.reality.outside_effects import CrossRipple, MagneticS
 from plumbline.experiments.reality.scene import Mechanism
 from plumbline.experiments.reality.unseen.bodies import BearingRunout, ToolRocking
 from plumbline.experiments.reality.unseen.joints import HubSlip
-from plumbline.kinematics.effects import REGISTRY
 from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple as ModelledRipple
 from plumbline.optim.diagnosis.diagnose import diagnose
@@ -36,7 +35,6 @@ from plumbline.optim.diagnosis.discrepancy.functions import normal
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.meaning import NOISIER
-from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.search import SOLVER, fit
 from plumbline.optim.diagnosis.verdict.explanation import explain
 from plumbline.optim.diagnosis.verdict.lack_of_fit import noisiest_joint
@@ -44,22 +42,18 @@ from plumbline.optim.diagnosis.verdict.words import left_over, what_to_vary
 from plumbline.optim.measurement.nuisance import nuisances_of
 from tests.benches import bench
 from tests.explained import library_without, searched, told
-from tests.few_effects import FEW_EFFECTS, few_and
+from tests.few_effects import FEW_EFFECTS, few_and, only
 from tests.simulated_cases import faultless, recorded, with_fault
-
-
-def of(*names):
-    """A library of what could be taken for what is wrong here."""
-    return DiagnosisOptions(library=tuple(REGISTRY[name] for name in names))
-
 
 # Beside the few, what could be taken for what is wrong here.
 OF_LOADS = ("joint_tilt", "link_flex", "base_compliance", "payload")
-COUPLED = of("joint_offset", "joint_scale", "backlash", "joint_coupling", "coupled_play")
-SEEN = of("joint_offset", "joint_scale", "base_bump", "sensor_scale", "sensor_distortion")
-OF_JOINTS = few_and("gear_ripple", "joint_coupling", "coupled_play", "hysteresis", "joint_tilt")
-OF_PLAY = few_and("hysteresis", "coupled_play").library
-OF_BODIES = few_and("joint_tilt", "link_flex", "link_thermal").library
+COUPLED = only("joint_offset", "joint_scale", "backlash", "joint_coupling", "coupled_play")
+SEEN = only("joint_offset", "joint_scale", "base_bump", "sensor_scale", "sensor_distortion")
+ZEROS = ("joint_offset", "joint_scale", "transmission_ripple")
+OF_JOINTS = only(*ZEROS, "backlash", "hysteresis", "joint_coupling", "coupled_play")
+OF_PLAY = only(*ZEROS, "backlash", "hysteresis", "coupled_play").library
+OF_BODIES = only(*ZEROS, "link_geometry", "joint_tilt", "link_flex", "link_thermal").library
+OF_DRIVES = only(*ZEROS, "joint_compliance", "base_bump", *OF_LOADS)
 
 
 def spot(case, reach=0.5):
@@ -214,7 +208,7 @@ def test_play_of_the_other_sign_is_its_joint_s_and_no_other_s(tmp_path):
 def test_a_zero_that_settles_is_its_joint_s_though_the_base_could_turn_so(tmp_path):
     """One number does what six do, and is no further form of anything listed."""
     case = with_fault(faultless(rows=70, seed=4), WarmZero(0.0, 1), gap=2.0)
-    found = told(recorded(case, tmp_path)[0], FEW_EFFECTS.library)
+    found = told(recorded(case, tmp_path)[0], only(*ZEROS, "base_drift", "base_bump").library)
     assert found.lacked_at["joint", 1] > 0.95
     assert not found.named
 
@@ -229,8 +223,8 @@ def test_a_zero_that_settles_is_its_joint_s_though_the_base_could_turn_so(tmp_pa
 def test_what_moves_a_joint_s_axis_or_comes_by_another_s_side_is_its_own(fault, words, tmp_path):
     """Where no listed effect does it."""
     recording, _ = recorded(with_fault(faultless(rows=90, seed=4), fault, gap=2.0), tmp_path)
-    of_joints = ("joint_tilt", "coupled_play", "hysteresis", "link_flex")
-    found = told(recording, few_and(*of_joints, without=fault.effect).library)
+    beside = ("backlash", "joint_tilt", "coupled_play", "hysteresis", "link_flex")
+    found = told(recording, only(*ZEROS, *(e for e in beside if e != fault.effect)).library)
     assert found.words == words
     assert found.lacked_at["joint", fault.joint] > 0.95
 
@@ -311,7 +305,7 @@ def test_an_arm_on_a_wall_that_nobody_speaks_of_is_told_by_its_loads(stated, tmp
     case = replace(case, scene=replace(case.scene, arm=on_a_wall(case.scene.arm)))
     case = with_fault(case, JointCompliance(0.0, 2), gap=3.0)
     case = replace(case, arm=on_a_wall(case.arm)) if stated else case
-    found = told(recorded(case, tmp_path)[0], few_and(*OF_LOADS).library)
+    found = told(recorded(case, tmp_path)[0], OF_DRIVES.library)
     if stated:
         assert found.named == {("joint_compliance", 2)}
         return
@@ -389,7 +383,7 @@ def test_drives_that_are_equally_soft_are_soft_drives(tmp_path):
     """It had been one unlisted function of all loads, which pays for one number, at 0.98."""
     alike = tuple(JointCompliance(2e-5, joint, stiffening=0.0) for joint in range(1, 7))
     case = replace(faultless(rows=60, seed=8), effects=alike, gap_to_noise=(1.0,) * 6)
-    found = told(recorded(case, tmp_path)[0], few_and(*OF_LOADS).library)
+    found = told(recorded(case, tmp_path)[0], OF_DRIVES.library)
     assert found.unlisted < 0.5
     assert {effect for effect, _ in found.named} == {"joint_compliance"}
     assert all(found.probabilities["joint_compliance", joint] > 0.95 for joint in (2, 3))
@@ -418,7 +412,7 @@ def test_a_coupling_that_is_bent_is_a_coupling_or_nearly_one(tmp_path):
     assert {m["effect"] for m in place["dependences"][0]["mechanisms"]} <= {"joint_coupling", None}
     if not verdict.causes:
         assert verdict.outside_depends_on.startswith("nearly as joint_coupling has it")
-    bare = told(recording, few_and("coupled_play", without="joint_coupling").library)
+    bare = told(recording, only(*ZEROS, "backlash", "coupled_play").library)
     assert bare.unlisted > 0.99
     assert bare.words == f"joint {joint}'s error depends on joint {other}'s angle"
 
@@ -504,6 +498,6 @@ def test_a_joint_that_errs_with_the_payload_is_named_with_it():
     tips = bench("ur5", "tip_position", columns=(), q=true).measured
     tips = tips + rng.normal(0.0, 1e-4, tips.shape)
     noisy = replace(clean, payload=payload, measured=tips, noise_std=1e-4)
-    found = told(noisy, few_and(*OF_LOADS).library)
+    found = told(noisy, OF_DRIVES.library)
     assert found.words == "joint 2's error depends on the payload"
     assert found.unlisted > 0.95
