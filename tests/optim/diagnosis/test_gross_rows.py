@@ -17,9 +17,11 @@ from plumbline.optim.diagnosis.posterior.robust import distrusted_by_fit, distru
 from plumbline.optim.diagnosis.posterior.search import _about_nothing
 from plumbline.optim.diagnosis.verdict.explanation import explain
 from tests.explained import searched
-from tests.few_effects import FEW_EFFECTS
+from tests.few_effects import only
 from tests.simulated_cases import faultless, recorded, with_fault
 
+# What could be taken for rows that are gross, and for the causes beside them.
+BESIDE = only("joint_offset", "joint_scale", "joint_compliance", "base_bump", "tool_slip")
 ZEROS = DiagnosisOptions(library=(OwnOffset,))
 
 
@@ -30,7 +32,7 @@ def planted(case, share, seed):
 def test_gross_errors_are_named_row_by_row(tmp_path):
     seed = 2
     recording, facts = recorded(planted(faultless(rows=70, seed=seed), 0.05, seed), tmp_path)
-    diagnosis = diagnose(recording, FEW_EFFECTS)
+    diagnosis = diagnose(recording, BESIDE)
     assert len(facts["gross_rows"]) == 4
     assert list(diagnosis.verdict.distrusted_rows) == facts["gross_rows"]
     assert diagnosis.verdict.verdict == Outcome.NO_GAP
@@ -42,7 +44,7 @@ def test_gross_errors_do_not_hide_a_cause_nor_enter_its_figures(tmp_path):
     seed = 5
     case = with_fault(faultless(rows=70, seed=seed), JointCompliance(0.0, 2))
     recording, facts = recorded(planted(case, 0.06, seed), tmp_path)
-    verdict = diagnose(recording, FEW_EFFECTS).verdict
+    verdict = diagnose(recording, BESIDE).verdict
     assert list(verdict.distrusted_rows) == facts["gross_rows"]
     assert [(c.effect, c.element) for c in verdict.causes] == [("joint_compliance", 2)]
     assert verdict.gap.after < 1.25 * verdict.gap.noise_floor
@@ -54,20 +56,20 @@ def test_a_real_effect_on_few_rows_is_not_distrusted(tmp_path):
     case = with_fault(faultless(rows=70, seed=4), bump)
     recording, _ = recorded(case, tmp_path)
     assert (case.scene.session.progress >= 0.92).sum() == 6
-    selected, bad = searched(recording, FEW_EFFECTS.library)
+    selected, bad = searched(recording, BESIDE.library)
     assert not bad.any()
     assert explain(selected, 0).named == {("base_bump", None)}
 
 
 def test_a_clean_recording_distrusts_no_row(tmp_path):
     recording, _ = recorded(with_fault(faultless(rows=60, seed=5), JointOffset(0.0, 3)), tmp_path)
-    assert not searched(recording, FEW_EFFECTS.library)[1].any()
+    assert not searched(recording, BESIDE.library)[1].any()
 
 
 def test_three_rows_with_one_shift_of_the_tool_are_outside_of_the_library(tmp_path):
     slip = LooseTool(0.0, rows=(9, 27, 44), direction=(0.6, 0.0, 0.8))
     recording, _ = recorded(with_fault(faultless(rows=60, seed=6), slip, gap=2.5), tmp_path)
-    verdict = diagnose(recording, FEW_EFFECTS).verdict
+    verdict = diagnose(recording, BESIDE).verdict
     assert verdict.verdict == Outcome.OUTSIDE
     assert not verdict.causes
     assert verdict.outside_depends_on == "rows 11, 29, 46: one shift of the tool explains them"
@@ -110,7 +112,7 @@ def test_a_pose_may_be_wrong_in_place_alone_or_in_its_turn(columns, seed, tmp_pa
     push = np.zeros((2, 6))
     push[:, columns] = rng.normal(size=(2, 6))[:, columns]
     push *= np.array([[48.0], [39.0]]) / np.linalg.norm(push, axis=1, keepdims=True)
-    selected, bad = searched(spoilt(recording, [20, 45], push), FEW_EFFECTS.library)
+    selected, bad = searched(spoilt(recording, [20, 45], push), BESIDE.library)
     found = explain(selected, 0)
     assert not found.named
     assert found.unlisted < 0.1
