@@ -40,6 +40,7 @@ from plumbline.optim.diagnosis.motion.lead import as_told, others
 from plumbline.optim.diagnosis.motion.left_out import left_out
 from plumbline.optim.diagnosis.motion.models import Models, nested
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
+from plumbline.optim.diagnosis.motion.rotor_or_link import or_links
 from plumbline.optim.diagnosis.motion.search import Begun, prior_at, search
 from plumbline.optim.diagnosis.motion.signals import Signals, signals_of, spread
 from plumbline.optim.diagnosis.motion.tracking import load_drives
@@ -82,6 +83,7 @@ def diagnose_motion(
         joints.append(search(one, prior, signals.sigma))
     asked = candidates(r, options.without)
     mass = mass_findings(signals, joints, found.more, found.plain, asked, found.rivals)
+    joints = [*or_links(signals, joints, asked)]
     unseen = left_out(signals, joints)
     still = [j + 1 for j in range(r.n) if j not in _moved(r)]
     told = MotionFindings(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plumbline.kinematics.effects import MOTION_EFFECTS
+from plumbline.kinematics.effects.link_inertia import LinkInertia
 from plumbline.kinematics.effects.payload import Payload
 from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL
@@ -128,6 +129,7 @@ def _tree(found: MotionFindings) -> tuple[dict[str, Any], ...]:
     joints = found.joints
     places: dict[Where, float] = {(STAGE, j.number): j.anything for j in joints}
     on = {effect.name: effect.depends_on for effect in MOTION_EFFECTS}
+    on[LinkInertia.name] = LinkInertia.depends_on
     mechanisms: dict[Mechanism, float] = {}
     for joint in joints:
         fitted = {e.name: joint.mechanisms.get(e.name, 0.0) for e in joint.fit.effects}
