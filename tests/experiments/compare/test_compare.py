@@ -95,6 +95,7 @@ def test_an_environment_that_cannot_be_made_says_why(tmp_path, monkeypatch):
         (folder / "bin" / "python").symlink_to(sys.executable)
 
     monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_BREAK_SYSTEM_PACKAGES", "1")  # of which Debian says no sooner
     monkeypatch.setattr("venv.create", linked)
     way = Way("Nobody", "nobody", ("no-such-package-of-anybody",))
     with pytest.raises(EmptyCellError, match="No matching distribution found"):

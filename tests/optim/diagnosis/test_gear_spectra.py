@@ -63,6 +63,7 @@ def test_many_small_orders_are_one_cause_however_many_rows_find_them(every):
 
 OTHERWISE = {
     "a bend": lambda x: x**2,
+    "a kink": lambda x: np.abs(x - 0.4),
     "a step": lambda x: np.sign(x - 0.2),
     "a bump": lambda x: np.exp(-0.5 * ((x - 0.1) / 0.06) ** 2),
 }

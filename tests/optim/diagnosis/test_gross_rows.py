@@ -41,10 +41,11 @@ def test_gross_errors_are_named_row_by_row(tmp_path):
 
 
 def test_gross_errors_do_not_hide_a_cause_nor_enter_its_figures(tmp_path):
-    seed = 5
+    """Of the whole library: with a few effects two of four rows would be left for a cause."""
+    seed = 4
     case = with_fault(faultless(rows=70, seed=seed), JointCompliance(0.0, 2))
     recording, facts = recorded(planted(case, 0.06, seed), tmp_path)
-    verdict = diagnose(recording, BESIDE).verdict
+    verdict = diagnose(recording).verdict
     assert list(verdict.distrusted_rows) == facts["gross_rows"]
     assert [(c.effect, c.element) for c in verdict.causes] == [("joint_compliance", 2)]
     assert verdict.gap.after < 1.25 * verdict.gap.noise_floor

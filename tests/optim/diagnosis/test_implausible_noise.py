@@ -18,7 +18,7 @@ from plumbline.optim.recording import set_up
 from plumbline.optim.recording.building import build_recording
 from tests.benches import readings
 from tests.few_effects import FEW_EFFECTS
-from tests.optim.recording.test_set_up import room, told
+from tests.optim.recording.test_set_up import room, told, turned
 
 SURE = (Outcome.NO_GAP, Outcome.EXPLAINED)
 ZEROS = DiagnosisOptions(library=(JointOffset, JointScale), force=True)
@@ -32,7 +32,11 @@ def random_joints(given):
     return told(given, q=readings(given["robot"].chain(), len(given["q"]), 9))
 
 
-@pytest.mark.parametrize("nonsense", [shuffled_sockets, random_joints])
+def turned_signs(given):
+    return told(given, q=turned(given["q"], 2, 3))
+
+
+@pytest.mark.parametrize("nonsense", [shuffled_sockets, random_joints, turned_signs])
 def test_nonsense_in_sockets_is_a_gap_and_says_so(nonsense):
     """Noise is not stated: without a limit all of it would be taken for noise."""
     verdict = diagnose(nonsense(room("fixed_point", "ur5")), ZEROS).verdict
@@ -59,10 +63,11 @@ def test_a_noise_that_no_device_has_says_as_much_as_none():
     assert (verdict.verdict, verdict.noise) == (plain.verdict, plain.noise)
 
 
-def test_a_gap_does_not_hide_in_a_stated_noise_that_rows_belie():
+@pytest.mark.parametrize("times", [3.0, 10.0])
+def test_a_gap_does_not_hide_in_a_stated_noise_that_rows_belie(times):
     """Joint 2's zero is 2 mrad off, a misfit of a millimetre; the noise is a tenth of that."""
     given = room("tip_position", "ur5", noise=1e-4, off=2e-3 * np.eye(6)[1])
-    verdict = diagnose(told(given, noise_std=3e-3), FEW_EFFECTS).verdict
+    verdict = diagnose(told(given, noise_std=times * 1e-3), FEW_EFFECTS).verdict
     assert [(c.effect, c.element) for c in verdict.causes] == [("joint_offset", 2)]
     assert verdict.verdict == Outcome.PARTLY
     assert "but rows miss the model by" in verdict.notes[-1]
