@@ -13,6 +13,7 @@ from plumbline.kinematics.evaluate import Flags
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.progress import Progress, silent
 from plumbline.optim.core.quantities import quantity
+from plumbline.optim.core.threads import one_thread
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.answer import Diagnosis, nuisances_found
 from plumbline.optim.diagnosis.constants import NOTHING
@@ -49,6 +50,7 @@ from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import plausible, refuse_wrong_set_up
 
 
+@one_thread()
 def diagnose(
     recording: Recording | str | Path,
     options: DiagnosisOptions | None = None,

@@ -13,6 +13,7 @@ from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL as AT_REST
 from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.threads import one_thread
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.carried import NOTHING
 from plumbline.optim.diagnosis.motion.carrying import (
@@ -50,6 +51,7 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.prior import NO_EVIDENCE
 
 
+@one_thread()
 def diagnose_motion(
     recording: MotionRecording | str | Path,
     options: DiagnosisOptions | None = None,
