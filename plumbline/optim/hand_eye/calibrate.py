@@ -19,6 +19,7 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.judged import Judgement, Solution, judged
 from plumbline.optim.core.problem import Array, Flags, Integers, Problem
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
+from plumbline.optim.core.threads import one_thread
 from plumbline.optim.hand_eye import constants, direct
 from plumbline.optim.hand_eye.observability import (
     Observability,
@@ -120,6 +121,7 @@ class Calibration:
         return float(np.sqrt(np.trace(J @ self.covariance @ J.T)))
 
 
+@one_thread()
 def calibrate(readings: Readings, options: HandEyeOptions | None = None) -> Calibration:
     """Find the beam from readings on any number of planes.
 

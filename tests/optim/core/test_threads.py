@@ -5,6 +5,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from plumbline import diagnose
 from plumbline.optim.core.threads import one_thread
+from plumbline.optim.hand_eye import calibrate
 from tests.benches import bench
 from tests.few_effects import only
 from tests.motions import recorded
@@ -27,6 +28,16 @@ def test_a_diagnosis_goes_on_one_thread_and_leaves_as_many_as_there_were(made, t
     recording, seen = made(), set()
     assert threads() == {2}
     diagnose(recording, only("joint_offset"), progress=lambda *_: seen.update(threads()))
+    assert seen == {1}
+    assert threads() == {2}
+
+
+def test_a_hand_eye_calibration_goes_on_one_thread_too(two, monkeypatch):
+    """Two take a third longer, and twice the processor."""
+    seen = set()
+    monkeypatch.setattr(calibrate, "refuse_degenerate", lambda _: seen.update(threads()) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        calibrate.calibrate(None)
     assert seen == {1}
     assert threads() == {2}
 
