@@ -104,10 +104,12 @@ CONFOUNDED = 0.05  # probability from which another effect is named as what it m
 # Numbers of a mass at the tip, of a point elsewhere and of any body: mass, first moment, inertia
 # (Atkeson, An, Hollerbach 1986, sec. 2).
 OF_A_TIP = POINT, ASIDE, BODY = 1, 4, 10
-# Of a link: how much more it weighs, and where its centre is.
+# [1] numbers of a link: how much more it weighs, its shape its file's, and where its centre is
+# besides (the same, sec. 2; test_motion_masses.py fails without either).
 OF_A_LINK = 1, 4
 # [1] of a body's inertia about its joint that its second moments may lack of nothing: by hand, far
-# above what noise makes of a point's, a hundredth of what lets states run off.
+# above what noise makes of a point's, a hundredth of what lets states run off
+# (test_motion_masses.py fails at 1e-1 and at 1e-5).
 ROUNDED_OFF = 1e-3
 
 # Diagnose
