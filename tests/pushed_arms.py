@@ -1,6 +1,7 @@
 """Arms that torques move, each as URDF and as MuJoCo has it."""
 
 import mujoco
+import numpy as np
 
 JOINT = (
     '<joint name="j{k}" type="revolute"><origin xyz="{x} 0 0"/><parent link="l{k}"/>'
@@ -31,3 +32,23 @@ def pushed_arm(axes, lengths, masses, inertias, step, aside):
         f"<actuator>{motors}</actuator></mujoco>"
     )
     return urdf + "</robot>", mujoco.MjModel.from_xml_string(arm)
+
+
+def held_near(plan, data, nominal, way, gains):
+    """Torques (n,) that hold an arm near a way of sines about a posture, as computed torque does.
+
+    Args:
+        plan: MuJoCo's data of the arm as it is believed to be.
+        data: The same of the arm itself.
+        nominal: The model of the former.
+        way: Posture (n,), sizes, pulses and angles now of its sines (n, K).
+        gains: Of place and of speed.
+    """
+    at, size, turn, angle = way
+    off = at + (size * np.sin(angle)).sum(axis=1) - data.qpos
+    slow = (size * turn * np.cos(angle)).sum(axis=1) - data.qvel
+    plan.qpos[:], plan.qvel[:] = data.qpos, data.qvel
+    ahead = (size * turn**2 * np.sin(angle)).sum(axis=1)
+    plan.qacc[:] = gains[0] * off + gains[1] * slow - ahead
+    mujoco.mj_inverse(nominal, plan)
+    return plan.qfrc_inverse.copy()

@@ -35,7 +35,7 @@ from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.several.masses import masses_carry
 from plumbline.optim.diagnosis.several.motions import joined_motions
-from tests.pushed_arms import pushed_arm
+from tests.pushed_arms import held_near, pushed_arm
 
 STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 3.0, 1e-4
 AXES, LENGTHS, MASSES = ("0 0 1", "0 1 0", "0 1 0"), (0.1, 0.3, 0.2), (3.0, 2.0, 0.8)
@@ -88,12 +88,8 @@ def recorded(mass=0.0, gain=1.0, seed=0, **given):
     for k in range(round(SECONDS / STEP)):
         if k % EVERY == 0:
             angle = turn * k * STEP + phase
-            off = (size * np.sin(angle)).sum(axis=1) - data.qpos
-            slow = (size * turn * np.cos(angle)).sum(axis=1) - data.qvel
-            plan.qpos[:], plan.qvel[:] = data.qpos, data.qvel
-            plan.qacc[:] = 625 * off + 35 * slow - (size * turn**2 * np.sin(angle)).sum(axis=1)
-            mujoco.mj_inverse(nominal, plan)
-            told.append(plan.qfrc_inverse.copy())
+            way = 0.0, size, turn, angle
+            told.append(held_near(plan, data, nominal, way, (625, 35)))
             seen.append(data.qpos.copy())
         data.ctrl[:] = told[-1] * [1.0, gain, 1.0]
         mujoco.mj_step(model, data)

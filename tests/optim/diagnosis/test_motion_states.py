@@ -16,7 +16,7 @@ from plumbline.optim.diagnosis.motion.constants import BELIEVED
 from plumbline.optim.diagnosis.motion.fit import fitted
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.motion.states import States, slopes_at
-from tests.pushed_arms import pushed_arm
+from tests.pushed_arms import held_near, pushed_arm
 
 AXES = ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "0 1 0", "1 0 0")
 MASSES = (3.6, 3.2, 2.4, 1.9, 1.3, 0.8, 0.4)  # [kg]
@@ -42,12 +42,8 @@ def recorded(gain=1.0, noise=NOISE):
     for k in range(round(SECONDS / STEP)):
         if k % EVERY == 0:
             angle = turn * k * STEP + phase
-            off = at + (size * np.sin(angle)).sum(axis=1) - data.qpos
-            slow = (size * turn * np.cos(angle)).sum(axis=1) - data.qvel
-            plan.qpos[:], plan.qvel[:] = data.qpos, data.qvel
-            plan.qacc[:] = 100 * off + 20 * slow - (size * turn**2 * np.sin(angle)).sum(axis=1)
-            mujoco.mj_inverse(model, plan)
-            told.append(plan.qfrc_inverse.copy())
+            way = at, size, turn, angle
+            told.append(held_near(plan, data, model, way, (100, 20)))
             seen.append(data.qpos.copy())
             speed.append(data.qvel.copy())
         data.ctrl[:] = told[-1] * [1.0, gain, *[1.0] * 5]
