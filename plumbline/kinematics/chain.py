@@ -7,8 +7,6 @@ where :math:`J_i` turns or slides joint i and :math:`p_i` is the centre of mass 
 computes the same numbers from the same model; the tests hold the two together.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields

@@ -7,8 +7,6 @@ A tilt between parallel axes is no standard parameter, but two rows hold it exac
 a fixed row with theta = 90 deg and alpha = beta, and 90 deg less in the row behind it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A verdict with what it rests on: the recording, the fit, and rows that were left out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -8,8 +8,6 @@ the library has; that shares 1 - u as it does without (Kennedy and O'Hagan 2001,
 why there must be one).
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

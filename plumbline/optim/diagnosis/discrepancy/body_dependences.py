@@ -9,8 +9,6 @@ and a weight at the tip, or a force on it, that twists all drives in one measure
 :math:`\delta q = c\, \tau`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -12,8 +12,6 @@ angle, cosines and steps of time, polynomials and leading features of several in
 4.3), play operators of a path (Brokate and Sprekels 1996, eq. 2.1.3).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

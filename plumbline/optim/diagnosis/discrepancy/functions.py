@@ -1,7 +1,5 @@
 """Functions of what was recorded, as rows (K, N): what an unknown effect may look like."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache

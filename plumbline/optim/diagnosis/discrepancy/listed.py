@@ -1,7 +1,5 @@
 """What of the unlisted is listed already: an effect's own column is no further mechanism."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace

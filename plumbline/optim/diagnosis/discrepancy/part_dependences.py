@@ -5,8 +5,6 @@ are richer than the library's own forms, so that what is listed is named as such
 those that are as simple: a finder's zero that creeps, a board that was moved, a CT that is sheared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import combinations
 

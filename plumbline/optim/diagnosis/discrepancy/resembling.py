@@ -13,8 +13,6 @@ by effect). While the deviation is within the noise neither form wins by more th
 a strong signal of the exact form wins by what the other's freedom costs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

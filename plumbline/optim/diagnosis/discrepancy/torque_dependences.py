@@ -4,8 +4,6 @@ Columns are those of :mod:`plumbline.optim.diagnosis.discrepancy.dependences`, w
 joint: the torque of its drive, in units of its noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the diagnosis of a motion answers with: the verdict and what it rests on, joint by joint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What commands do between the rows of a log, where they run smoothly or turn corners there."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

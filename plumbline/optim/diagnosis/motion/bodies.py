@@ -11,8 +11,6 @@ order (Hairer, Norsett, Wanner 1993, Solving Ordinary Differential Equations I, 
 of the ends makes them to the second: of rows 5 ms apart a wrist errs by an encoder's noise.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from plumbline.kinematics.oracle import pin

@@ -6,8 +6,6 @@ a clock that leads beside them: if they are more probable than what drives were 
 states are found anew with them, until they stand still, and drives are searched again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 

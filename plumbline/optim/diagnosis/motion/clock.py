@@ -1,7 +1,5 @@
 """A run on an even clock: what was sent, and smoothed places, speeds and accelerations."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 

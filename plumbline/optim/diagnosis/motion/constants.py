@@ -3,8 +3,6 @@
 Parameters' ranges and scales stand with the effects.
 """
 
-from __future__ import annotations
-
 from plumbline.kinematics.law import Law
 
 # Windows: length and the stretch in which what nobody measured settles [s]. A lag of 0.3 s is

@@ -1,7 +1,5 @@
 """The diagnosis of a motion: what each joint's drive does to its commands, and what is left."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -6,8 +6,6 @@ order, :math:`x_{k+1} = a x_k + b_k`, of what comes before it in that order, and
 samples is one triangular system of two bands. Sensitivities are numbers of the state like others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -8,8 +8,6 @@ Laplace's approximation with the noise integrated out, widths S of the parameter
 time, so that a faster clock does not make more evidence (Geyer 1992, Statistical Science 7(4)).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

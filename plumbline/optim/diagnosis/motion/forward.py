@@ -11,8 +11,6 @@ Bodies are those of the middle of a part (the implicit midpoint rule; Hairer, Lu
 Geometric Numerical Integration, sec. II.1).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -6,8 +6,6 @@ rows that state what acted since the row before, half a row. With each joint's o
 and its precision :math:`p_j`, the lead is :math:`-\sum p_j d_j / \sum p_j`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

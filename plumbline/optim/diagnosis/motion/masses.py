@@ -15,8 +15,6 @@ weighed by what it is missed by itself: one that is wrong for a reason of its ow
 gives way (Schur).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

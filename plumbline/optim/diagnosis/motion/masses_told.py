@@ -1,7 +1,5 @@
 """Bodies that weigh other than a robot's file says, as a verdict tells them: over all joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

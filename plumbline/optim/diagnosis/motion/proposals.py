@@ -6,8 +6,6 @@ held, and without one, or inside of the loop, in no motion, but under a hand; a 
 steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

@@ -11,8 +11,6 @@ known. Joints are those of the whole robot where there are as many columns, else
 to the tip frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path

@@ -11,8 +11,6 @@ other. The step is compiled once for a set of effects, of any joint and length (
 memory grows with the windows that are looked at together, not with the recording.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from functools import lru_cache
 from typing import Any

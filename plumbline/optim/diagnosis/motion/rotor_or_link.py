@@ -4,8 +4,6 @@ Of what turns about one upright axis a joint feels one number: the rotor's inert
 are a sum. Both are asked beside all that was found, and share their probability by the evidence.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

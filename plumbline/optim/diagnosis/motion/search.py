@@ -8,8 +8,6 @@ among them models in which a function that nobody has listed stands in its place
 that a recording cannot tell apart share one probability.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ its own start and without a slope, which an offset of a velocity makes. A drive 
 and shifts; it makes no degrees of radians, no position of a velocity, and no turn of nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 from typing import Any

@@ -1,7 +1,5 @@
 """A motion's states, pass by pass: bodies where they were, and what pushes each joint there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property

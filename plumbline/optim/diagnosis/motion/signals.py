@@ -6,8 +6,6 @@ Gravity, Coriolis and the other joints' pull enter as data, from Pinocchio at th
 :math:`h_i` and :math:`M_{ii}(q)`. So every joint is a small problem of its own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise

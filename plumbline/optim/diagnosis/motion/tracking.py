@@ -7,8 +7,6 @@ wanted. A command is what was sent at its row's time, and it stands until the ne
 robot: each axis is a drive of its own, and a tenth of a metre is to it what a radian is to a joint.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

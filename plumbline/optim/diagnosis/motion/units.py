@@ -1,7 +1,5 @@
 """Units of places: a joint that turns is read in rad, one that slides, and a tip's axis, in m."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

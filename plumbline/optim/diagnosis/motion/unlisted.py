@@ -20,8 +20,6 @@ Their squares are means over the models m, by probability, of variance and of sq
 another motion as well as the model's form does.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """From joints to a verdict: the same object that every other recording gets."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Windows of one joint's motion: its commands, its measured start and the samples that count."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property

@@ -17,8 +17,6 @@ probably as not, else every share is as probable, and the share is the mean of w
           \qquad L(\zeta) = \zeta^{\nu/2} e^{-\nu x \zeta / 2} .
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ besides the fit is noise, unless it is an effect of time or of the path that the
 never count for more, chance aside, than all that the fit leaves.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

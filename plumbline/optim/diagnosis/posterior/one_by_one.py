@@ -13,8 +13,6 @@ it; a chain draws from these shares instead (Geman and Geman 1984, IEEE TPAMI 6(
 asks on its way is summed over.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

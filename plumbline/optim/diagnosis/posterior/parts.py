@@ -17,8 +17,6 @@ Where the place can move all there is, nothing is left to tell, and B = 1; nor i
 that says nothing for the term leaves what all of the rows say.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

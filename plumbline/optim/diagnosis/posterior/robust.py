@@ -11,8 +11,6 @@ gross rows do not set their own standard. A row that a real effect moves is pred
 and is kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

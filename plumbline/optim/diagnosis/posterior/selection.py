@@ -5,8 +5,6 @@ together are found; then each slot is asked again in the light of the others, an
 on the same at one place as a pair.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ Every fold makes its own, from the rows that it may use: what all rows show must
 to look.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

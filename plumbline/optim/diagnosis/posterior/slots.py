@@ -17,8 +17,6 @@ slots until emptiness wins, and asks each again in the light of the others: it i
 otherwise or emptied (iterated conditional modes, Besag 1986, J. R. Stat. Soc. B 48(3)).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property

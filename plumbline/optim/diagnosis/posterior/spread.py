@@ -6,8 +6,6 @@ all states that hold the term their variance is, by the law of total variance,
 .. math:: \sum_S p_S v_S + \sum_S p_S (z_S - \bar z)^2 .
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 r"""Whether bodies that weigh other than a file says do so in each of several motions alike."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

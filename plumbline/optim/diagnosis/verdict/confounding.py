@@ -9,8 +9,6 @@ An effect is unobservable if the nuisances swallow it, or if at its usual size i
 by less than the noise: alone, or together with what is named, whose values then hold what both do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ Masses and inertias are the robot's own; where it has none, MuJoCo's least ones 
 changes no place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
