@@ -30,11 +30,9 @@ where they are rates, torques or places that a digital controller holds (Frankli
 trapezoidal rule, which no stiffness upsets.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import casadi as cs
 
@@ -176,7 +174,7 @@ class Drive:
         after = replace(self, law=law, command=path, paced=None).step(before)
         return replace(after, told=self.command, path=path)
 
-    def on_its_way(self, path: cs.SX) -> Drive:
+    def on_its_way(self, path: cs.SX) -> Self:
         """The drive behind a way that it has planned: that stands for its command."""
         law = Law.POSITION if self.law.ideal else self.law  # a way stands nowhere
         fastest = self.fastest if self.paced is None else self.paced  # of a way, its own
@@ -376,7 +374,7 @@ class Drive:
             return pushed
         return cs.fmin(cs.fmax(before.output, pushed - self.slack), pushed + self.slack)
 
-    def changed(self, **terms: cs.SX) -> Drive:
+    def changed(self, **terms: cs.SX) -> Self:
         """A copy with more of some terms; those that are not there yet are as given."""
         now = {name: getattr(self, name) for name in terms}
         both: dict[str, Any] = {k: v if now[k] is None else now[k] + v for k, v in terms.items()}

@@ -1,9 +1,7 @@
 """A parameter of an effect: its unit, its null value, and what is known of it before any data."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -48,12 +46,12 @@ class Parameter:
         """Width, range and sign, with their source."""
         return Prior(self.scale, self.lower, self.upper, self.null, self.source)
 
-    def of_width(self, factor: float) -> Parameter:
+    def of_width(self, factor: float) -> Self:
         """The same parameter of a robot on which it and its bounds are so many times as large."""
         lower, upper = self.null + factor * (np.array([self.lower, self.upper]) - self.null)
         return replace(self, lower=float(lower), upper=float(upper), scale=self.scale * factor)
 
-    def each(self, *words: str) -> tuple[Parameter, ...]:
+    def each(self, *words: str) -> tuple[Self, ...]:
         """One like it for each of these words, which take the place of ``{}`` in ``doc``."""
         return tuple(replace(self, doc=self.doc.format(word)) for word in words)
 

@@ -8,10 +8,9 @@ distance is bounded from below (:mod:`.pairs`) at the obstacles' places at that 
 with b the sagitta of what moves on an arc; limits of the states are taken at the substeps' ends.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -37,7 +36,7 @@ class Clearances:
         """Whether nothing falls short."""
         return float(min(self.gaps.min(initial=0.0), self.rooms.min(initial=0.0))) >= -WORSE
 
-    def no_worse(self, rest: Clearances) -> bool:
+    def no_worse(self, rest: Self) -> bool:
         """Whether distances are short by no more than others, at worst and in all; no limit is."""
         short, at_rest = np.maximum(-self.gaps - WORSE, 0.0), np.maximum(-rest.gaps, 0.0)
         worst = short.max(initial=0.0) <= at_rest.max(initial=0.0)

@@ -30,11 +30,9 @@ which ends in overshoot, and the default damping 0.7. They were chosen on random
 at which commands are no rougher than those of one step on barrier functions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from statistics import NormalDist
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,7 +90,7 @@ class Confidence(Declared):
             )
 
     @classmethod
-    def of_noise(cls, rate_std: float, v_max: float, epsilon: float = 0.01) -> Confidence:
+    def of_noise(cls, rate_std: float, v_max: float, epsilon: float = 0.01) -> Self:
         """Constant: rates of such an error [m/s] stay below ``v_max`` but for a share epsilon."""
         share = 1.0 - NormalDist().inv_cdf(1.0 - epsilon) * rate_std / v_max
         return cls(share, 0.0, share)

@@ -1,11 +1,10 @@
 r"""The columns of what may be at work, dense, row by row, and the linear problem that they make."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +66,7 @@ class FamilyDesign:
     @classmethod
     def of(
         cls, ports: Ports, spread: Array, shared: Linear, pool: Pool, rows: NDArray[np.intp]
-    ) -> FamilyDesign:
+    ) -> Self:
         """About a fit, on some of a recording's rows."""
         divided = ports.divided(spread)
         white = Whitening.of(pool.model.recording.select(rows), ports.gross)
@@ -84,7 +83,7 @@ class FamilyDesign:
             white,
         )
 
-    def beyond(self, moved: Array) -> FamilyDesign:
+    def beyond(self, moved: Array) -> Self:
         """What no displacement along given directions (k, N, m), a row's own of any size, moves."""
         unit, sizes, _ = np.linalg.svd(np.moveaxis(moved / self.spread, 0, 2), full_matrices=False)
         there = sizes > 1e-10 * sizes.max(initial=np.finfo(float).tiny)  # as of rounding
@@ -211,7 +210,7 @@ class FamilyDesign:
             whole = whole.without(np.arange(self.always), flat_prior(whole, self.always))
         return whole.only(kept), columns
 
-    def with_listed(self, more: Sequence[Array]) -> tuple[FamilyDesign, list[Columns]]:
+    def with_listed(self, more: Sequence[Array]) -> tuple[Self, list[Columns]]:
         """With blocks (k, N, m) of the library's columns behind its own, and which these are."""
         base = self.columns(more)
         sizes = np.cumsum([len(self.base), *(len(block) for block in more)])

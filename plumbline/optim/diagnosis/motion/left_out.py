@@ -1,9 +1,8 @@
 """How well a joint's causes foretell what no fit has seen: whole groups or stretches left out."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -31,7 +30,7 @@ class LeftOut:
     residual_after: Array  # residuals (W, K) of the causes [rad]
     carrying: Array | None = None  # of the ideal drive and a mass; None where none was found
 
-    def over(self, lever: float) -> LeftOut:
+    def over(self, lever: float) -> Self:
         """Mean squares of places that are divided by so much; residuals stay."""
         square = lever**2
         without = {name: one / square for name, one in self.without.items()}

@@ -7,12 +7,11 @@ from the best pair of effects, too. What may win is fitted to all windows, from 
 ended.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 
@@ -176,7 +175,7 @@ class Models:
             if not moved:
                 return here
 
-    def begun_by(self, other: Models, key: Key) -> Key:
+    def begun_by(self, other: Self, key: Key) -> Key:
         """Where a search begins that knows what another found, of the same motion."""
         self.before = other.found
         self.fit(key, other.found[key])
@@ -306,7 +305,7 @@ class Models:
                 found.append(k)
         return found
 
-    def again(self, few: Models, key: Key) -> Key:
+    def again(self, few: Self, key: Key) -> Key:
         """Fit to these windows what contends on fewer of them; where that leads, look around."""
         for _ in range(MOVES):
             for k in few.contenders(key):

@@ -22,9 +22,8 @@ derivatives of a (Bell 1994, SIAM J. Optim. 4(3):626): worked out from the state
 alone, they run off where :math:`\omega^2 < K / J`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import scipy
@@ -82,7 +81,7 @@ class States:
         beyond = np.einsum("kij,kj->ki", self.masses[1:-1], self.off[1:-1])
         return np.diff(beyond, axis=0)
 
-    def settled(self, weights: Array) -> States:
+    def settled(self, weights: Array) -> Self:
         """Where the sum is least, changes of what drives give weighed by so much (n,) [s^4]."""
         (K, n), changes = self.place.shape, self.changes
         if not len(changes):
@@ -109,7 +108,7 @@ class States:
         before, at, after = (self.masses[1:-1] @ x for x in three)
         return [-before[:-1], before[1:] - at[:-1], at[1:] - after[:-1], after[1:]]
 
-    def _moved(self, step: Array) -> States:
+    def _moved(self, step: Array) -> Self:
         """The same so far on (K, n) [rad]: speeds are those that places and accelerations make."""
         rates = self.by_place, step, self.by_speed, np.gradient(step, self.dt, axis=0)
         more = np.einsum("kij,kj->ki", *rates[:2]) + np.einsum("kij,kj->ki", *rates[2:])

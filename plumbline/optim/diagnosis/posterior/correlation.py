@@ -22,12 +22,10 @@ As the state may hold slow functions of time and whatever else the library lacks
 explain may be theirs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -66,7 +64,7 @@ class Left(NamedTuple):
     precision: Array  # of the priors of its values (P,), over that of a row's noise; 0 of flat ones
     values: Array  # where it ended (P,); of flat ones anywhere
 
-    def of(self, rows: NDArray[np.bool_]) -> Left:
+    def of(self, rows: NDArray[np.bool_]) -> Self:
         """The same of some rows (N,)."""
         return self._replace(rows=self.rows[rows], columns=self.columns[:, rows])
 

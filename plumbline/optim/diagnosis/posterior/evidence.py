@@ -17,12 +17,10 @@ log 2 of what is on the right side of a null that is a bound, and next to none i
 a value far beyond a bound would explain.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +50,7 @@ class NoisePrior:
     freedom: float = 0.0  # how many equations that knowledge is worth
 
     @classmethod
-    def of(cls, noise_std: float | None) -> NoisePrior:
+    def of(cls, noise_std: float | None) -> Self:
         """A stated noise is believed as one of so many readings is."""
         return cls(noise_std, KNOWN_NOISE_FREEDOM) if noise_std else cls()
 

@@ -1,11 +1,10 @@
 """The pool: every candidate that a recording could show, linearised once about the current fit."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +51,7 @@ class Pool:
         J = J[: len(x)]
         return Gram(J @ J.T, J @ r, float(r @ r), float(len(r)))
 
-    def folded(self, folds: NDArray[np.intp]) -> Pool:
+    def folded(self, folds: NDArray[np.intp]) -> Self:
         """The same with other folds (N,), each of which may choose what any of those before may."""
         listed = np.tile(self.shortlists.any(axis=0), (int(folds.max()) + 2, 1))
         listed[-1] = self.shortlists[-1]

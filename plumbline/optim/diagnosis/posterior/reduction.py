@@ -11,12 +11,11 @@ costs one factorisation in all. A term more is a factorisation of its own: of te
 the same, errors of one update after the other grow without bound.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -71,7 +70,7 @@ class Reduced:
         chosen: Sequence[SelectedTerm],
         variance: float,
         own: Linear | None = None,
-    ) -> Reduced:
+    ) -> Self:
         """Given these terms, none or more, at this noise variance, of whose columns is ``own``."""
         (columns, precision), asked = stack(candidates, chosen, variance), gathered.asked
         unit, root, hidden, tt, n = linear.given(columns, precision, asked, own)
@@ -92,7 +91,7 @@ class Reduced:
             return inverse
         return np.asarray(inverse[np.ix_(kept, kept)] - gone[kept] @ gone[kept].T)
 
-    def without(self, term: SelectedTerm) -> Reduced:
+    def without(self, term: SelectedTerm) -> Self:
         """Given all terms but one, by an update of low rank."""
         part = self._parts[term.index]
         own = self.inverse[:, part]

@@ -3,11 +3,10 @@
 Gross errors are left out, and long recordings are searched in part first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +62,7 @@ class Task:
         """What fits again from a fit nearby: of a long recording few steps are enough."""
         return BRIEF if self.long else self.solver
 
-    def part(self, step: int) -> Task:
+    def part(self, step: int) -> Self:
         """The same task on every ``step``-th row, or every ``step``-th visit to each socket."""
         socket, count = self.recording.socket, len(self.recording)
         place = np.zeros(count, dtype=int) if socket is None else socket

@@ -14,10 +14,9 @@ mean of :math:`m_N^2 + \Sigma_{NN}` over the orders. What belongs to its session
 always fitted, stays near its fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +125,7 @@ class _Prior:
     flat: Array  # width of the prior of the others about their fit (P,)
 
     @classmethod
-    def of(cls, model: MeasurementModel, joints: Sequence[int], always: Sequence[Effect]) -> _Prior:
+    def of(cls, model: MeasurementModel, joints: Sequence[int], always: Sequence[Effect]) -> Self:
         """Of a model whose ripples are filled up."""
         family, shape = np.full(model.problem.size, -1), model.problem.scale.copy()
         numbers: dict[object, int] = {}
