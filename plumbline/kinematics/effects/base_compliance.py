@@ -12,16 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import casadi as cs
 
+from plumbline.kinematics import weights
 from plumbline.kinematics.dynamics import weight_beyond
 from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.parameters import Parameter
-from plumbline.kinematics.weights import (
-    REWEIGHED,
-    Bodies,
-    bodies_beyond,
-    shares,
-    with_shares,
-)
 
 
 @dataclass(frozen=True)
@@ -30,7 +24,7 @@ class BaseCompliance(Effect):
 
     alike: bool = True
     load: float = field(default=1000.0, metadata=UNSAID)
-    bodies: Bodies = field(default=(), metadata=UNSAID)
+    bodies: weights.Bodies = field(default=(), metadata=UNSAID)
     found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     name = "base_compliance"
@@ -51,16 +45,18 @@ class BaseCompliance(Effect):
         """One number where both directions yield alike, as wide as the arm is light."""
         found = self.declared[:1] if self.alike else self.declared
         own = tuple(p.of_width(1000.0 / self.load) for p in found)
-        return with_shares(own, self.found, sum(self.found) / len(own), self.bodies)
+        return weights.with_shares(own, self.found, sum(self.found) / len(own), self.bodies)
 
     @property
     def variant(self) -> str:
         """Whether it yields alike, and the model's masses are taken as they are."""
-        return ("not alike" * (not self.alike) + REWEIGHED * bool(self.bodies)).removeprefix(", ")
+        return (
+            "not alike" * (not self.alike) + weights.REWEIGHED * bool(self.bodies)
+        ).removeprefix(", ")
 
     def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
         """The same mounting, or one that need not yield alike, under bodies of other weights."""
-        bodies = bodies_beyond(scope.chain, 1)
+        bodies = weights.bodies_beyond(scope.chain, 1)
         if not bodies or not min(values) > 0.0:
             return []
         uneven = replace(self, alike=False, bodies=bodies, found=(values[0], values[-1]))
@@ -79,7 +75,7 @@ class BaseCompliance(Effect):
     def apply(self, state: State, *values: cs.SX) -> State:
         _, moment = weight_beyond(state.nominal, 1, cs.SX(3, 1))
         about = 1 if self.alike else 2
-        own = shares(state.chain, self.bodies, values[about:])
+        own = weights.shares(state.chain, self.bodies, values[about:])
         _, other = weight_beyond(state.nominal, 1, cs.SX(3, 1), own)
         about_x, about_y = values[0] * moment[0], values[about - 1] * moment[1]
         tilt = cs.vertcat(about_x + other[0], about_y + other[1], 0)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import casadi as cs
 
+from plumbline.kinematics import weights
 from plumbline.kinematics.effects.effect import (
     UNSAID,
     Effect,
@@ -24,15 +25,6 @@ from plumbline.kinematics.effects.effect import (
     State,
 )
 from plumbline.kinematics.parameters import Parameter
-from plumbline.kinematics.weights import (
-    CARRIED,
-    LADEN,
-    REWEIGHED,
-    Bodies,
-    bodies_beyond,
-    shares,
-    with_shares,
-)
 
 # Of a joint's largest load: from where a play is seated to a third, beyond which it is stiffening.
 SOFT = (0.03, 0.09, 0.27)
@@ -47,7 +39,7 @@ class JointCompliance(JointEffect):
     laden: bool = False
     windup: float = field(default=0.0, metadata={"unit": "N m"})
     load: float = 100.0
-    bodies: Bodies = field(default=(), metadata=UNSAID)
+    bodies: weights.Bodies = field(default=(), metadata=UNSAID)
     found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     depends_on = "load"
@@ -61,7 +53,7 @@ class JointCompliance(JointEffect):
     compliance = Parameter("rad/(N m)", 0.0, 1e-1, scale=5e-6, doc="twist per load torque")
     fall = Parameter("rad/(N m)^2", 0.0, 1e-3, scale=1e-8, doc="fall of the compliance per torque")
     soft = Parameter("rad", 0.0, 0.175, scale=2.5e-4, doc="twist of its windup")
-    carried = CARRIED
+    carried = weights.CARRIED
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -74,15 +66,15 @@ class JointCompliance(JointEffect):
         more = (fall,) * self.stiffening + (carried,) * self.laden
         more += (self.soft,) * bool(self.windup)
         own = (self.compliance.of_width(smaller), *more)
-        return with_shares(own, self.found, sum(self.found[:1]), self.bodies)
+        return weights.with_shares(own, self.found, sum(self.found[:1]), self.bodies)
 
     @property
     def variant(self) -> str:
         """What is taken for the load, and whether the drive stiffens or carries a tool."""
         source = "by the measured effort" if self.effort else "by gravity"
         soft = f", softer within {self.windup:.2g} N m" if self.windup else ""
-        other = REWEIGHED * bool(self.bodies)
-        return source + ", stiffening" * self.stiffening + LADEN * self.laden + soft + other
+        other = weights.REWEIGHED * bool(self.bodies)
+        return source + ", stiffening" * self.stiffening + weights.LADEN * self.laden + soft + other
 
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
@@ -104,7 +96,7 @@ class JointCompliance(JointEffect):
 
     def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
         """The same drive, or one that stiffens, under bodies of other weights."""
-        bodies = bodies_beyond(scope.chain, self.joint)
+        bodies = weights.bodies_beyond(scope.chain, self.joint)
         if self.effort or not bodies or not values[0] > 0.0:
             return []
         own = replace(self, bodies=bodies, found=tuple(values))
@@ -127,6 +119,6 @@ class JointCompliance(JointEffect):
         if self.laden:
             twist += values[1] * state.nominal.load_at(state.middle)[self.joint - 1]
         if self.bodies:
-            own = shares(state.chain, self.bodies, values[-len(self.bodies) :])
+            own = weights.shares(state.chain, self.bodies, values[-len(self.bodies) :])
             twist += state.nominal.load_of(own)[self.joint - 1]
         return state.move_joint(self.joint, -twist)

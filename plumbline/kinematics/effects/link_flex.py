@@ -15,18 +15,12 @@ from dataclasses import dataclass, field, replace
 import casadi as cs
 import numpy as np
 
+from plumbline.kinematics import weights
 from plumbline.kinematics.dynamics import weight_beyond
 from plumbline.kinematics.effects.effect import UNSAID, Effect, Scope, Stage, State
 from plumbline.kinematics.evaluate import Array
 from plumbline.kinematics.frames import Transform, constant
 from plumbline.kinematics.parameters import Parameter
-from plumbline.kinematics.weights import (
-    REWEIGHED,
-    Bodies,
-    bodies_beyond,
-    shares,
-    with_shares,
-)
 
 SHORTEST = 0.05
 
@@ -37,7 +31,7 @@ class LinkFlex(Effect):
 
     link: int = 1
     load: float = field(default=100.0, metadata=UNSAID)
-    bodies: Bodies = field(default=(), metadata=UNSAID)
+    bodies: weights.Bodies = field(default=(), metadata=UNSAID)
     found: tuple[float, ...] = field(default=(), metadata=UNSAID)
 
     name = "link_flex"
@@ -56,16 +50,16 @@ class LinkFlex(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         """In units of what links of this load have: they are made for their load."""
         own = (self.compliance.of_width(100.0 / self.load),)
-        return with_shares(own, self.found, sum(self.found), self.bodies)
+        return weights.with_shares(own, self.found, sum(self.found), self.bodies)
 
     @property
     def variant(self) -> str:
         """Whether the model's masses are taken as they are."""
-        return REWEIGHED[2:] * bool(self.bodies)
+        return weights.REWEIGHED[2:] * bool(self.bodies)
 
     def deviations(self, scope: Scope, values: Sequence[float]) -> Sequence[Effect]:
         """The same link under bodies of other weights."""
-        bodies = bodies_beyond(scope.chain, self.link) if values[0] > 0.0 else ()
+        bodies = weights.bodies_beyond(scope.chain, self.link) if values[0] > 0.0 else ()
         return [replace(self, bodies=bodies, found=tuple(values))] if bodies else []
 
     @property
@@ -84,7 +78,7 @@ class LinkFlex(Effect):
         length = cs.norm_2(beam)
         u = beam / length
         frame = state.nominal.frames[self.link - 1]
-        by = shares(state.chain, self.bodies, values[1:], values[0])
+        by = weights.shares(state.chain, self.bodies, values[1:], values[0])
         outer = weight_beyond(state.nominal, self.link + 1, frame.point(beam), by)
         own_mass = state.chain.joints[self.link - 1].mass * by[self.link - 1]
         weight = own_mass * constant(state.chain.gravity)

@@ -30,13 +30,7 @@ from typing import Self
 import casadi as cs
 import numpy as np
 
-from plumbline.kinematics.capsules import (
-    length_of,
-    nearest_shares,
-    overlap_shares,
-    scalar_gap,
-    share_beside,
-)
+from plumbline.kinematics import capsules
 from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
@@ -110,7 +104,7 @@ def frozen_normal(pair: Pair, difference: cs.SX) -> cs.SX:
     """
     distance, u = cs.norm_2(difference), pair.one.b - pair.one.a
     across = cs.cross(u, pair.two.b - pair.two.a)
-    size, length = length_of(across), length_of(u)
+    size, length = capsules.length_of(across), capsules.length_of(u)
     aside = sides(cs.if_else(length > constants.TOUCHING, u / length, cs.DM([0.0, 0.0, 1.0])))[0]
     instead = cs.if_else(size > constants.COMMON, across / size, aside)
     return cs.if_else(
@@ -130,11 +124,11 @@ def _row(pair: Pair, x: cs.SX, s: cs.SX, t: cs.SX) -> tuple[cs.SX, cs.SX]:
 
 
 def _witness_rows(pair: Pair, x: cs.SX) -> Rows:
-    s, t = nearest_shares(pair.one, pair.two)
+    s, t = capsules.nearest_shares(pair.one, pair.two)
     shares = [(s, t)]
     if not pair.ball:
-        beside = overlap_shares(pair.one, pair.two)
-        shares += [(s, share_beside(pair.one.point(s), pair.two)) for s in beside]
+        beside = capsules.overlap_shares(pair.one, pair.two)
+        shares += [(s, capsules.share_beside(pair.one.point(s), pair.two)) for s in beside]
     (value, slope), *others = (_row(pair, x, s, t) for s, t in shares)
     # A pair falls short by one number, and not by one for each of its rows: what its nearest points
     # cannot keep, no other points of it need to.
@@ -143,7 +137,7 @@ def _witness_rows(pair: Pair, x: cs.SX) -> Rows:
 
 
 def _scalar_rows(pair: Pair, x: cs.SX) -> Rows:
-    gap = scalar_gap(pair.one, pair.two, pair.wide(pair.least))
+    gap = capsules.scalar_gap(pair.one, pair.two, pair.wide(pair.least))
     return [gap], [cs.jacobian(gap, x)]
 
 

@@ -19,17 +19,7 @@ import numpy as np
 
 from plumbline.declared import AtLeastOne, Declared, Positive
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.constants import (
-    FAR,
-    FATROP_TOLERANCE,
-    IPOPT,
-    IPOPT_TOLERANCE,
-    MM,
-    OBSTACLE,
-    ROUNDS,
-    SHORT,
-    WATCH,
-)
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.plane_program import Program, build
 from plumbline.optim.capsule_mpc.planning import Plan, Ready
 from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
@@ -67,10 +57,10 @@ class Nonlinear(Declared):
     def chosen(self) -> Solver:
         """The solver with its options."""
         if self.solver == "fatrop":
-            return Fatrop(self.max_iterations, self.tolerance or FATROP_TOLERANCE)
+            return Fatrop(self.max_iterations, self.tolerance or constants.FATROP_TOLERANCE)
         if self.solver == "ipopt":
             limit = () if self.budget is None else (("max_wall_time", self.budget),)
-            own, tolerance = (*IPOPT, *limit), self.tolerance or IPOPT_TOLERANCE
+            own, tolerance = (*constants.IPOPT, *limit), self.tolerance or constants.IPOPT_TOLERANCE
             return Ipopt(self.max_iterations, tolerance, further=own, expand=True)
         if isinstance(self.solver, str):
             raise PlumblineError(f"solver: {self.solver!r} is not in this CasADi; take 'ipopt'")
@@ -102,10 +92,10 @@ class _NonlinearReady:
 
     def plan(self, x0: Array, stages: Array, path: Array) -> Plan:
         # What is taken at first is a guess, for which the last solution does as well as the path.
-        taken = self._near[0] if self._near else self._nearer(path, stages, WATCH)[0]
-        for _ in range(ROUNDS):
+        taken = self._near[0] if self._near else self._nearer(path, stages, constants.WATCH)[0]
+        for _ in range(constants.ROUNDS):
             plan = self._solved(x0, stages, path, taken)
-            near, missed = self._nearer(plan.x, stages, WATCH, -SHORT)
+            near, missed = self._nearer(plan.x, stages, constants.WATCH, -constants.SHORT)
             if not plan.solved or not taken.lacks(missed):
                 break
             taken, path = taken.more(missed), plan.x
@@ -116,7 +106,7 @@ class _NonlinearReady:
         """Obstacles and limits that a path comes nearer to than so much [mm], for each."""
         own, count = self.statement, self.statement.slots + self.statement.balls
         found = _along(own.shape)(path.T, stages.T)
-        gaps, limits = (value.full().min(axis=1, initial=FAR) for value in found)
+        gaps, limits = (value.full().min(axis=1, initial=constants.FAR) for value in found)
         fixed = np.array([pair.fixed for pair in own.pairs], dtype=bool)
         of_each = gaps[fixed].reshape(-1, count) if count else np.zeros((1, 0))
         obstacles = of_each.min(axis=0)
@@ -152,7 +142,7 @@ class _NonlinearReady:
             if known is program and (obstacles == taken).all():
                 return duals
         bounds, rows = np.zeros(program.problem.size), np.zeros(program.problem.g_lower.size)
-        bounds[program.part(3)] = -MM * self.statement.settings.penalty
+        bounds[program.part(3)] = -constants.MM * self.statement.settings.penalty
         return bounds, rows
 
     def _narrowed(self, stages: Array, taken: Flags) -> tuple[Statement, Array]:
@@ -162,12 +152,14 @@ class _NonlinearReady:
         capsules, balls = np.nonzero(taken[: whole.slots])[0], np.nonzero(taken[whole.slots :])[0]
         slots, ball_slots = _bucket(len(capsules), whole.slots), _bucket(len(balls), whole.balls)
         g, p = whole.goals, len(stages)
-        table = stages[:, g : g + OBSTACLE * count].reshape(p, count, OBSTACLE)
-        kept = np.zeros((p, slots + ball_slots, OBSTACLE))
-        kept[:, :, :6] = FAR / MM  # far, but harmless to a solver that scales by what it sees
+        table = stages[:, g : g + constants.OBSTACLE * count].reshape(p, count, constants.OBSTACLE)
+        kept = np.zeros((p, slots + ball_slots, constants.OBSTACLE))
+        kept[:, :, :6] = (
+            constants.FAR / constants.MM
+        )  # far, but harmless to a solver that scales by what it sees
         kept[:, : len(capsules)] = table[:, capsules]
         kept[:, slots : slots + len(balls)] = table[:, whole.slots + balls]
-        rest = stages[:, g + OBSTACLE * count :]
+        rest = stages[:, g + constants.OBSTACLE * count :]
         values = np.hstack([stages[:, :g], kept.reshape(p, -1), rest])
         return replace(whole, slots=slots, balls=ball_slots), values
 

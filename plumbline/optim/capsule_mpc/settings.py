@@ -39,38 +39,31 @@ from numpy.typing import ArrayLike
 
 from plumbline.declared import Among, AtLeastOne, Count, Declared, NotNegative, Portion, Range
 from plumbline.errors import PlumblineError
-from plumbline.optim.capsule_mpc.constants import (
-    BRISKEST,
-    DAMPING,
-    LONGEST,
-    MM,
-    ROUGHEST,
-    SEEN,
-    SMOOTHING,
-    WIDEST,
-)
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.plant import Plant as Plant
 from plumbline.optim.core.problem import Array
 
-NEAR = f"finite, within {LONGEST:g} m"
+NEAR = f"finite, within {constants.LONGEST:g} m"
 
 
 def near(places: ArrayLike) -> bool:
     """Whether they can be places in m: in mm they are beyond any room."""
-    return bool((np.abs(places) <= LONGEST).all())
+    return bool((np.abs(places) <= constants.LONGEST).all())
 
 
 # Of a place [m]: in mm it is beyond any room.
-Coordinate = Annotated[float, Range(-LONGEST, LONGEST, mend="state it in m, not in mm")]
+Coordinate = Annotated[
+    float, Range(-constants.LONGEST, constants.LONGEST, mend="state it in m, not in mm")
+]
 Point = tuple[Coordinate, Coordinate, Coordinate]
-Length = Annotated[float, Range(1e-3, LONGEST, mend="state it in m")]
-Thickness = Annotated[float, Range(1e-4, WIDEST, mend="state it in m")]
-Depth = Annotated[float, Range(0.0, LONGEST, "(", "state it in m")]
-Near = Annotated[float, Range(0.0, WIDEST, mend="give it in m")]
-Rough = Annotated[float, Range(0.0, ROUGHEST, mend="give it in m")]
-Speed = Annotated[float, Range(0.0, BRISKEST[0], "(", "state it in m/s")]
-Acceleration = Annotated[float, Range(0.0, BRISKEST[1], "(", "state it in m/s^2")]
-Jerk = Annotated[float, Range(0.0, BRISKEST[2], "(", "state it in m/s^3")]
+Length = Annotated[float, Range(1e-3, constants.LONGEST, mend="state it in m")]
+Thickness = Annotated[float, Range(1e-4, constants.WIDEST, mend="state it in m")]
+Depth = Annotated[float, Range(0.0, constants.LONGEST, "(", "state it in m")]
+Near = Annotated[float, Range(0.0, constants.WIDEST, mend="give it in m")]
+Rough = Annotated[float, Range(0.0, constants.ROUGHEST, mend="give it in m")]
+Speed = Annotated[float, Range(0.0, constants.BRISKEST[0], "(", "state it in m/s")]
+Acceleration = Annotated[float, Range(0.0, constants.BRISKEST[1], "(", "state it in m/s^2")]
+Jerk = Annotated[float, Range(0.0, constants.BRISKEST[2], "(", "state it in m/s^3")]
 
 
 @dataclass(frozen=True)
@@ -116,7 +109,10 @@ class Noise(Declared):
         """What is added to D (p, 2) [mm]: for two bodies, and for a body and an obstacle."""
         z = NormalDist().inv_cdf(1.0 - self.epsilon)
         ahead = np.minimum(np.arange(1, p + 1), self.feedback)
-        sigma, bias = MM * np.sqrt(self.measured**2 + ahead * self.step**2), MM * self.bias
+        sigma, bias = (
+            constants.MM * np.sqrt(self.measured**2 + ahead * self.step**2),
+            constants.MM * self.bias,
+        )
         return np.stack([z * np.sqrt(2.0) * sigma + 2 * bias, z * sigma + bias], axis=1)
 
 
@@ -147,15 +143,15 @@ class Settings(Declared):
     @property
     def weights(self) -> tuple[float, float]:
         """The costs of effort and of changes that are meant, defaults put in."""
-        usual = min(SMOOTHING / self.dt, SEEN * self.p) ** 4
+        usual = min(constants.SMOOTHING / self.dt, constants.SEEN * self.p) ** 4
         smooth = usual if self.smooth is None else self.smooth
-        effort = DAMPING * smooth**0.5 if self.effort is None else self.effort
+        effort = constants.DAMPING * smooth**0.5 if self.effort is None else self.effort
         return effort, smooth
 
     @property
     def apart(self) -> Array:
         """What two bodies, and a body and an obstacle, are to keep a step ahead (2,) [mm]."""
-        return MM * self.safe + self.noise.tightening(1)[0]
+        return constants.MM * self.safe + self.noise.tightening(1)[0]
 
 
 @dataclass(frozen=True)

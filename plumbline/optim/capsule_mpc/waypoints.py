@@ -56,23 +56,8 @@ import numpy as np
 
 from plumbline.errors import PlumblineError
 from plumbline.kinematics.capsules import nearest
+from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import Obstacle, TipInstrument, shafts
-from plumbline.optim.capsule_mpc.constants import (
-    BACK,
-    BESIDE,
-    DEEP,
-    DIRECTIONS,
-    EXACT,
-    EXTRA,
-    MM,
-    OFFSETS,
-    PROGRESS,
-    ROOM,
-    SAMPLES,
-    STALL,
-    THERE,
-    TOUCHING,
-)
 from plumbline.optim.capsule_mpc.statement import Statement
 from plumbline.optim.capsule_mpc.sweeps import Sweeps, tip_speed
 from plumbline.optim.core.problem import Array, Flags
@@ -112,7 +97,7 @@ def plane_normal(tool: Tool) -> Array:
     (a, b, c), (d, e, f) = (tool.goal - tool.tip).tolist(), (tail - tool.tip).tolist()
     across = np.array([b * f - c * e, c * d - a * f, a * e - b * d])  # np.cross takes 40 us
     size = float(np.sqrt(across @ across))
-    return across / size if size > EXACT * tool.length else np.zeros(3)
+    return across / size if size > constants.EXACT * tool.length else np.zeros(3)
 
 
 def plane_distances(normal: Array, point: Array, ends: Array) -> Array:
@@ -139,7 +124,7 @@ def interferes(tool: Tool, ends: Array, radii: Array, safe: float) -> Flags:
     if normal.any():
         near = plane_distances(normal, tool.tip, ends) < tool.radius + radii + safe
     if near.any():
-        tips = np.linspace(tool.tip, tool.goal, SAMPLES)
+        tips = np.linspace(tool.tip, tool.goal, constants.SAMPLES)
         near[near] = swept(tool, tips, ends[near], radii[near]).min(axis=0) < safe
     return near
 
@@ -151,21 +136,23 @@ def waypoint(tool: Tool, ends: Array, radii: Array, safe: float, beta: float = 0
     nothing = np.zeros(3)
     if not blocked.any():
         return Waypoint(0.0, normal, None, nothing, nothing, nothing, tool.goal)
-    tips = np.linspace(tool.tip, tool.goal, SAMPLES)
+    tips = np.linspace(tool.tip, tool.goal, constants.SAMPLES)
     gaps = np.where(blocked, swept(tool, tips, ends, radii), np.inf)
     which = int(np.argmin(gaps.min(axis=0)))
     # Of moments that are equally near, as where the sweep passes beside the axis, the middle one.
-    near = np.nonzero(gaps[:, which] <= gaps[:, which].min() + EXACT)[0]
+    near = np.nonzero(gaps[:, which] <= gaps[:, which].min() + constants.EXACT)[0]
     when = int(near[len(near) // 2])
     shaft = tool.shafts(tips[when : when + 1])
     found = nearest(shaft, ends[which : which + 1])
     T = shaft[0, 0] + found.share_one[0] * (shaft[0, 1] - shaft[0, 0])
     Z = T - found.difference[0]
-    away = normal if found.distance[0] < EXACT else found.difference[0] / found.distance[0]
-    w = Z + (tool.radius + radii[which] + safe + ROOM) * away
+    away = (
+        normal if found.distance[0] < constants.EXACT else found.difference[0] / found.distance[0]
+    )
+    w = Z + (tool.radius + radii[which] + safe + constants.ROOM) * away
     depth = np.linalg.norm(tips[when] - tool.trocar)
     through = w - tool.trocar
-    tip = tool.trocar + depth * through / max(float(np.linalg.norm(through)), TOUCHING)
+    tip = tool.trocar + depth * through / max(float(np.linalg.norm(through)), constants.TOUCHING)
     reference = (1.0 - beta) * tool.goal + beta * tip
     return Waypoint(beta, normal, which, T, Z, w, reference)
 
@@ -174,7 +161,7 @@ def is_free(tool: Tool, tips: Array, ends: Array, radii: Array, safe: float) -> 
     """Whether the shaft keeps clear by ``safe`` [mm] along straight legs between tips (N, 3)."""
     if not len(ends):
         return True
-    legs = [np.linspace(a, b, SAMPLES) for a, b in pairwise(tips)]
+    legs = [np.linspace(a, b, constants.SAMPLES) for a, b in pairwise(tips)]
     return bool((swept(tool, np.concatenate(legs), ends, radii) >= safe).all())
 
 
@@ -185,19 +172,19 @@ def detour(tool: Tool, ends: Array, radii: Array, safe: float) -> Array | None:
     """
     straight = tool.goal - tool.tip
     length = float(np.linalg.norm(straight))
-    if length < EXACT:
+    if length < constants.EXACT:
         return None
     first = plane_normal(tool)
     if not first.any():
         first = np.cross(straight, np.eye(3)[int(np.argmin(np.abs(straight)))])
         first = first / np.linalg.norm(first)
     second = np.cross(straight / length, first)
-    angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    angles = 2 * np.pi * np.arange(constants.DIRECTIONS) / constants.DIRECTIONS
     around = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
-    shares = np.array(BESIDE)
+    shares = np.array(constants.BESIDE)
     via = (
         (tool.tip + shares[:, None] * straight)[:, None, None]
-        + np.array(OFFSETS)[:, None, None] * around
+        + np.array(constants.OFFSETS)[:, None, None] * around
     ).reshape(-1, 3)
     ways = np.linalg.norm(via - tool.tip, axis=1) + np.linalg.norm(via - tool.goal, axis=1)
     inside = (via - tool.trocar)[:, 2] * (tool.goal - tool.trocar)[2] > 0.0
@@ -227,8 +214,8 @@ class Guide:
         if len(bodies) != len(statement.bodies):
             raise PlumblineError("guide: found other bodies, expected TipInstrument only")
         self.bodies = bodies
-        self._narrow = MM * statement.settings.safe
-        self.safe = self._narrow + EXTRA
+        self._narrow = constants.MM * statement.settings.safe
+        self.safe = self._narrow + constants.EXTRA
         x, _, stage = statement.symbols
         self._limits = cs.Function("limits", [x, stage], [statement.limits])
         self._blank = statement.blank
@@ -242,22 +229,26 @@ class Guide:
         """Where the tips (I, 3) should go now, on their way to the goals (I, 3) [m]."""
         if not (np.isfinite(tips).all() and np.isfinite(goals).all()):
             return goals
-        seen = self._sweeps.swept([o for o in (o.scaled(MM) for o in obstacles) if o.usable])
+        seen = self._sweeps.swept(
+            [o for o in (o.scaled(constants.MM) for o in obstacles) if o.usable]
+        )
         ends = np.array([[o.a, o.b] for o in seen], dtype=float).reshape(-1, 2, 3)
         radii = np.array([o.radius for o in seen], dtype=float)
         tools = [
-            Tool(body.constants, tip, goal, MM * body.length, MM * body.radius)
-            for body, tip, goal in zip(self.bodies, MM * tips, MM * goals, strict=True)
+            Tool(body.constants, tip, goal, constants.MM * body.length, constants.MM * body.radius)
+            for body, tip, goal in zip(
+                self.bodies, constants.MM * tips, constants.MM * goals, strict=True
+            )
         ]
         free = self._free(tools, ends, radii)
         ways = enumerate(tools)
         found = np.stack([self._next(i, t, ends, radii) if free[i] else t.goal for i, t in ways])
         self._watch(tools, found, free, ends, radii)
-        return found / MM
+        return found / constants.MM
 
     def _next(self, i: int, tool: Tool, ends: Array, radii: Array) -> Array:
         way = self._ways[i]
-        while way and np.linalg.norm(tool.tip - way[0]) < THERE:
+        while way and np.linalg.norm(tool.tip - way[0]) < constants.THERE:
             way.pop(0)
             self._restart(i)
         if way:
@@ -280,11 +271,11 @@ class Guide:
         """Notice tools that come no closer, and send the first of them another way."""
         for i, tool in enumerate(tools):
             off = float(np.linalg.norm(tool.tip - found[i]))
-            if off < self._best[i] - PROGRESS:
+            if off < self._best[i] - constants.PROGRESS:
                 self._best[i], self._since[i] = off, 0
-            elif free[i] and np.linalg.norm(tool.tip - tool.goal) > THERE:
+            elif free[i] and np.linalg.norm(tool.tip - tool.goal) > constants.THERE:
                 self._since[i] += 1
-        stuck = [i for i in range(len(tools)) if self._since[i] > STALL]
+        stuck = [i for i in range(len(tools)) if self._since[i] > constants.STALL]
         if stuck:
             # The one that has waited least often goes first, so that tools take turns.
             i = min(stuck, key=lambda k: (self._stalls[k], k))
@@ -313,7 +304,7 @@ class Guide:
         if around is not None:
             return list(around)
         deep = _blocked_outside(tools[i], all_ends, all_radii) != (self._stalls[i] % 3 == 0)
-        depth = DEEP * tools[i].length if deep else BACK
+        depth = constants.DEEP * tools[i].length if deep else constants.BACK
         return list(drawn_back(tools[i], depth))
 
 

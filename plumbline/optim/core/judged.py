@@ -31,18 +31,7 @@ from typing import ClassVar, Self
 import numpy as np
 import scipy
 
-from plumbline.optim.core.constants import (
-    FEASIBLE,
-    LEAST_DIAGONAL,
-    LEAST_RESIDUAL,
-    LISTED,
-    LOST,
-    NEAR,
-    NO_CURVATURE,
-    SINGULAR,
-    STATIONARY,
-    STILL,
-)
+from plumbline.optim.core import constants
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Flags, Problem
 
@@ -113,7 +102,7 @@ class Solution:
         p = self.problem
         gradient = (self.gradient - self.held_by_constraints()) * p.scale
         curvature = np.diag(self.gram.matrix + self.mapped.bend(self.x)) * p.scale**2
-        floor = max(LEAST_DIAGONAL * curvature.max(initial=0.0), np.finfo(float).tiny)
+        floor = max(constants.LEAST_DIAGONAL * curvature.max(initial=0.0), np.finfo(float).tiny)
         curvature = np.maximum(curvature, floor)
         back, ahead = np.minimum(p.lower - self.x, 0.0), np.maximum(p.upper - self.x, 0.0)
         step = np.clip(-gradient / curvature, back / p.scale, ahead / p.scale)
@@ -126,7 +115,7 @@ class Solution:
         if not p.constraints.numel():
             return np.zeros(p.size)
         g, A = self.mapped.constraints(self.x), self.mapped.slopes(self.x)
-        near = NEAR * (1 + np.abs(g))
+        near = constants.NEAR * (1 + np.abs(g))
         low, high = g - p.g_lower <= near, p.g_upper - g <= near
         pushes = np.concatenate([A[low], -A[high]])
         free = ~self._resting()
@@ -139,7 +128,7 @@ class Solution:
     def _resting(self) -> Flags:
         """Which unknowns (P,) are within a millionth of their scale of a bound."""
         p = self.problem
-        room = NEAR * p.scale
+        room = constants.NEAR * p.scale
         return (self.x <= p.lower + room) | (self.x >= p.upper - room)
 
     def is_optimal(self, eps: float = 1e-8) -> bool:
@@ -156,7 +145,7 @@ class Solution:
         return standard_errors(self.gram.matrix, sigma)
 
 
-def standard_errors(matrix: Array, sigma: float, least: float = NO_CURVATURE) -> Array:
+def standard_errors(matrix: Array, sigma: float, least: float = constants.NO_CURVATURE) -> Array:
     """Standard errors (P,) that normal equations (P, P) give at a noise of sigma.
 
     Infinite where a direction, scaled, has no more than the ``least`` curvature times P.
@@ -167,7 +156,7 @@ def standard_errors(matrix: Array, sigma: float, least: float = NO_CURVATURE) ->
     small = values <= least * max(len(S), 1)
     inverse = np.where(small, 0.0, 1 / np.where(small, 1.0, values))
     variance = (vectors**2) @ inverse
-    lost = (vectors[:, small] ** 2).sum(axis=1) > LOST
+    lost = (vectors[:, small] ** 2).sum(axis=1) > constants.LOST
     return np.where(lost, np.inf, sigma * S * np.sqrt(variance))
 
 
@@ -192,7 +181,7 @@ class Judged:
     violation: float = 0.0  # largest violation of a bound or constraint, in the unknowns' own units
     # names of the unknowns that rest on a bound: they may belong beyond it
     at_bound: tuple[str, ...] = ()
-    limit: float = STILL  # of the stationarity
+    limit: float = constants.STILL  # of the stationarity
     unit: ClassVar[str] = "standard errors"  # of the stationarity, which a kind of judgement has
 
     def __repr__(self) -> str:
@@ -202,8 +191,10 @@ class Judged:
     def words(self) -> str:
         """One line: that it converged, or what is wrong, the limit and the way out."""
         # Names tell variants to the last digit, which nobody reads.
-        bounds = (LONG.sub(lambda n: f"{float(n[0]):.4g}", b) for b in self.at_bound[:LISTED])
-        named = ", ".join(bounds) + ", ..." * (len(self.at_bound) > LISTED)
+        bounds = (
+            LONG.sub(lambda n: f"{float(n[0]):.4g}", b) for b in self.at_bound[: constants.LISTED]
+        )
+        named = ", ".join(bounds) + ", ..." * (len(self.at_bound) > constants.LISTED)
         rests = f"; at a bound: {named}" if named else ""
         if self.converged:
             return f"{self.fit} converged ({self.stationarity:.1g} {self.unit} to go){rests}"
@@ -211,8 +202,8 @@ class Judged:
         limit, mend = f"{self.limit:.2g}", "allow more iterations"
         if not np.isfinite(self.stationarity):
             found, limit, mend = "it ended at no finite point", "", "start nearer"
-        elif self.violation > FEASIBLE:
-            found, limit = f"it breaks a bound by {self.violation:.2g}", f"{FEASIBLE:g}"
+        elif self.violation > constants.FEASIBLE:
+            found, limit = f"it breaks a bound by {self.violation:.2g}", f"{constants.FEASIBLE:g}"
         said = f"{found}, {limit} allowed" if limit else found
         return f"{self.fit} has not converged: {said}; {mend}{rests}"
 
@@ -221,7 +212,7 @@ class Judged:
 class JudgedByResidual(Judged):
     """The same by the natural residual, where more than squares is to be made least."""
 
-    limit: float = STATIONARY
+    limit: float = constants.STATIONARY
     unit: ClassVar[str] = "of their scales"
 
 
@@ -270,11 +261,11 @@ def _by_natural_residual(solution: Solution, fit: str) -> JudgedByResidual:
     z, low, high = (value / p.scale for value in (solution.x, p.lower, p.upper))
     away = float(np.abs(z - np.clip(z - slope * p.scale, low, high)).max(initial=0.0))
     moves, violation = max(away, pressed), solution.primal_violation()
-    good = moves <= STATIONARY and violation <= FEASIBLE
+    good = moves <= constants.STATIONARY and violation <= constants.FEASIBLE
     return JudgedByResidual(fit, good, moves, violation, solution.at_bound())
 
 
-def judged_by_gram(gram: Gram, fit: str = "the fit", limit: float = STILL) -> Judged:
+def judged_by_gram(gram: Gram, fit: str = "the fit", limit: float = constants.STILL) -> Judged:
     """Judge a point without bounds by its normal equations, the weights and priors included.
 
     ``fit`` begins the sentence; ``limit`` is how many standard errors it may still move.
@@ -290,9 +281,13 @@ def the_worst(found: Iterable[Judged]) -> Judged | None:
 
 
 def _judged(
-    fit: str, moves: float, violation: float, at_bound: tuple[str, ...], limit: float = STILL
+    fit: str,
+    moves: float,
+    violation: float,
+    at_bound: tuple[str, ...],
+    limit: float = constants.STILL,
 ) -> Judged:
-    good = moves <= limit and violation <= FEASIBLE
+    good = moves <= limit and violation <= constants.FEASIBLE
     return Judged(fit, good, moves, violation, at_bound, limit)
 
 
@@ -304,17 +299,17 @@ def decrement(gram: Gram, gradient: Array, free: Flags) -> float:
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     values, vectors = np.linalg.eigh(matrix * np.outer(unit, unit))
-    told = values > SINGULAR * max(values.max(initial=0.0), 1e-300)
+    told = values > constants.SINGULAR * max(values.max(initial=0.0), 1e-300)
     along = vectors[:, told].T @ (vector * unit)
     freedom = max(gram.count - int(told.sum()), 1.0)
-    variance = max(gram.square / freedom, LEAST_RESIDUAL**2)
+    variance = max(gram.square / freedom, constants.LEAST_RESIDUAL**2)
     return float(np.sqrt(np.sum(along**2 / values[told]) / variance))
 
 
 def _free(solution: Solution, gradient: Array) -> Flags:
     """Unknowns (P,) that may still move: not held, nor pushed against a bound that they rest on."""
     p = solution.problem
-    room = NEAR * p.scale
+    room = constants.NEAR * p.scale
     low, high = solution.x <= p.lower + room, solution.x >= p.upper - room
     held = p.lower >= p.upper
     return ~(held | (low & (gradient > 0.0)) | (high & (gradient < 0.0)))

@@ -17,14 +17,8 @@ from plumbline.kinematics.files import new_file
 from plumbline.kinematics.toml_text import document
 from plumbline.optim.core.answer import again, stored
 from plumbline.optim.core.problem import Array
+from plumbline.optim.model import constants
 from plumbline.optim.model.arm import Arm
-from plumbline.optim.model.constants import (
-    AGREES,
-    LARGEST,
-    LARGEST_MODEL,
-    LONGEST_WORD,
-    MOST_EFFECTS,
-)
 from plumbline.optim.model.rows import SCALARS, VECTORS
 from plumbline.optim.recording.kinds import KINDS
 from plumbline.optim.recording.settings import read_settings_file
@@ -46,7 +40,7 @@ def save(
 
 def load(path: str | Path, kind: type[T], form: tuple[str, int]) -> T:
     """What was stored (PlumblineError: no such file, of another format, or damaged)."""
-    top = read_settings_file(Path(path), LARGEST_MODEL)
+    top = read_settings_file(Path(path), constants.LARGEST_MODEL)
     for key, value in zip(("format", "version"), form, strict=True):
         if top.values.get(key) != value:
             raise top.fault(key, repr(value), "give what --model or save wrote, or save it again")
@@ -56,7 +50,7 @@ def load(path: str | Path, kind: type[T], form: tuple[str, int]) -> T:
 def refuse_odd(file: str, pieces: Mapping[str, tuple[Array, tuple[int, ...]]]) -> None:
     """Refuse numbers that are not of their shape, or not finite."""
     for name, (values, shape) in pieces.items():
-        far = values[~(np.abs(values) <= LARGEST)]
+        far = values[~(np.abs(values) <= constants.LARGEST)]
         if values.shape != shape or far.size:
             odd = f"{far[0]:.6g}" if far.size else f"numbers of shape {values.shape}"
             raise fault(f"{file}, {name}", odd, f"finite numbers of shape {shape}", SAVE_IT)
@@ -65,7 +59,7 @@ def refuse_odd(file: str, pieces: Mapping[str, tuple[Array, tuple[int, ...]]]) -
 def refuse_words(file: str, *words: str) -> None:
     """Refuse names that no one line holds."""
     for word in words:
-        if len(word) > LONGEST_WORD or not word.isprintable():
+        if len(word) > constants.LONGEST_WORD or not word.isprintable():
             raise fault(file, f"the name {shown(word)}", "a short one, on a line", SAVE_IT)
 
 
@@ -74,11 +68,13 @@ def refuse_damaged(file: str, arm: Arm) -> None:
     refuse_words(file, arm.recording, arm.tip_frame, *arm.nuisance_names)
     if arm.observation not in (*KINDS, *RANGES, *FIDUCIALS):
         raise fault(f"{file}, observation", arm.observation, ", ".join(KINDS), SAVE_IT)
-    if (count := len(arm.effects)) > MOST_EFFECTS:
-        raise fault(f"{file}, effects", f"{count:,}", f"at most {MOST_EFFECTS:,}", SAVE_IT)
+    if (count := len(arm.effects)) > constants.MOST_EFFECTS:
+        raise fault(
+            f"{file}, effects", f"{count:,}", f"at most {constants.MOST_EFFECTS:,}", SAVE_IT
+        )
     refuse_odd(file, dict(_pieces(arm)))
     for name, R in (("R_tip_tool", arm.R_tip_tool), ("T_device_base", arm.T_device_base[:3, :3])):
-        if np.abs(R @ R.T - np.eye(3)).max() > AGREES or np.linalg.det(R) < 0.0:
+        if np.abs(R @ R.T - np.eye(3)).max() > constants.AGREES or np.linalg.det(R) < 0.0:
             raise fault(f"{file}, {name}", "no rotation", "one, orthonormal to 1e-9", SAVE_IT)
     if (np.diag(arm.covariance) < 0.0).any():
         raise fault(f"{file}, covariance", "a negative variance", "at least 0", SAVE_IT)

@@ -28,14 +28,7 @@ from plumbline.errors import PlumblineError, best_matches, fault, one_line, show
 from plumbline.kinematics.chain import Chain, Joint
 from plumbline.kinematics.files import is_file, is_folder
 from plumbline.optim.core.quantities import counted
-from plumbline.optim.recording import loading
-from plumbline.optim.recording.constants import (
-    FIRST_ROW,
-    MOST_IN_COMMON,
-    NO_SOCKET,
-    ONE_ROBOT,
-    SAME_GRAVITY,
-)
+from plumbline.optim.recording import constants, loading
 from plumbline.optim.recording.kinds import EFFORTS, MIXED, PLACES
 from plumbline.optim.recording.recording import CONTEXT, Recording, Session, hash_of
 from plumbline.optim.recording.settings import Section, read_settings
@@ -190,7 +183,7 @@ def _sockets(session: Session) -> Integers | None:
         return None
     return np.concatenate(
         [
-            np.full(len(p), NO_SOCKET)
+            np.full(len(p), constants.NO_SOCKET)
             if p.socket is None or not p.kind.sockets
             else p.socket + session.first_socket(k)
             for k, p in enumerate(session.parts)
@@ -232,7 +225,7 @@ def refuse_copies(before: Sequence[tuple[str, Rows]], name: str, rows: Rows) -> 
     """
     for one, theirs in before:
         common = len(rows & theirs)
-        if common > MOST_IN_COMMON * min(len(rows), len(theirs)):
+        if common > constants.MOST_IN_COMMON * min(len(rows), len(theirs)):
             alike = f"as {one}, {common} rows alike"
             raise PlumblineError(
                 one_line(f"{name}: given twice ({alike}), once expected; leave one out")
@@ -257,7 +250,7 @@ def _refuse_other(first: Recording, other: Recording) -> None:
     if not placed_alike(first.chain, other.chain):
         found = f"{other.robot.name} with joints placed or turning otherwise"
         raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
-    if not np.allclose(first.chain.gravity, other.chain.gravity, atol=SAME_GRAVITY):
+    if not np.allclose(first.chain.gravity, other.chain.gravity, atol=constants.SAME_GRAVITY):
         found, like = (str(np.round(r.chain.gravity, 2)) for r in (other, first))
         raise fault(f"{other.name}, gravity", found, like, "mounted otherwise: diagnose it alone")
 
@@ -277,7 +270,7 @@ def same_joints(some: Sequence[Joint], others: Sequence[Joint]) -> bool:
     one, other = (
         np.array([joint.placed for joint in joints]).reshape(-1, 4, 5) for joints in (some, others)
     )
-    near = np.isclose(one, other, rtol=0.0, atol=ONE_ROBOT)
+    near = np.isclose(one, other, rtol=0.0, atol=constants.ONE_ROBOT)
     near[:1, :, :4] = True
     return bool(near.all())
 
@@ -294,7 +287,7 @@ def named_row(recording: Recording, row: int) -> str:
     if not recording.several:
         return str(row)
     for part in apart(recording)[0].parts:
-        if row < len(part) + FIRST_ROW:
+        if row < len(part) + constants.FIRST_ROW:
             return f"{part.name} {row}"
         row -= len(part)
     raise IndexError(row)

@@ -14,15 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.declared import Count, NotNegative
-from plumbline.optim.core.constants import (
-    GROWTH,
-    HOPELESS,
-    KEPT,
-    LEAST,
-    LEAST_DAMPING,
-    LEAST_DIAGONAL,
-    MOST_TURN,
-)
+from plumbline.optim.core import constants
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Gram, Mapped, Summed
 from plumbline.optim.core.problem import Array, Problem
@@ -49,7 +41,7 @@ class LevenbergMarquardt(OfRows):
         problem = mapped.problem
         x = np.clip(np.asarray(start, dtype=float), problem.lower, problem.upper)
         gram, mu, message = mapped.gram(x), self.damping, "iteration limit reached"
-        steps, growth, bent = 0, GROWTH, False
+        steps, growth, bent = 0, constants.GROWTH, False
         while steps < self.max_iterations:
             steps += 1
             trial = damped_step(problem, gram, x, mu)
@@ -61,10 +53,10 @@ class LevenbergMarquardt(OfRows):
                 trial = _around_the_bend(mapped, gram, x, trial, mu)
             candidate = mapped.gram(trial)
             drop = gram.square - candidate.square
-            bent = bent or drop < KEPT * promise
+            bent = bent or drop < constants.KEPT * promise
             if not np.isfinite(candidate.square) or drop < 0:
-                mu, growth = mu * growth, growth * GROWTH
-                if mu > HOPELESS or abs(drop) <= self.tolerance * gram.square:
+                mu, growth = mu * growth, growth * constants.GROWTH
+                if mu > constants.HOPELESS or abs(drop) <= self.tolerance * gram.square:
                     message = "no further descent"
                     break
                 continue
@@ -75,8 +67,8 @@ class LevenbergMarquardt(OfRows):
                 break
             # Where half of what was promised was gained the damping stays (Nielsen 1999): in a
             # valley that bends each other step had been too long for nothing.
-            relief = max(LEAST, 1.0 - (2.0 * drop / promise - 1.0) ** 3)
-            mu, growth = max(mu * relief, LEAST_DAMPING), GROWTH
+            relief = max(constants.LEAST, 1.0 - (2.0 * drop / promise - 1.0) ** 3)
+            mu, growth = max(mu * relief, constants.LEAST_DAMPING), constants.GROWTH
         return Solution(problem, x, steps, message).judged_by(gram)
 
 
@@ -86,7 +78,7 @@ def _around_the_bend(mapped: Summed, gram: Gram, x: Array, trial: Array, mu: flo
     turned = replace(gram, vector=gram.vector + 0.5 * curvature)
     found, scale = damped_step(mapped.problem, turned, x, mu), mapped.problem.scale
     more, straight = (np.linalg.norm(d / scale) for d in (found - trial, trial - x))
-    return found if 2.0 * more <= MOST_TURN * straight else trial
+    return found if 2.0 * more <= constants.MOST_TURN * straight else trial
 
 
 def promised(gram: Gram, step: Array) -> float:
@@ -99,7 +91,9 @@ def damped_step(problem: Problem, gram: Gram, x: Array, mu: float) -> Array:
     S = problem.scale
     G, g = gram.matrix * np.outer(S, S), gram.vector * S
     low, high = (problem.lower - x) / S, (problem.upper - x) / S
-    diagonal = np.maximum(np.diag(G), LEAST_DIAGONAL * max(np.diag(G).max(initial=0.0), 1e-300))
+    diagonal = np.maximum(
+        np.diag(G), constants.LEAST_DIAGONAL * max(np.diag(G).max(initial=0.0), 1e-300)
+    )
     A = G + mu * np.diag(diagonal)
     delta = np.zeros(len(x))
     free = ~(((low >= 0) & (g > 0)) | ((high <= 0) & (g < 0)))

@@ -25,13 +25,7 @@ from plumbline.optim.diagnosis.constants import TRIES
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
 from plumbline.optim.diagnosis.prior import ROUNDS
-from plumbline.optim.measurement.observation import (
-    MeasurementModel,
-    build_model,
-    rotation_lever,
-    rows_of,
-    scope_of,
-)
+from plumbline.optim.measurement import observation
 from plumbline.optim.measurement.pose_noise import as_read
 from plumbline.optim.measurement.torque import effort_weights
 from plumbline.optim.recording.recording import Recording
@@ -65,10 +59,12 @@ class Setting:
     sigma: float  # noise of one equation [m or rad]
     library: tuple[type[Effect], ...]  # effects to draw from
 
-    def model(self, fault: Fault) -> tuple[MeasurementModel, Array]:
+    def model(self, fault: Fault) -> tuple[observation.MeasurementModel, Array]:
         """The model with a fault in it, and its unknowns (P,) at that fault."""
         effects = [*self.selected.fixed, *fault.effects]
-        model = build_model(self.recording, effects, nuisance=self.selected.model.nuisance)
+        model = observation.build_model(
+            self.recording, effects, nuisance=self.selected.model.nuisance
+        )
         return model, np.concatenate([self.selected.nominal.x, fault.values])
 
     def draw(
@@ -79,7 +75,7 @@ class Setting:
         Every kind is as likely as every other, then every element, then every variant; what is
         taken already is not drawn again.
         """
-        scope = scope_of(self.recording)
+        scope = observation.scope_of(self.recording)
         known = {e.name for e in self.selected.fixed}
         kinds = [c for c in self.library if c.name not in known and c.candidates(scope)]
         for _ in range(TRIES if kinds else 0):
@@ -135,7 +131,7 @@ def _as_read(recording: Recording, residuals: Array, errors: Array) -> Array:
         residuals, errors = (as_read(recording, r) for r in (residuals, errors))
     measured[:, :3] += (residuals - errors)[:, :3]
     if recording.kind.oriented:
-        lever = rotation_lever(recording)
+        lever = observation.rotation_lever(recording)
         was, wanted = (_turns(r[:, 3:] / lever) for r in (residuals, errors))
         seen = Rotation.from_quat(measured[:, 3:], scalar_first=True)
         measured[:, 3:] = (seen * was * wanted.inv()).as_quat(scalar_first=True)
@@ -149,7 +145,7 @@ def _turns(sines: Array) -> Rotation:
     return Rotation.from_rotvec(sines * np.where(size > 0.0, angle / np.maximum(size, 1e-300), 1.0))
 
 
-def _given_way(model: MeasurementModel, x: Array, errors: Array) -> Array:
+def _given_way(model: observation.MeasurementModel, x: Array, errors: Array) -> Array:
     """Joint readings (N, n) at which the tips leave these errors."""
     recording, problem = model.recording, model.problem
     n = recording.q.shape[1]
@@ -158,7 +154,7 @@ def _given_way(model: MeasurementModel, x: Array, errors: Array) -> Array:
         "give_way", [problem.x, problem.row], [cs.densify(problem.residual), cs.densify(J)]
     )
     for _ in range(ROUNDS):
-        rows = rows_of(recording, [t.effect for t in model.terms])
+        rows = observation.rows_of(recording, [t.effect for t in model.terms])
         r, J_t = over_rows(both, rows, x)
         J_rows = J_t.transpose(0, 2, 1)
         step = np.linalg.pinv(J_rows) @ (errors - r[:, 0])[:, :, None]

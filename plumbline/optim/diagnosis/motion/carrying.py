@@ -15,17 +15,8 @@ from plumbline.kinematics.effects.link_inertia import LEAST_MASS
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.effects.payload import CarriedMass
 from plumbline.optim.diagnosis.findings import Blame, Cause, Estimate
+from plumbline.optim.diagnosis.motion import constants
 from plumbline.optim.diagnosis.motion.carried import Carried, Off
-from plumbline.optim.diagnosis.motion.constants import (
-    CONFOUNDED,
-    LEAST_GAIN,
-    LEAST_SHARE,
-    MOVES,
-    OF_A_LINK,
-    OF_A_TIP,
-    ROUNDED,
-    WORTH_A_FIT,
-)
 from plumbline.optim.diagnosis.motion.fit import correlation_time, evaluated
 from plumbline.optim.diagnosis.motion.masses import MassFit, Telling, fitted_mass, path_of
 from plumbline.optim.diagnosis.motion.models import ODDS
@@ -81,16 +72,18 @@ def candidates(r: MotionRecording, without: Sequence[str] = ()) -> tuple[Off, ..
         return ()
     path, model = path_of(r).tolist(), r.robot.model
     weight = sum(model.inertias[j].mass for j in path)
-    found = [Off((CarriedMass.mass.scale * weight, *[0.0] * (k - 1))) for k in OF_A_TIP]
+    found = [Off((CarriedMass.mass.scale * weight, *[0.0] * (k - 1))) for k in constants.OF_A_TIP]
     for k, place in enumerate(r.index, start=1):
         if place + 1 in path and model.inertias[place + 1].mass > LEAST_MASS:
-            found += [Off((0.0,) * count, k) for count in OF_A_LINK]
+            found += [Off((0.0,) * count, k) for count in constants.OF_A_LINK]
     return tuple(body for body in found if weight > 0 and body.effect.name not in without)
 
 
 def odds(carried: Carried) -> float:
     """Prior log odds of bodies that are off: forms share those of an effect."""
-    forms = (len(OF_A_LINK if body.link else OF_A_TIP) for body in carried.bodies)
+    forms = (
+        len(constants.OF_A_LINK if body.link else constants.OF_A_TIP) for body in carried.bodies
+    )
     return float(sum(ODDS - np.log(count) for count in forms))
 
 
@@ -103,7 +96,7 @@ def likeliest(
     said: where states are far off, more bodies would stand for what the first leaves of them.
     """
     here = fitted_mass(telling, telling.recording.carried, clock=True)
-    for _ in range(MOVES):
+    for _ in range(constants.MOVES):
         tried = [fitted_mass(telling, other, clock=True) for other in _others(here.carried, asked)]
         times = min((here, *tried), key=_misfit).times
         counted = [fit for fit in tried if not _negligible(fit, here)]
@@ -134,7 +127,7 @@ def _others(now: Carried, asked: Sequence[Off]) -> Iterator[Carried]:
 def _negligible(fit: MassFit, given: MassFit) -> bool:
     """Whether more values take next to nothing of what any joint is missed by."""
     more = len(fit.carried.values) - len(given.carried.values)
-    return bool(more > 0 and (1 - fit.squares / given.squares).max() < LEAST_GAIN)
+    return bool(more > 0 and (1 - fit.squares / given.squares).max() < constants.LEAST_GAIN)
 
 
 Move = tuple[Array, Array]  # values of masses (P,), and by how much those of their states are off
@@ -178,7 +171,7 @@ def carrying_more(
     if more_probable(fit, begun) < 0:
         return None
     row = float(np.median(np.diff(signals.recording.time)))
-    for _ in range(2 * MOVES):
+    for _ in range(2 * constants.MOVES):
         if not (fit.carried.bodies and fit.real and np.isfinite(fit.squares).all()):
             return None
         bodies = replace(signals.recording, carried=fit.carried, lead=lead)
@@ -196,8 +189,8 @@ def carrying_more(
 def _lead(fit: MassFit, was: float, lead: float, row: float) -> float:
     """By how long a clock leads [s]: as before but for what stands out, of a row so long [s]."""
     ahead = float(np.clip(lead - fit.late, 0.0, row))
-    significant = ((ahead - was) / fit.late_std) ** 2 / 2 > WORTH_A_FIT
-    return ahead if significant and abs(ahead - was) > ROUNDED * row else was
+    significant = ((ahead - was) / fit.late_std) ** 2 / 2 > constants.WORTH_A_FIT
+    return ahead if significant and abs(ahead - was) > constants.ROUNDED * row else was
 
 
 def more_probable(fit: MassFit, begun: Sequence[Begun]) -> float:
@@ -221,7 +214,7 @@ def lesser(signals: Signals, begun: Sequence[Begun], body: Off) -> Iterator[Carr
     carried, drives = signals.recording.carried, drives_of_all(begun, signals.recording.n)
     less = carried.without(body)
     yield less
-    for count in OF_A_LINK if body.link else OF_A_TIP:
+    for count in constants.OF_A_LINK if body.link else constants.OF_A_TIP:
         if count < len(body.values):
             form = replace(body, values=body.values[:count])
             telling = Telling(signals, drives, signals.training)
@@ -241,7 +234,7 @@ def felt_by_one(signals: Signals, begun: Sequence[Begun], other: Carried) -> Sig
         square = evaluated(windows, near.effects, near.theta, slopes=False).square
         effective = near.residual.size / correlation_time(near.residual)
         felt.append(max(effective / 2 * float(np.log(square / near.square)), 0.0))
-    return less if max(felt) > (1 - LEAST_SHARE) * sum(felt) else None
+    return less if max(felt) > (1 - constants.LEAST_SHARE) * sum(felt) else None
 
 
 Rivals = dict[str, tuple[float, list[tuple[str, int]]]]
@@ -273,7 +266,7 @@ class MassFindings:
         instead = (
             Blame(name, STAGE if j else str(CarriedMass.stage), j or None)
             for name, j, p in self.instead[k]
-            if p > CONFOUNDED
+            if p > constants.CONFOUNDED
         )
         return Cause(
             body.effect.name,

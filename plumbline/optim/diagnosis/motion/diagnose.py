@@ -12,21 +12,9 @@ from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL as AT_REST
 from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.threads import one_thread
+from plumbline.optim.diagnosis.motion import carrying
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.carried import NOTHING
-from plumbline.optim.diagnosis.motion.carrying import (
-    Rivals,
-    against,
-    candidates,
-    carrying_more,
-    drives_of_all,
-    felt_by_one,
-    further,
-    lesser,
-    mass_findings,
-    states_by,
-    told_by,
-)
 from plumbline.optim.diagnosis.motion.constants import (
     CONTENDS,
     MOVES,
@@ -81,8 +69,8 @@ def diagnose_motion(
         if progress is not None:
             progress(f"{r.noun} {one.number}", (1 + k / len(begun)) / 2)
         joints.append(search(one, prior, signals.sigma))
-    asked = candidates(r, options.without)
-    mass = mass_findings(signals, joints, found.more, found.plain, asked, found.rivals)
+    asked = carrying.candidates(r, options.without)
+    mass = carrying.mass_findings(signals, joints, found.more, found.plain, asked, found.rivals)
     joints = [*or_links(signals, joints, asked)]
     unseen = left_out(signals, joints)
     still = [j + 1 for j in range(r.n) if j not in _moved(r)]
@@ -118,7 +106,7 @@ class _Searched:
     more: float = 0.0  # log odds of a mass that is carried against none
     plain: tuple[Begun, ...] = ()  # where it stood without one
     # by a body's label its log odds against what a drive may do in its place, and that
-    rivals: Rivals = field(default_factory=dict)
+    rivals: carrying.Rivals = field(default_factory=dict)
 
 
 def _searched(
@@ -129,12 +117,12 @@ def _searched(
     Masses are asked of ideal drives, as others are found in their place, then of those found.
     """
     plain = _begun(signals_of(r), options, progress)
-    if not candidates(r, options.without):
+    if not carrying.candidates(r, options.without):
         return _finished(_Searched(*_by_neighbours(*plain, options, progress)))
     found = _carrying(plain, (), options, progress)
     if found is None or found.more < CONTENDS:
         plain = _by_neighbours(*plain, options, progress)
-        drives = drives_of_all(plain[1], r.n)
+        drives = carrying.drives_of_all(plain[1], r.n)
         found = _carrying(plain, drives, options, progress) or found
     if found is None:
         return _finished(_Searched(*plain))
@@ -150,10 +138,10 @@ def _still(found: _Searched, options: DiagnosisOptions, progress: Progress | Non
     signals, begun = _by_neighbours(found.signals, found.begun, options, progress)
     before = None
     for _ in range(MOVES):
-        fit = told_by(signals, begun)
+        fit = carrying.told_by(signals, begun)
         if fit.off < AT_REST or not fit.real:
             break
-        moved, before = further(signals, fit, before)
+        moved, before = carrying.further(signals, fit, before)
         if moved is None:
             break
         signals, begun = _begun(moved, options, progress, begun)
@@ -165,15 +153,15 @@ def _without_stand_ins(
 ) -> _Searched:
     """The same with less of each body that one joint alone feels, whose drive is more probable."""
     for body in found.signals.recording.carried.bodies:
-        for other in lesser(found.signals, found.begun, body):
+        for other in carrying.lesser(found.signals, found.begun, body):
             signals, begun = found.signals, found.begun
-            if (less := felt_by_one(signals, begun, other)) is None:
+            if (less := carrying.felt_by_one(signals, begun, other)) is None:
                 continue
             _, anew = _begun(less, options, progress)
-            sure = _more_probable(signals, begun, anew) - against(less, anew)
+            sure = _more_probable(signals, begun, anew) - carrying.against(less, anew)
             if sure < 0:
-                drives = drives_of_all(anew, less.recording.n)
-                if (fewer := states_by(less.recording, drives)) is None:
+                drives = carrying.drives_of_all(anew, less.recording.n)
+                if (fewer := carrying.states_by(less.recording, drives)) is None:
                     continue
                 again = _begun(fewer, options, progress)
                 found = replace(found, signals=again[0], begun=again[1])
@@ -191,8 +179,8 @@ def _carrying(
     progress: Progress | None,
 ) -> _Searched | None:
     """Where a search stands with a mass, if that may be the more probable."""
-    asked = candidates(plain[0].recording, options.without)
-    given = carrying_more(*plain, drives, asked)
+    asked = carrying.candidates(plain[0].recording, options.without)
+    given = carrying.carrying_more(*plain, drives, asked)
     if given is None:
         return None
     signals, begun = _begun(given, options, progress)
@@ -201,7 +189,7 @@ def _carrying(
 
 def _more_probable(signals: Signals, begun: Sequence[Begun], plain: Sequence[Begun]) -> float:
     """Log odds of a search with a mass against one without."""
-    return float(_log_odds(begun, plain).sum()) + against(signals, begun)
+    return float(_log_odds(begun, plain).sum()) + carrying.against(signals, begun)
 
 
 def _finished(found: _Searched) -> _Searched:

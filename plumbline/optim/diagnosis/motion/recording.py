@@ -33,16 +33,10 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.set_up import doubted_units, refuse_wrong_set_up
 from plumbline.optim.diagnosis.motion.units import slides
+from plumbline.optim.recording import loading
 from plumbline.optim.recording.columns import numbered
 from plumbline.optim.recording.constants import FIRST_ROW
 from plumbline.optim.recording.derivatives import elsewhere
-from plumbline.optim.recording.loading import (
-    KEYS,
-    PROVENANCE,
-    RobotFiles,
-    open_folder,
-    read_robot,
-)
 from plumbline.optim.recording.recording import hash_of
 from plumbline.optim.recording.settings import Section
 from plumbline.optim.recording.table import Array, Flags, Integers, Origin, Table, as_integers
@@ -197,7 +191,7 @@ def build_motion(
     )  # fmt: skip
 
 
-def load_motion(folder: str | Path, made: RobotFiles | None = None) -> MotionRecording:
+def load_motion(folder: str | Path, made: loading.RobotFiles | None = None) -> MotionRecording:
     """Read and check a recording of motions.
 
     Args:
@@ -207,11 +201,11 @@ def load_motion(folder: str | Path, made: RobotFiles | None = None) -> MotionRec
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
-    opened = open_folder(folder)
+    opened = loading.open_folder(folder)
     opened.must_be(OBSERVATION, "commands")
     settings, table = opened.settings, opened.table
     section = settings.section(OBSERVATION)
-    made = made or read_robot(settings, opened.place)
+    made = made or loading.read_robot(settings, opened.place)
     table.require(("time", "q1", "u1"))
     count = max(numbered(table.columns, "q"))
     names = [[f"{prefix}{k}" for k in range(1, count + 1)] for prefix in ("u", "q")]
@@ -219,7 +213,7 @@ def load_motion(folder: str | Path, made: RobotFiles | None = None) -> MotionRec
     flags = {k: whole(table, k) for k in ("group", "held_out")}
     used = ["time", *flags, *names[0], *names[1]]
     used += [f"{prefix}{k}" for prefix in OPTIONAL for k in range(1, count + 1)]
-    notes = list(settings.unused((*KEYS, *PROVENANCE, "robot", OBSERVATION)))
+    notes = list(settings.unused((*loading.KEYS, *loading.PROVENANCE, "robot", OBSERVATION)))
     notes += section.unused(("command", "kp", "kd", "noise_std"))
     stated = section if "noise_std" in section.values else settings
     held = flags["held_out"]

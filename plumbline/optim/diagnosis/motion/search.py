@@ -13,12 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plumbline.optim.diagnosis.motion.constants import (
-    CONFOUNDED,
-    LEAST_SHARE,
-    RESEMBLES,
-    RIVAL_FROM,
-)
+from plumbline.optim.diagnosis.motion import constants
 from plumbline.optim.diagnosis.motion.fit import JointFit, correlation_time, fitted
 from plumbline.optim.diagnosis.motion.models import Key, Models, names_of
 from plumbline.optim.diagnosis.motion.unlisted import (
@@ -106,7 +101,7 @@ def search(begun: Begun, prior: float, sigma: float | None = None) -> JointFindi
         added = (*added, own_past(windows, fit, models.floor(fit, sigma)))
     outside = sum(p for names, p in share if any(name[0] == "?" for name in names))
     every, anything = _mechanisms(share)
-    near = {name for name, p in probability.items() if p > CONFOUNDED}
+    near = {name for name, p in probability.items() if p > constants.CONFOUNDED}
     unseen = {
         e.name: size * e.starts(seen)[0]
         for e, size in zip(library, windows.sizes(library), strict=True)
@@ -179,18 +174,18 @@ def _weights(
     lacking = {k: models.lacking(k, time, sigma) for k in (*counted, key)}
     found = [(names_of(k), models.score(k, time) - lacking[k].gain) for k in counted]
     each = odds_of_each(prior)
-    resembles = float(np.log(RESEMBLES / max(len(models.odds), 1)))
+    resembles = float(np.log(constants.RESEMBLES / max(len(models.odds), 1)))
     best, own = models.score(key, time), models.found[key]
     stated = 0.0 if sigma is None else sigma**2
     for k, lack in lacking.items():
-        if lack.share > LEAST_SHARE and best - models.score(k, time) < NO_EVIDENCE:
+        if lack.share > constants.LEAST_SHARE and best - models.score(k, time) < NO_EVIDENCE:
             large = (lack.share * models.found[k].square) ** 0.5
             found += _with_parts(models.sizes(k), large, lack.on, models.score(k, time) + each)
     for less in (key, *(key - {effect} for effect in key)):
         models.fit(less, own)
         score, fit = models.score(less, time), models.found[less]
         effective = fit.residual.size / time
-        if best - score > RIVAL_FROM * effective:
+        if best - score > constants.RIVAL_FROM * effective:
             continue  # far too much for any function to make up for
         beside: list[tuple[frozenset[str], float]] = []
         rivals = FunctionRivals(models.windows, fit, effective, own.square, stated)
@@ -201,7 +196,7 @@ def _weights(
             past = (own_past(models.windows, fit, floor),)  # that no function tells
         sizes = models.sizes(less)
         for u in (*added, *past):
-            if u.share > LEAST_SHARE:
+            if u.share > constants.LEAST_SHARE:
                 large = (u.share * fit.square) ** 0.5
                 beside += _with_parts(sizes, large, u.on, score + u.gain + each)
         for i, effect in enumerate(fit.effects):
@@ -209,7 +204,7 @@ def _weights(
             instead = weight + resembles - models.odds[effect.name]
             size, rest = sizes[effect.name], {n: s for n, s in sizes.items() if n != effect.name}
             for u in (*rivals.resembling(i, size), *past):  # with the effect, or instead
-                if u.share > LEAST_SHARE:
+                if u.share > constants.LEAST_SHARE:
                     beside.append((names_of(less) | {f"?{u.on}"}, weight + u.gain))
                     beside += _with_parts(rest, size, u.on, instead + u.gain)
         found += beside
@@ -221,7 +216,7 @@ def _weights(
 
 def _tells(found: UnlistedFunction) -> bool:
     """Whether a function of something is what is left, not just as probable as chance."""
-    return found.share > LEAST_SHARE and found.gain > NO_EVIDENCE
+    return found.share > constants.LEAST_SHARE and found.gain > NO_EVIDENCE
 
 
 def _with_parts(

@@ -19,14 +19,7 @@ from plumbline.kinematics.law import Law
 from plumbline.optim.core.problem import Flags
 from plumbline.optim.diagnosis.motion.constants import ALIKE, LATEST, LENGTH, SAME_UNIT, STATED
 from plumbline.optim.diagnosis.motion.units import in_unit
-from plumbline.optim.recording.constants import (
-    LARGEST_ARM,
-    LARGEST_EFFORT,
-    LARGEST_SPEED,
-    MIXED_UP,
-    ROUNDING,
-    TURNS,
-)
+from plumbline.optim.recording import constants
 from plumbline.optim.recording.mixed_up import latest_cosine, refuse_mixed_up, refuse_repeated
 from plumbline.optim.recording.table import Array, Origin
 
@@ -55,7 +48,7 @@ def refuse_wrong_set_up(r: Motion, origin: Origin) -> None:
 def doubted_units(r: Motion) -> Iterator[str]:
     """What is said of joints that turn more often than arms do, as far as their file lets them."""
     far = np.abs(r.q).max(axis=0)
-    many = np.flatnonzero((far > TURNS) & ~np.array(r.slides))
+    many = np.flatnonzero((far > constants.TURNS) & ~np.array(r.slides))
     if len(many):
         j = int(many[0])
         yield (
@@ -93,7 +86,9 @@ def _undriven(r: Motion) -> Flags:
         return np.zeros(r.n, bool)
     noise = np.mean(np.diff(r.q, axis=0) ** 2, axis=0) > np.var(r.q, axis=0)
     told = np.abs(r.command - np.median(r.q, axis=0)).max(axis=0) > 2 * ActuationDeadband.band.upper
-    return np.asarray(noise & told & (np.ptp(r.command, axis=0) > MIXED_UP * np.ptp(r.q, axis=0)))
+    return np.asarray(
+        noise & told & (np.ptp(r.command, axis=0) > constants.MIXED_UP * np.ptp(r.q, axis=0))
+    )
 
 
 def _refuse_sizes(r: Motion, origin: Origin) -> None:
@@ -133,11 +128,11 @@ def _refuse_other_commands(r: Motion, origin: Origin) -> None:
         np.median([1.0 - latest_cosine(x[:, j], y[:, j], latest) for j in moved] or [0.0])
         for x, y in ((told, read), (other, read), (told, added))
     )
-    if follows and min(own, better) > MIXED_UP * max(rates, ROUNDING):
+    if follows and min(own, better) > constants.MIXED_UP * max(rates, constants.ROUNDING):
         found = f"{_letter(r)} that moves as its velocity does"
         mend = f"write places into {_letter(r)}1, {_letter(r)}2, ..."
         raise fault(origin.at(f"{_letter(r)}1"), found, "places of joints", mend)
-    if own > MIXED_UP * max(better, ROUNDING):
+    if own > constants.MIXED_UP * max(better, constants.ROUNDING):
         word = "velocity" if r.law.follows else "position"
         found = (
             f"commands that move {_letter(r)} as {word} does (cosine {min(1.0 - better, 1.0):.2f})"
@@ -214,12 +209,12 @@ def _most(r: Motion, j: int, places: bool) -> tuple[float, str]:
     if not places:
         held = r.law in (Law.VELOCITY, Law.RATE)
         return (
-            (LARGEST_SPEED, f"{r.units[j]}/s")
+            (constants.LARGEST_SPEED, f"{r.units[j]}/s")
             if held
-            else (LARGEST_EFFORT, in_unit("N m", r.units[j]))
+            else (constants.LARGEST_EFFORT, in_unit("N m", r.units[j]))
         )
     if r.slides[j]:
-        return LARGEST_ARM, "m"
+        return constants.LARGEST_ARM, "m"
     model = r.robot.model  # no limit is known where coordinates and joints are not numbered alike
     limit = float(model.upperPositionLimit[r.index[j]]) if model.nq == model.nv else 0.0
-    return max(TURNS, limit if limit < STATED else 0.0), "rad"
+    return max(constants.TURNS, limit if limit < STATED else 0.0), "rad"

@@ -16,13 +16,7 @@ from numpy.typing import ArrayLike
 from plumbline.errors import fault
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
-from plumbline.optim.diagnosis.motion.recording import (
-    TRACKING,
-    MotionRecording,
-    checked,
-    load_motion,
-    whole,
-)
+from plumbline.optim.diagnosis.motion import recording
 from plumbline.optim.recording.columns import numbered
 from plumbline.optim.recording.loading import KEYS, PROVENANCE, open_folder
 from plumbline.optim.recording.recording import hash_of
@@ -38,7 +32,7 @@ def build_tracking(
     held_out: ArrayLike | None = None,
     noise_std: float | None = None,
     name: str = "arrays",
-) -> MotionRecording:
+) -> recording.MotionRecording:
     """A checked recording of a controlled tip from arrays.
 
     Args:
@@ -66,45 +60,47 @@ def build_tracking(
     )  # fmt: skip
 
 
-def load_tracking(folder: str | Path) -> MotionRecording:
+def load_tracking(folder: str | Path) -> recording.MotionRecording:
     """Read and check a recording of a controlled tip.
 
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
     opened = open_folder(folder)
-    opened.must_be(TRACKING, "commanded rates")
+    opened.must_be(recording.TRACKING, "commanded rates")
     settings, table = opened.settings, opened.table
     table.require(("time", "u1", "x1"))
     count = max(numbered(table.columns, "x"))
     names = [[f"{prefix}{k}" for k in range(1, count + 1)] for prefix in ("u", "x")]
-    held = whole(table, "held_out")
+    held = recording.whole(table, "held_out")
     used = ["time", "group", "held_out", *names[0], *names[1]]
     return _of_axes(
         opened.origin, table.numbers("time"), table.block(names[0]), table.block(names[1]),
-        name=opened.name, group=whole(table, "group"),
+        name=opened.name, group=recording.whole(table, "group"),
         held_out=None if held is None else held == 1,
         noise_std=settings.number("noise_std"), sha256=opened.sha256(b""),
         notes=(*settings.unused((*KEYS, *PROVENANCE)), *table.notes, *table.unused(used)),
     )  # fmt: skip
 
 
-def load_drives(folder: str | Path) -> MotionRecording:
+def load_drives(folder: str | Path) -> recording.MotionRecording:
     """Read and check a recording of joints under commands, or of a controlled tip.
 
     Raises:
         PlumblineError: The folder cannot be used; one line says where, why and how to mend it.
     """
-    tip = open_folder(folder).settings.word("observation") == TRACKING
-    return load_tracking(folder) if tip else load_motion(folder)
+    tip = open_folder(folder).settings.word("observation") == recording.TRACKING
+    return load_tracking(folder) if tip else recording.load_motion(folder)
 
 
-def _of_axes(origin: Origin, t: Array, u: Array, x: Array, **more: Any) -> MotionRecording:
+def _of_axes(
+    origin: Origin, t: Array, u: Array, x: Array, **more: Any
+) -> recording.MotionRecording:
     n = x.shape[1]
     axes = Robot.from_dh([{"kind": "prismatic"}] * n, name="axes", gravity=(0.0, 0.0, 0.0))
     joints = tuple(f"x{k}" for k in range(1, n + 1))
     nothing = np.zeros(n)
-    return checked(
+    return recording.checked(
         origin, robot=axes, joints=joints, index=tuple(range(n)), law=Law.RATE, time=t,
-        command=u, q=x, kp=nothing, kd=nothing, observation=TRACKING, **more,
+        command=u, q=x, kp=nothing, kd=nothing, observation=recording.TRACKING, **more,
     )  # fmt: skip

@@ -15,17 +15,7 @@ from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.quantities import quantity
-from plumbline.optim.diagnosis.findings import (
-    Blame,
-    Cause,
-    Estimate,
-    Gap,
-    NoiseLevel,
-    Outcome,
-    Place,
-    Step,
-    Verdict,
-)
+from plumbline.optim.diagnosis import findings
 from plumbline.optim.diagnosis.motion.carrying import MassFindings, Where, place_of
 from plumbline.optim.diagnosis.motion.constants import (
     AXIS_LEVER,
@@ -83,7 +73,7 @@ class MotionFindings:
         return probable(self.mass, self.joints)
 
 
-def verdict_of(found: MotionFindings) -> Verdict:
+def verdict_of(found: MotionFindings) -> findings.Verdict:
     """Put the verdict together."""
     r, noise = found.recording, _noise(found)
     gap, counted = _gap(found, noise), sum(joint.effective for joint in found.joints)
@@ -94,12 +84,12 @@ def verdict_of(found: MotionFindings) -> Verdict:
     stuck = any(e.at_bound for cause in causes for e in cause.parameters.values())
     shown = gap.shrink_ci95[0] >= 0.0
     earned = noise.source != "fit" and judged.converged and shown and not stuck
-    kind = Outcome.of(bool(causes), beyond=beyond, earned=earned and not beyond)
+    kind = findings.Outcome.of(bool(causes), beyond=beyond, earned=earned and not beyond)
     where = _where(found) if causes else ()
-    if kind == Outcome.OUTSIDE:
+    if kind == findings.Outcome.OUTSIDE:
         worst = max(zip(found.joints, found.together, strict=True), key=lambda x: x[1].after.mean())
-        where = (Place(STAGE, worst[0].number, 1.0),)
-    return Verdict(
+        where = (findings.Place(STAGE, worst[0].number, 1.0),)
+    return findings.Verdict(
         verdict=kind,
         gap=gap,
         where=where,
@@ -142,22 +132,22 @@ def _tree(found: MotionFindings) -> tuple[dict[str, Any], ...]:
     return tree_of(places, mechanisms)
 
 
-def _noise(found: MotionFindings) -> NoiseLevel:
+def _noise(found: MotionFindings) -> findings.NoiseLevel:
     levers = [found.levers[j.number] for j in found.joints]
     pairs = zip(found.joints, levers, strict=True)
     left = _rms([(j.fit.residual.ravel() / lever) ** 2 for j, lever in pairs])
     stated = found.recording.noise_std
     if stated is None:
-        return NoiseLevel(left, "fit", 1.0)
+        return findings.NoiseLevel(left, "fit", 1.0)
     stated *= found.averaged * _rms([1.0 / np.square(levers)])
-    return NoiseLevel(stated, "given", left / stated)
+    return findings.NoiseLevel(stated, "given", left / stated)
 
 
 def _rms(squares: Sequence[Array]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(list(squares)))))
 
 
-def _gap(found: MotionFindings, noise: NoiseLevel) -> Gap:
+def _gap(found: MotionFindings, noise: findings.NoiseLevel) -> findings.Gap:
     """Root mean squares of one reading, over all joints, of what was left out."""
     before, after = (
         np.concatenate(x) for x in zip(*((j.before, j.after) for j in found.together), strict=True)
@@ -168,7 +158,7 @@ def _gap(found: MotionFindings, noise: NoiseLevel) -> Gap:
     return gap_between(found.recording.unit, sides, noise, noise.sigma, interval, found.by)
 
 
-def _causes(found: MotionFindings) -> tuple[Cause, ...]:
+def _causes(found: MotionFindings) -> tuple[findings.Cause, ...]:
     """What earns its probability, most important first: by the square that is left without it.
 
     What was left out need not show it: of a limit that one window reached no other window tells.
@@ -188,18 +178,18 @@ def _alike(joint: JointFindings, name: str) -> float:
     return joint.probability[name] + sum(others)
 
 
-def _cause(found: MotionFindings, joint: JointFindings, judged: LeftOut, k: int) -> Cause:
+def _cause(found: MotionFindings, joint: JointFindings, judged: LeftOut, k: int) -> findings.Cause:
     effect, r = joint.fit.effects[k], found.recording
     p = effect.parameter
     value, std = float(joint.fit.theta[k]), float(joint.std[k])
     unit, width = in_unit(effect.unit(r.law), r.units[joint.number - 1]), float(joint.fit.scales[k])
     stuck = effect.name in joint.fit.at_bound
-    return Cause(
+    return findings.Cause(
         effect.name,
         STAGE,
         joint.number,
         probability=joint.probability[effect.name],
-        parameters={p.name: Estimate(value, std, unit, stuck, p.doc, std < width)},
+        parameters={p.name: findings.Estimate(value, std, unit, stuck, p.doc, std < width)},
         before=float(np.sqrt(judged.without[effect.name].mean())),
         after=float(np.sqrt(judged.after.mean())),
         confounded_with=_confounded(joint, k),
@@ -208,7 +198,7 @@ def _cause(found: MotionFindings, joint: JointFindings, judged: LeftOut, k: int)
     )
 
 
-def _confounded(joint: JointFindings, k: int) -> tuple[Blame, ...]:
+def _confounded(joint: JointFindings, k: int) -> tuple[findings.Blame, ...]:
     """What may stand in a cause's place, and what the rows tell only together with it."""
     name = joint.fit.effects[k].name
     instead = {e: p for e, p in joint.instead[name].items() if p > CONFOUNDED and e[0] != "?"}
@@ -216,14 +206,14 @@ def _confounded(joint: JointFindings, k: int) -> tuple[Blame, ...]:
     std = np.sqrt(np.diag(covariance))
     tied = np.abs(covariance[k] / (std[k] * std)) > CORRELATED
     others = [e.name for i, e in enumerate(joint.fit.effects) if tied[i] and i != k]
-    return tuple(Blame(e, STAGE, joint.number) for e in dict.fromkeys([*instead, *others]))
+    return tuple(findings.Blame(e, STAGE, joint.number) for e in dict.fromkeys([*instead, *others]))
 
 
-def _others(found: MotionFindings, causes: Sequence[Cause]) -> list[Cause]:
+def _others(found: MotionFindings, causes: Sequence[findings.Cause]) -> list[findings.Cause]:
     """What was considered and is not named, most probable first."""
     named = {(c.effect, c.element) for c in causes}
     rest = [
-        Cause(e, STAGE, j.number, probability=p, before=math.nan)
+        findings.Cause(e, STAGE, j.number, probability=p, before=math.nan)
         for j in found.joints
         for e, p in sorted(j.probability.items())
         if (e, j.number) not in named and e not in j.unseen
@@ -231,19 +221,19 @@ def _others(found: MotionFindings, causes: Sequence[Cause]) -> list[Cause]:
     return sorted(rest, key=lambda c: -c.probability)
 
 
-def _unseen(found: MotionFindings) -> Iterator[Blame]:
+def _unseen(found: MotionFindings) -> Iterator[findings.Blame]:
     """Limits that no row comes near, and joints that did nothing."""
     effects = {e.name: e for e in MOTION_EFFECTS}
     for joint in found.joints:
         for name, most in joint.unseen.items():
             unit = in_unit(effects[name].parameter.unit, found.recording.units[joint.number - 1])
             why = f"what was asked for, {quantity(most, unit)}, is within it"
-            yield Blame(name, STAGE, joint.number, why)
+            yield findings.Blame(name, STAGE, joint.number, why)
     for j in found.still:
-        yield Blame("actuation", STAGE, j, "it was neither moved nor asked to")
+        yield findings.Blame("actuation", STAGE, j, "it was neither moved nor asked to")
 
 
-def _outside(found: MotionFindings, noise: NoiseLevel) -> tuple[float, str]:
+def _outside(found: MotionFindings, noise: findings.NoiseLevel) -> tuple[float, str]:
     """Probability that something else is at work, and what it depends on."""
     spared, words = 1.0, []
     for joint in found.joints:
@@ -254,7 +244,7 @@ def _outside(found: MotionFindings, noise: NoiseLevel) -> tuple[float, str]:
     return float(1 - spared), most[1]
 
 
-def _outside_of(joint: JointFindings, noise: NoiseLevel) -> tuple[float, str]:
+def _outside_of(joint: JointFindings, noise: findings.NoiseLevel) -> tuple[float, str]:
     unlisted = {name[1:]: p for name, p in joint.mechanisms.items() if name.startswith("?")}
     on = max(unlisted, key=unlisted.__getitem__, default="")
     if noise.source != "fit" or joint.fit.square <= FINEST**2:
@@ -266,7 +256,7 @@ def _outside_of(joint: JointFindings, noise: NoiseLevel) -> tuple[float, str]:
     return joint.outside, on
 
 
-def _where(found: MotionFindings) -> tuple[Place, ...]:
+def _where(found: MotionFindings) -> tuple[findings.Place, ...]:
     """Shares of the square that each joint's causes take."""
     drops: dict[Where, float] = {
         (STAGE, joint.number): max(float(judged.begun.sum() - judged.after.sum()), 0.0)
@@ -276,24 +266,24 @@ def _where(found: MotionFindings) -> tuple[Place, ...]:
     for body, share in shares(found.bodies, found.together):
         drops[place_of(body)] = drops.get(place_of(body), 0.0) + share
     total = sum(drops.values()) or 1.0
-    places = [Place(*place, drop / total) for place, drop in drops.items()]
+    places = [findings.Place(*place, drop / total) for place, drop in drops.items()]
     return tuple(sorted(places, key=lambda place: -place.share))
 
 
-def _staircase(found: MotionFindings, gap: Gap) -> tuple[Step, ...]:
+def _staircase(found: MotionFindings, gap: findings.Gap) -> tuple[findings.Step, ...]:
     """The gap as the joints' causes go in, joint by joint."""
     pairs = list(zip(found.joints, found.together, strict=True))
     count = sum(len(judged.before) for _, judged in pairs)
     square = sum(float(judged.before.sum()) for _, judged in pairs)
-    steps = [Step("before", gap.before)]
+    steps = [findings.Step("before", gap.before)]
     if found.mass is not None:
         square -= taken(found.together)
         labels = " + ".join(body.label for body in found.mass.carried.bodies)
-        steps.append(Step(labels, math.sqrt(square / count)))
+        steps.append(findings.Step(labels, math.sqrt(square / count)))
     for joint, judged in sorted(pairs, key=lambda x: x[1].after.sum() - x[1].begun.sum()):
         if joint.fit.effects:
             square += float(judged.after.sum() - judged.begun.sum())
-            steps.append(Step(f"drive {joint.number}", math.sqrt(square / count)))
+            steps.append(findings.Step(f"drive {joint.number}", math.sqrt(square / count)))
     return tuple(steps)
 
 

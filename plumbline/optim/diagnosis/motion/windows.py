@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.law import Law
-from plumbline.optim.diagnosis.motion.between_rows import (
-    bend_of,
-    between,
-    between_slope,
-    share_of_mean,
-)
+from plumbline.optim.diagnosis.motion import between_rows
 from plumbline.optim.diagnosis.motion.constants import OPEN, POSTURE
 
 Array = NDArray[np.float64]
@@ -168,7 +163,7 @@ class Windows:
         f, slope = place - low, self.slope[low]
         if self.law.holds:
             return self.command[low] + f * slope, -slope / self.dt, np.zeros_like(f)
-        mean, by_late = share_of_mean(late / self.dt) if self.law.ideal else (1.0, 0.0)
+        mean, by_late = between_rows.share_of_mean(late / self.dt) if self.law.ideal else (1.0, 0.0)
         if self.law in SMOOTH:
             return self._smooth(low, f, mean, by_late)
         corner = self.corner[low]  # which within a step is off its line
@@ -180,13 +175,13 @@ class Windows:
         self, low: Integers, f: Array, mean: float, by_late: float
     ) -> tuple[Array, Array, Array]:
         u, bend = self.command, self.bend
-        u, bend = u - mean * bend / 12, bend - mean * bend_of(bend, self.first) / 12
+        u, bend = u - mean * bend / 12, bend - mean * between_rows.bend_of(bend, self.first) / 12
         ends = self.ends[low]
         slope = np.where(ends, 0.0, u[low + 1] - u[low])
         bends = [np.where(ends, 0.0, bend[low + k]) for k in (0, 1)]
         more = -by_late * ((1 - f) * self.bend[low] + f * self.bend[low + 1]) / 12 / self.dt
-        less = -between_slope(slope, bends, f) / self.dt
-        return between(u[low], slope, bends, f), less, more
+        less = -between_rows.between_slope(slope, bends, f) / self.dt
+        return between_rows.between(u[low], slope, bends, f), less, more
 
     @cached_property
     def last(self) -> Integers:
@@ -207,7 +202,7 @@ class Windows:
     @cached_property
     def bend(self) -> Array:
         """Second differences of the commands (N,), none where a run begins or ends."""
-        return bend_of(self.command, self.first)
+        return between_rows.bend_of(self.command, self.first)
 
     @cached_property
     def corner(self) -> Array:

@@ -12,20 +12,15 @@ import numpy as np
 
 from plumbline.kinematics.evaluate import Flags
 from plumbline.optim.diagnosis import prior
-from plumbline.optim.diagnosis.posterior.search import (
-    SelectedModel,
-    Task,
-    about_its_fit,
-    foretold_wrongly,
-)
+from plumbline.optim.diagnosis.posterior import search
 from plumbline.optim.diagnosis.predict.negligible import worth_while
 from plumbline.optim.diagnosis.verdict.explanation import Explanation, explain
 from plumbline.optim.diagnosis.verdict.terms import with_terms
 
 
 def settled(
-    task: Task, selected: SelectedModel, bad: Flags, seed: int, unlisted: float
-) -> tuple[SelectedModel, Explanation]:
+    task: search.Task, selected: search.SelectedModel, bad: Flags, seed: int, unlisted: float
+) -> tuple[search.SelectedModel, Explanation]:
     """The model of what is named and worth while, and all probabilities.
 
     All is linearised anew about the fit that the problem errs most about, as long as that brings
@@ -51,13 +46,13 @@ def settled(
             selected, explanation = fitted, told
         if not left or wrong < prior.NO_EVIDENCE or not wrong <= 0.5 * before:
             break
-        before, about = wrong, about_its_fit(near, task.library)
+        before, about = wrong, search.about_its_fit(near, task.library)
     return selected, explanation
 
 
 def _fitted(
-    about: SelectedModel, told: Explanation, task: Task, bad: Flags
-) -> tuple[SelectedModel, float]:
+    about: search.SelectedModel, told: Explanation, task: search.Task, bad: Flags
+) -> tuple[search.SelectedModel, float]:
     """The model of what is worth while, and by how much the linear problem errs about it [nats].
 
     What chains came to is taken if it is better by more than that.
@@ -66,19 +61,19 @@ def _fitted(
         if better > 0.0:
             kept = worth_while(about, terms, told.named)
             fitted = with_terms(about, kept, task, bad, tried=terms)
-            wrong = _share(told, task) * foretold_wrongly(fitted)
+            wrong = _share(told, task) * search.foretold_wrongly(fitted)
             if wrong < better:
                 break
     return fitted, wrong
 
 
 def _farthest(
-    about: SelectedModel,
+    about: search.SelectedModel,
     told: Explanation,
-    fitted: tuple[SelectedModel, float],
-    task: Task,
+    fitted: tuple[search.SelectedModel, float],
+    task: search.Task,
     bad: Flags,
-) -> tuple[SelectedModel, float]:
+) -> tuple[search.SelectedModel, float]:
     """That model, or the one without what the most probable state lacks: the worse foretold."""
     model, wrong = fitted
     keys, candidates = about.selection.keys(told.likeliest), about.selection.candidates
@@ -86,10 +81,10 @@ def _farthest(
     if len(held) == len(model.chosen):
         return fitted
     bare = with_terms(about, held, task, bad)
-    off = _share(told, task) * foretold_wrongly(bare)
+    off = _share(told, task) * search.foretold_wrongly(bare)
     return (replace(bare, excluded=model.excluded), off) if off > wrong else fitted
 
 
-def _share(told: Explanation, task: Task) -> float:
+def _share(told: Explanation, task: search.Task) -> float:
     """The share of the rows that were compared."""
     return told.compared / len(task.recording) if told.compared else 1.0

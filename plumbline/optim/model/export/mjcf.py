@@ -18,14 +18,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.problem import Array
 from plumbline.optim.model.arm import Arm
 from plumbline.optim.model.constants import LEAST_INERTIA, LEAST_MASS, UNTURNED
-from plumbline.optim.model.export.exported import (
-    Exported,
-    frames_by_mujoco,
-    has_mujoco,
-    head,
-    lacking,
-    must_agree,
-)
+from plumbline.optim.model.export import exported
 from plumbline.optim.model.export.geometry import (
     MUJOCO,
     bodies_of,
@@ -42,18 +35,18 @@ TOOL = "calibrated_tool"
 FRICTION = {"solreffriction": "0.002 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
 
 
-def mjcf(arm: Arm) -> Exported:
+def mjcf(arm: Arm) -> exported.Exported:
     """The model as MJCF, refused if MuJoCo, where it is installed, reads another one again."""
     fixed = fixed_part(arm)
     held = held_by(arm, MUJOCO, gravity=True)
     kept = [k for k, e in enumerate(arm.effects) if e in fixed.effects or e in held.effects]
-    missing = lacking(arm, arm.of(kept))
+    missing = exported.lacking(arm, arm.of(kept))
     root = _tree(arm, held)
-    root.insert(0, ElementTree.Comment(f"\n{head(arm, missing[0]).replace('--', '-')}\n"))
+    root.insert(0, ElementTree.Comment(f"\n{exported.head(arm, missing[0]).replace('--', '-')}\n"))
     text = xml_text(root)
     error = _read_again(arm, text)
-    must_agree(arm.recording, "MJCF misses the model", float(np.nan_to_num(error)))
-    return Exported(text, TOOL, error, *missing)
+    exported.must_agree(arm.recording, "MJCF misses the model", float(np.nan_to_num(error)))
+    return exported.Exported(text, TOOL, error, *missing)
 
 
 def _tree(arm: Arm, held: Arm) -> ElementTree.Element:
@@ -115,9 +108,9 @@ def _place(T: Array) -> dict[str, str]:
 
 
 def _read_again(arm: Arm, text: str) -> float:
-    if not has_mujoco():
+    if not exported.has_mujoco():
         return float("nan")
     q = arm.samples["q"]
-    missed = np.abs(frames_by_mujoco(text, TOOL, q) - fixed_pose(arm, q))
+    missed = np.abs(exported.frames_by_mujoco(text, TOOL, q) - fixed_pose(arm, q))
     place, turn = float(missed[:, :3, 3].max()), float(missed[:, :3, :3].max())
     return max(place, turn) if turn > UNTURNED else place
