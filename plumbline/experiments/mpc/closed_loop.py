@@ -31,14 +31,9 @@ class Run:
     family: str  # its family
     seed: int  # its seed
     clearance: float  # least clearance by coal [mm], of all pairs at every millisecond
-    at_steps: float  # the same at the controller's samples alone
-    # the most by which a tip stood above the plane of its trocar [mm]; negative below
-    height: float
     reached: bool  # whether every tip came within 1 mm of its goal
     steps: int  # how many steps were made
     seconds: Array  # processor time of every step (K,) [s]
-    cost: float  # mean over the steps of the squared distance from the goals [mm^2]
-    acceleration: float  # RMS of the change of a commanded rate over a step [mm/s^2]
     events: dict[str, int]  # how often each kind of event was reported
     tips: Array  # True tips (K S + 1, I, 3) [mm]
 
@@ -100,9 +95,8 @@ def run(
     dt = controller.statement.settings.dt
     rng = np.random.default_rng([scenario.seed, 77])
     plant = Plant(scenario.starts, scenario.mismatch, dt, SUBSTEPS, rng)
-    goals, wanted = scenario.goals, M * scenario.goals
-    way, seconds, cost = [scenario.starts[None]], [], []
-    rates: list[Array] = []
+    wanted = M * scenario.goals
+    way, seconds = [scenario.starts[None]], []
     events: dict[str, int] = {}
     reached = False
     for k in range(most):
@@ -113,38 +107,29 @@ def run(
         seconds.append(thread_time() - begun)
         if watch is not None:
             watch(k, command)
-        rates.append(command.rate / M)
-        way.append(plant.move(rates[-1].reshape(-1, 3)))
+        way.append(plant.move((command.rate / M).reshape(-1, 3)))
         for event in command.events:
             events[event.trouble.value] = events.get(event.trouble.value, 0) + 1
-        off = np.linalg.norm(plant.tips - goals, axis=1)
-        cost.append(float(off @ off))
-        if off.max() < CLOSE:
+        if np.linalg.norm(plant.tips - scenario.goals, axis=1).max() < CLOSE:
             reached = True
             break
     tips = np.concatenate(way)
-    change = np.diff(np.array(rates), axis=0, prepend=np.zeros((1, rates[0].size))) / dt
     return Run(
         scenario.family,
         scenario.seed,
-        *judged(scenario, tips, dt),
+        judged(scenario, tips, dt),
         reached,
         len(seconds),
         np.array(seconds),
-        float(np.mean(cost)),
-        float(np.sqrt(np.mean(change**2))),
         events,
         tips,
     )
 
 
-def judged(scenario: Scenario, tips: Array, dt: float) -> tuple[float, float, float]:
-    """Least clearance of a motion (K S + 1, I, 3), the same at the samples, greatest height [mm].
+def judged(scenario: Scenario, tips: Array, dt: float) -> float:
+    """Least clearance [mm] of a motion (K S + 1, I, 3).
 
     Obstacles move as they will, so the first moment counts too.
     """
     times: Array = dt / SUBSTEPS * np.arange(len(tips), dtype=float)
-    ends = scenario.motion(tips, times)
-    touch = scenario.touch()
-    height = float((tips - scenario.instruments.trocars)[..., 2].max())
-    return touch.least(ends).clearance, touch.least(ends[::SUBSTEPS]).clearance, height
+    return scenario.touch().least(scenario.motion(tips, times)).clearance

@@ -133,7 +133,7 @@ def followed(
         way.append(tips.move(command.rate.reshape(-1, 3) / M))
     late = np.array(off)[round(SETTLED / DT) :]
     error = float(np.sqrt(np.mean(np.sum(late**2, axis=-1))))
-    return Followed(error, judged(scenario, np.concatenate(way), DT)[0])
+    return Followed(error, judged(scenario, np.concatenate(way), DT))
 
 
 @lru_cache

@@ -146,10 +146,6 @@ class Kept:
         except OSError as error:
             raise _unusable(self.path, error) from None
 
-    def remove(self) -> None:
-        """Take the file away, the outputs being written."""
-        self.path.unlink(missing_ok=True)
-
 
 @contextmanager
 def keeping(path: Path, of: dict[str, str]) -> Iterator[Kept]:
