@@ -82,13 +82,10 @@ def leave_one_out(points: Array, others: Array) -> Accuracy:
     rest = np.array([np.delete(np.arange(len(points)), i) for i in range(len(points))])
     without = rigid_match(points[rest], others[rest])
     gaps = np.einsum("nij,nj->ni", without[:, :3, :3], points) + without[:, :3, 3] - others
-    return Accuracy(_rms(moved(T, points) - others), np.linalg.norm(gaps, axis=1), T)
+    fre = float(np.sqrt(np.mean(np.sum((moved(T, points) - others) ** 2, axis=1))))
+    return Accuracy(fre, np.linalg.norm(gaps, axis=1), T)
 
 
 def moved(T: Array, points: Array) -> Array:
     """Points (N, 3) [m] carried by a transform (4, 4)."""
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])
-
-
-def _rms(gaps: Array) -> float:
-    return float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))

@@ -29,8 +29,7 @@ from plumbline.optim.hand_eye.observability import (
     refuse_unturned,
 )
 from plumbline.optim.hand_eye.readings import Beam, Frames, Plane, Readings
-from plumbline.optim.hand_eye.reweighting import LikelyFit, Variance, likely_fit
-from plumbline.optim.hand_eye.scale import scale_told
+from plumbline.optim.hand_eye.reweighting import LikelyFit, Variance, likely_fit, scale_told
 from plumbline.optim.hand_eye.shapes import arm_shapes, shapes
 from plumbline.optim.hand_eye.start import refuse_misread, robust_start
 

@@ -28,6 +28,17 @@ the nuisances' columns,
 
 (Schur's complement). A direction without rows behind it has s = 0 and an infinite variance; it must
 never be dropped, which would give it none.
+
+Whether the finder's scale is off is one more column beside the fit, which has none. A range that
+is read as :math:`d (1 + s)` puts its point :math:`s\, d \cos\theta` off the board. With Q of all
+columns and a the weighted column of that, what the fit leaves of it tells s (Frisch and Waugh 1933,
+Econometrica 1(4)):
+
+.. math:: \tilde a = (I - Q Q^T)\, a, \qquad
+          \hat s = \frac{\tilde a^T e}{\tilde a^T \tilde a}, \qquad
+          \sigma_s = \frac{1}{|\tilde a|}
+
+The boards' and the arm's smooth shapes are among the columns: what they may be, s is not.
 """
 
 from dataclasses import dataclass
@@ -35,6 +46,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
+from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Problem
 from plumbline.optim.hand_eye import constants
@@ -44,12 +56,17 @@ from plumbline.optim.hand_eye.direct import prior_kinds
 def marginal_covariance(problem: Problem, J: Array, weights: Array) -> Array:
     """Covariance (5, 5) of the beam's unknowns; astronomic where rows (N, P) say nothing."""
     A = J * np.sqrt(weights)[:, None] * problem.scale
-    U, sizes, _ = np.linalg.svd(A[:, constants.BEAM :], full_matrices=False)
-    Q = U[:, sizes > constants.NUISANCE_RANK * sizes[0]]
-    free = A[:, : constants.BEAM] - Q @ (Q.T @ A[:, : constants.BEAM])
+    free = _beside(A[:, constants.BEAM :], A[:, : constants.BEAM])
     _, s, Vt = np.linalg.svd(free, full_matrices=False)
     root = problem.scale[: constants.BEAM, None] * Vt.T / np.maximum(s, constants.NOTHING)
     return np.asarray(root @ root.T)
+
+
+def _beside(columns: Array, others: Array) -> Array:
+    """What of others (N, ...) no mixture of some columns (N, k) makes."""
+    U, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    Q = U[:, sizes > constants.NUISANCE_RANK * sizes[0]]
+    return np.asarray(others - Q @ (Q.T @ others))
 
 
 @dataclass(frozen=True)
@@ -222,3 +239,16 @@ def _inverse(problem: Problem, J: Array, w: Array) -> Array:
     known = values > constants.KNOWN * values[-1]
     root = vectors[:, known] / np.sqrt(values[known]) * problem.scale[:, None]
     return np.asarray(root @ root.T)
+
+
+def scale_told(
+    solution: Solution, fit: LikelyFit, distance: Array, incidence: Array
+) -> tuple[float, float]:
+    """The scale's deviation and its standard error, by readings (N,) [m] at angles (N,) [rad]."""
+    e, J = rows_at(solution.mapped, solution.x)
+    root = np.sqrt(fit.relative * np.mean(1.0 / fit.variance.at(incidence)))
+    a = np.zeros(len(e))
+    a[: len(distance)] = distance * np.cos(incidence)
+    left = _beside(J * root[:, None] * solution.problem.scale, a * root)
+    size = max(float(np.linalg.norm(left)), constants.NOTHING)
+    return float(left @ (root * e)) / size**2, 1.0 / size
