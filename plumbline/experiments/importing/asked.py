@@ -54,7 +54,7 @@ def asked(
         tool = tool if isinstance(tool, dict) else {"offset": _amount(tool, "--tool", 3)}
         settings["tool"] = tool
     settings |= {"noise_std": _amount(given["noise"], "--noise", 1)[0]} if "noise" in given else {}
-    table, files, robot = _robot(given.get("robot"), toml)
+    table, files, robot = named_robot(given.get("robot"), toml)
     if given.get("tip_frame"):
         table["tip_frame"] = given["tip_frame"]
     settings |= {"robot": table} if table else {}
@@ -158,14 +158,10 @@ def _columns(base: Mapping[str, Any]) -> list[mapping.Wanted]:
     return [mapping.parse(f"{target}={source}") for target, source in table.items()]
 
 
-def named_robot(word: str | None) -> tuple[dict[str, Any], dict[str, Path], Robot | None]:
-    """``[robot]``, the files that it needs, and the robot of a name or a file, refused if none."""
-    return _robot(word, None)
-
-
-def _robot(
-    given: object, toml: Path | None
+def named_robot(
+    given: object, toml: Path | None = None
 ) -> tuple[dict[str, Any], dict[str, Path], Robot | None]:
+    """``[robot]``, the files that it needs, and the robot of a name or a file, refused if none."""
     if given is None:
         return {}, {}, None
     table = dict(given) if isinstance(given, dict) else _source_of(str(given))

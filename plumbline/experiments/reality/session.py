@@ -15,6 +15,7 @@ from plumbline.experiments.reality.scene import Session
 
 RANGES = Ranges("session")
 SLIDE = 0.2  # m of a slide where a turning joint has a radian
+STEPS = 15  # of damped least squares to a goal
 
 
 def draw_session(
@@ -73,10 +74,13 @@ def climate(time: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     return ambient + rise * (1.0 - np.exp(-clock / (span * settle))), ambient
 
 
-def lagged(time: Array, true: Array, delay: float) -> Array:
-    """What a thermometer with time constant `delay` [s] shows of a true temperature (N,) [degC]."""
+def lagged(time: Array, true: Array, delay: float, first: float | None = None) -> Array:
+    """What follows true values (N,) with a time constant `delay` [s], from the first of them on.
+
+    Such as a thermometer a temperature; or it begins at ``first``.
+    """
     shown = np.empty_like(true)
-    shown[0] = true[0]
+    shown[0] = true[0] if first is None else first
     for k in range(1, len(true)):
         keep = np.exp(-(time[k] - time[k - 1]) / delay)
         shown[k] = keep * shown[k - 1] + (1.0 - keep) * true[k]
@@ -91,14 +95,12 @@ def tips(arm: Arm, q: Array, tool: Array) -> tuple[Array, Array]:
     return points, np.stack(columns, axis=1)
 
 
-def reach(
-    arm: Arm, q: Array, goal: Array, tool: Array, steps: int = 15
-) -> tuple[Array, NDArray[np.bool_]]:
+def reach(arm: Arm, q: Array, goal: Array, tool: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Bring the drawing's tip to goals (N, 3) [m] by damped least squares from q (N, n).
 
     Joint positions (N, n), and which rows arrived within 1e-6 m near the joint range.
     """
-    for _ in range(steps):
+    for _ in range(STEPS):
         points, jacobian = tips(arm, q, tool)
         q = q + correction(jacobian, goal - points)
     points, _ = tips(arm, q, tool)

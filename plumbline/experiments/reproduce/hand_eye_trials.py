@@ -119,24 +119,25 @@ def set_up(seed: int, number: int) -> SetUp:
     raise PlumblineError(f"set-up {number}: no range finder within the programme; change the seed")
 
 
+def seen_from(one: ranging.Survey | phantoms.Scan) -> tuple[Array, Array, Array]:
+    """The flange (N, 3, 3), (N, 3) [m] by encoders and the arm's model, and ranges (N,) [m]."""
+    T = chain().placement(one.q)
+    return T[:, :3, :3], T[:, :3, 3], one.distance
+
+
 def readings_of(survey: ranging.Survey) -> Readings:
-    """The readings as a user has them: encoders through the arm's model."""
-    T = chain().placement(survey.q)
-    return Readings.from_arrays(
-        T[:, :3, :3], T[:, :3, 3], survey.distance, survey.plane, survey.motion
-    )
+    """The readings of a survey."""
+    return Readings.from_arrays(*seen_from(survey), survey.plane, survey.motion)
 
 
 def marks_of(survey: ranging.Survey) -> Marks:
-    """Readings of marks, likewise."""
-    T = chain().placement(survey.q)
-    return Marks(T[:, :3, :3], T[:, :3, 3], survey.distance, survey.patch)
+    """Readings of marks."""
+    return Marks(*seen_from(survey), survey.patch)
 
 
 def rebuilt(beam: Beam, scan: phantoms.Scan) -> Array:
     """Points (N, 3) of a scan in the base frame [m]."""
-    T = chain().placement(scan.q)
-    return beam.points(T[:, :3, :3], T[:, :3, 3], scan.distance)
+    return beam.points(*seen_from(scan))
 
 
 def trial(case: SetUp) -> Trial:

@@ -77,7 +77,7 @@ class Score:
 def score_run(verdicts: Path, truth: Path, *, partial: bool = False, seed: int = 0) -> Score:
     """Open the truth and count (PlumblineError: hashes differ, or verdicts are missing)."""
     ledger = _ledger(verdicts, truth)
-    judged, missing = judged_cases(verdicts, truth)
+    judged, missing = _sealed(verdicts, truth, ledger) if ledger else _unsealed(verdicts, truth)
     if missing and not partial:
         raise PlumblineError(
             f"{verdicts}: {len(missing)} cases have no verdict, {missing[0]} first; run again to "
@@ -86,12 +86,6 @@ def score_run(verdicts: Path, truth: Path, *, partial: bool = False, seed: int =
     if not judged:
         raise PlumblineError(f"{verdicts}: no verdict on any case of {truth}")
     return score(judged, missing=len(missing), ledger=ledger.sha256 if ledger else "", seed=seed)
-
-
-def judged_cases(verdicts: Path, truth: Path) -> tuple[list[ScoredCase], list[str]]:
-    """Every case with its verdict, once the hashes agree; and cases without a verdict."""
-    ledger = _ledger(verdicts, truth)
-    return _sealed(verdicts, truth, ledger) if ledger else _unsealed(verdicts, truth)
 
 
 def _ledger(verdicts: Path, truth: Path) -> Ledger | None:

@@ -9,6 +9,7 @@ from plumbline.experiments.reality.arm import Array
 from plumbline.experiments.reality.joint_effects import GearRipple, JointMechanism
 from plumbline.experiments.reality.ranges import Ranges
 from plumbline.experiments.reality.scene import Mechanism, Scene
+from plumbline.experiments.reality.session import lagged
 
 RANGES = Ranges("unseen")
 HARDENING = 1.5  # power of the depth that pushes back, as of spheres in contact (Hertz)
@@ -39,11 +40,7 @@ class CableCreep(JointMechanism):
 
     def _error(self, scene: Scene) -> Array:
         torque, time = self.torque(scene), scene.session.time
-        stretch = np.zeros(len(torque))
-        for k in range(1, len(torque)):
-            keep = np.exp(-(time[k] - time[k - 1]) / self.constant)
-            stretch[k] = keep * stretch[k - 1] + (1.0 - keep) * torque[k]
-        return self.size * stretch / self.largest
+        return self.size * lagged(time, torque, self.constant, first=0.0) / self.largest
 
 
 class EncoderInterpolation(JointMechanism):
