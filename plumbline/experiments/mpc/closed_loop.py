@@ -7,7 +7,6 @@ trocars. What is recorded of a run is enough to judge it: least clearance, goals
 step, and the whole motion.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import thread_time
 
@@ -54,9 +53,9 @@ def obstacles_at(scenario: Scenario, time: float) -> list[mpc.Obstacle]:
     return found
 
 
-def known_delay(mismatch: Mismatch, dt: float = 0.02) -> int:
+def known_delay(mismatch: Mismatch) -> int:
     """Whole steps of a plant's delay, which its controller foresees."""
-    return int(mismatch.delay / dt + 1e-9)
+    return int(mismatch.delay / 0.02 + 1e-9)
 
 
 def noise_for(mismatch: Mismatch, v_max: float, epsilon: float = 1e-3) -> mpc.Noise:
@@ -85,12 +84,10 @@ def run(
     controller: mpc.Controller,
     guide: Guide | None = None,
     most: int = 600,
-    watch: Callable[[int, mpc.Command], None] | None = None,
 ) -> Run:
     """Run a scenario until all tips are at their goals, or for so many steps.
 
-    Tips go where ``guide`` says first, without it straight to the goals; ``watch`` is told every
-    command.
+    Tips go where ``guide`` says first, without it straight to the goals.
     """
     dt = controller.statement.settings.dt
     rng = np.random.default_rng([scenario.seed, 77])
@@ -105,8 +102,6 @@ def run(
         begun = thread_time()
         command = controller.step(seen.ravel(), np.ravel(reference), obstacles)
         seconds.append(thread_time() - begun)
-        if watch is not None:
-            watch(k, command)
         way.append(plant.move((command.rate / M).reshape(-1, 3)))
         for event in command.events:
             events[event.trouble.value] = events.get(event.trouble.value, 0) + 1

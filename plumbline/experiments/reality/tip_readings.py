@@ -44,6 +44,7 @@ JOINTS = 5  # a slide and four that turn
 CORNERS = np.array([[-1, -1, -1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]) / 2.0  # [edges]
 CANDIDATES = 200  # poses of which those nearest to the corners are taken
 PARALLEL = 1e-9  # |sin alpha| below which two axes are parallel
+LENGTH, ANGLE = 2e-3, np.deg2rad(0.5)  # [m], [rad]: 1 sigma of errors before they are scaled
 
 
 @dataclass(frozen=True)
@@ -164,8 +165,7 @@ def drawn_misfits(session: Session) -> Array:
 
 def draw_errors(rng: np.random.Generator, length: float, angle: float) -> Array:
     """Manufacturing errors (6, 5) of one size for lengths [m] and one for angles [rad]."""
-    scale = np.array([length, length, angle, angle, angle])
-    errors = rng.normal(size=(len(BH7), 5)) * scale
+    errors = rng.normal(size=(len(BH7), 5)) * np.array([length] * 2 + [angle] * 3)
     errors[-1, 4] = 0.0  # the needle ends in a point: nothing turns behind it
     return errors
 
@@ -184,19 +184,16 @@ def draw_session(
     noise: float,
     wander: tuple[float, float] = (2e-5, 5e-5),
     box: Box | None = SURGICAL,
-    length: float = 2e-3,
-    angle: float = np.deg2rad(0.5),
     tilt: float = 1.0,
 ) -> Session:
     """An arm whose errors give a stated mean misfit before any fit [m], and so many readings.
 
     ``noise`` is 1 sigma of one axis of the camera [m], ``wander`` of a joint's return, slide [m]
-    and turn [rad], ``length`` [m] and ``angle`` [rad] of the errors before they are scaled, of
-    whose betas the arm has the part ``tilt``. Readings are taken in the box; with None over the
-    whole workspace.
+    and turn [rad]; of the errors' betas the arm has the part ``tilt``. Readings are taken in the
+    box; with None over the whole workspace.
     """
     rng = np.random.default_rng(seed)
-    errors, camera = draw_errors(rng, length, angle), draw_camera(rng, noise)
+    errors, camera = draw_errors(rng, LENGTH, ANGLE), draw_camera(rng, noise)
     errors[:, 4] *= tilt
     q = poses(readings, rng, box)
     q_four = registration_poses(rng, box or SURGICAL)

@@ -24,6 +24,7 @@ from plumbline.optim.hand_eye.constants import BIAS_STD
 
 SET_UPS, DETAILED = 200, 25  # all, as in the paper, and those on which what takes longer is done
 MM = 1e3  # in a metre
+LONGEST = 40  # iterations of a selection loop that are shown
 TOLD = ABOUT["hand-eye"]
 METHODS = {key: words.format(gross=hand_eye_trials.GROSS) for key, words in TOLD["methods"].items()}
 ACCURACY: dict[str, str] = TOLD["accuracy"]
@@ -125,10 +126,10 @@ def selection_figures(trials: Sequence[hand_eye_trials.Trial]) -> dict[str, obje
     }
 
 
-def mean_curve(trials: Sequence[hand_eye_trials.Trial], longest: int = 40) -> Array:
+def mean_curve(trials: Sequence[hand_eye_trials.Trial]) -> Array:
     """Mean repeatability [m] over iterations, as far as half of the loops reach."""
-    curves = [s.curve[:longest] for t in trials for s in t.selections]
-    reached = [sum(len(c) > k for c in curves) for k in range(longest)]
+    curves = [s.curve[:LONGEST] for t in trials for s in t.selections]
+    reached = [sum(len(c) > k for c in curves) for k in range(LONGEST)]
     last = sum(count > len(curves) / 2 for count in reached)
     # Loops that ended earlier would leave the mean, and bend it: only those that reach the end.
     whole = [c[:last] for c in curves if len(c) >= last]

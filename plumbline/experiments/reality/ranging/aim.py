@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from plumbline.experiments.reality.arm import Arm, Array, placed, rotations
 
 TRIES = 6  # poses tried at once for each point
+TURNS = 12  # about a face's normal that are tried for all points at once
 STRAIGHT = 0.15  # rad: a wrist as straight as this is avoided, its axes would align
 BRANCHES = 8  # postures of one flange pose
 
@@ -40,7 +41,6 @@ class Cone:
     tilt: float = np.deg2rad(30.0)  # largest angle from the face's normal [rad]
     nearest: float = 0.22  # least stand-off [m]
     farthest: float = 0.45  # largest stand-off [m]
-    least_tilt: float = 0.0  # least angle from the face's normal [rad]
 
 
 def about(axes: Array, angles: Array) -> Array:
@@ -116,7 +116,7 @@ def _tried(
     """One round of poses for every point."""
     total = len(points) * TRIES
     # Even over the cone's solid angle.
-    cosines = rng.uniform(np.cos(cone.tilt), np.cos(cone.least_tilt), total)
+    cosines = rng.uniform(np.cos(cone.tilt), 1.0, total)
     seen = tilted(beam[1], np.arccos(cosines), rng.uniform(0.0, 2 * np.pi, total))
     turn = rng.uniform(-np.pi, np.pi, total)
     stand = rng.uniform(cone.nearest, cone.farthest, total)
@@ -136,7 +136,6 @@ def together(
     seen: Array,
     stand: Array,
     rng: np.random.Generator,
-    turns: int = 12,
 ) -> Array | None:
     """Postures (N, n) for all points at ONE orientation of the flange: a pure translation.
 
@@ -145,21 +144,21 @@ def together(
     do.
     """
     count = len(points)
-    angles = rng.uniform(0.0, 2 * np.pi) + 2 * np.pi * rng.permutation(turns) / turns
+    angles = rng.uniform(0.0, 2 * np.pi) + 2 * np.pi * rng.permutation(TURNS) / TURNS
     poses = flanges(
         *beam,
-        np.tile(points, (turns, 1)),
-        np.tile(inward, (turns * count, 1)),
-        np.tile(seen, (turns * count, 1)),
+        np.tile(points, (TURNS, 1)),
+        np.tile(inward, (TURNS * count, 1)),
+        np.tile(seen, (TURNS * count, 1)),
         np.repeat(angles, count),
-        np.tile(stand, turns),
+        np.tile(stand, TURNS),
     )
     q, good = _bent(arm, poses)
-    whole = good.reshape(turns, count, BRANCHES).all(axis=1)
+    whole = good.reshape(TURNS, count, BRANCHES).all(axis=1)
     if not whole.any():
         return None
     turn, branch = np.argwhere(whole)[0]
-    return np.asarray(q.reshape(turns, count, BRANCHES, -1)[turn, :, branch])
+    return np.asarray(q.reshape(TURNS, count, BRANCHES, -1)[turn, :, branch])
 
 
 def _bent(arm: Arm, poses: Array) -> tuple[Array, NDArray[np.bool_]]:
