@@ -38,7 +38,6 @@ LEAST_DAMPING = 1e-3  # of the curvature, where a step first fails (Madsen et al
 MORE_DAMPING = 10.0  # times, up or down, from one step to the next (Marquardt 1963)
 HOPELESS = 1e6  # damping at which no step is seen to help any more
 CHUNK = 4096  # draws at a time: chosen, so that many draws need little memory
-CHUNK_OF_TRIPLES = 2048  # what they need and give fits a cache of half a megabyte
 
 # Which markers moved
 ALPHA = 1e-3  # chance of leaving a good marker out

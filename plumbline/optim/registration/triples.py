@@ -103,30 +103,18 @@ def three_point_batch(ct: Array, robot: Array) -> Array:
     """``T_RC`` (..., 4, 4) of triples (..., 3, 3) [m], one row a marker; NaN if on one line."""
     shape = np.broadcast_shapes(ct.shape, robot.shape)
     rows = _rows(np.broadcast_to(ct, shape), np.broadcast_to(robot, shape))
-    return in_chunks(_pose_of_row(), rows).reshape(*shape[:-2], 4, 4)
+    return over_rows(_pose_of_row(), rows)[0].reshape(*shape[:-2], 4, 4)
 
 
 def sensitivities(ct: Array, robot: Array) -> Array:
     """Derivatives (K, 6, 3, 6) of triples' poses (K, 3, 3), at their middles, CT first."""
-    J = in_chunks(_sensitivity_of_row(), _rows(ct, robot)).reshape(-1, 6, 2, 3, 3)
+    J = over_rows(_sensitivity_of_row(), _rows(ct, robot))[0].reshape(-1, 6, 2, 3, 3)
     return np.concatenate([J[:, :, 0], J[:, :, 1]], axis=-1)
 
 
 def _rows(ct: Array, robot: Array) -> Array:
     """Rows (K, 18) of triples (..., 3, 3)."""
     return np.concatenate([ct.reshape(-1, 9), robot.reshape(-1, 9)], axis=1)
-
-
-def in_chunks(function: cs.Function, rows: Array) -> Array:
-    """The only output of a function, transposed, at rows (N, k): (N, c, r)."""
-    parts = []
-    for start in range(0, len(rows), constants.CHUNK_OF_TRIPLES):
-        part = rows[start : start + constants.CHUNK_OF_TRIPLES]
-        padded = np.arange(1 << (len(part) - 1).bit_length()) % len(part)
-        parts.append(over_rows(function, part[padded])[0][: len(part)])
-    if not parts:
-        return over_rows(function, rows)[0]
-    return np.concatenate(parts)
 
 
 @dataclass(frozen=True)
