@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from plumbline.experiments.reality.touch import Touch
+from plumbline.experiments.reality.touch import Touch, all_pairs
 from plumbline.kinematics.capsules import LinkCapsule, bones
 from plumbline.kinematics.frames import homogeneous
 from plumbline.kinematics.robot import Robot
@@ -71,12 +71,10 @@ class Watch:
         )
         owners = [k for k, arm in enumerate(arms) for _ in arm.links]
         count = len(owners)
-        two = [(i, j) for i in range(count) for j in range(i + 1, count)]
-        own = [(i, j) for i, j in two if owners[i] != owners[j] or j > i + 1]
-        other = [(i, count + j) for i in range(count) for j in range(len(obstacles))]
+        pairs = all_pairs(count, len(obstacles))
+        free = [j >= count or owners[i] != owners[j] or j > i + 1 for i, j in pairs]
         radii = [MM * link.radius for arm in arms for link in arm.links]
-        pairs = np.array([*own, *other], dtype=np.intp)
-        self.touch = Touch(pairs, np.array([*radii, *(MM * o.radius for o in obstacles)]))
+        self.touch = Touch(pairs[free], np.array([*radii, *(MM * o.radius for o in obstacles)]))
 
     def tips(self, joints: list[Array]) -> Array:
         """The tips (A, 3) [mm] at joint coordinates."""

@@ -1,6 +1,7 @@
 """What a recording of a range finder says: the beam, its planes, what to distrust, what is next."""
 
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -112,13 +113,12 @@ def hand_eye(
     found: tuple[NextPose, ...] = ()
     if given.poses:
         found = next_poses(c, given.poses, seed=given.seed, chain=recording.chain, q=q)
-    pairs = [(i, j) for i in range(len(c.planes)) for j in range(i + 1, len(c.planes))]
     return HandEye(
         name=recording.name,
         rows=len(recording.readings),
         calibration=c,
         boards=_boards(c, recording.labels),
-        angles=np.array([c.planes[i].angle_to(c.planes[j]) for i, j in pairs]),
+        angles=np.array([one.angle_to(other) for one, other in combinations(c.planes, 2)]),
         repeatability=None if recording.marks is None else repeatability(c.beam, recording.marks),
         point_std=point_std(c),
         held_out=_held_out(c, recording),

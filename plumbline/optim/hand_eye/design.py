@@ -50,9 +50,8 @@ def reach(chain: Chain, near: Array, T: Array) -> tuple[Array, Flags]:
     goals = np.hstack([np.swapaxes(T[:, :3, :3], 1, 2).reshape(-1, 9), T[:, :3, 3]])
     for _ in range(constants.REACH_STEPS):
         error, J = over_rows(_error(chain), np.hstack([q, goals]))
-        e, J = error[:, 0], J.transpose(0, 1, 2)
         gram = J @ np.swapaxes(J, 1, 2) + constants.DESIGN_DAMPING * np.eye(6)
-        step = np.einsum("nij,ni->nj", J, np.linalg.solve(gram, e[..., None])[..., 0])
+        step = np.einsum("nij,ni->nj", J, np.linalg.solve(gram, error[:, 0, :, None])[..., 0])
         size = np.linalg.norm(step, axis=1, keepdims=True)
         q = q + step / np.maximum(1.0, size / constants.LONGEST_STEP)
     error, _ = over_rows(_error(chain), np.hstack([q, goals]))

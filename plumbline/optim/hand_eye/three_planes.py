@@ -15,6 +15,7 @@ lost but for beta > alpha; lengths in the cost are in mm, as there.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 
 import casadi as cs
 import numpy as np
@@ -178,9 +179,8 @@ def parallel_planes(frames: Frames) -> list[tuple[int, int, float]]:
     """Pairs of frames whose planes are parallel, from 0, and the angle between them [rad]."""
     normals = frames.B[:, :, 2]
     found = []
-    for i in range(len(normals)):
-        for j in range(i + 1, len(normals)):
-            sine = float(np.linalg.norm(np.cross(normals[i], normals[j])))
-            if sine < np.sin(PARALLEL):
-                found.append((i, j, float(np.arcsin(sine))))
+    for i, j in combinations(range(len(normals)), 2):
+        sine = float(np.linalg.norm(np.cross(normals[i], normals[j])))
+        if sine < np.sin(PARALLEL):
+            found.append((i, j, float(np.arcsin(sine))))
     return found
