@@ -12,8 +12,6 @@ A field's annotation is its whole statement, and what a reader sees is what is c
 A number is finite and no truth value; a protocol is something that has its methods, and no class.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import types
 import typing

@@ -1,7 +1,5 @@
 """``plumbline withheld make|seal|run|score|...``: is the diagnosis right when nobody helps?"""
 
-from __future__ import annotations
-
 import secrets
 from pathlib import Path
 from typing import Annotated

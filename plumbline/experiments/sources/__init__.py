@@ -5,8 +5,6 @@ its files come from in `cache`, how a folder is written in `folder`; each of the
 the tables of one repository and knows its units, signs and frames.
 """
 
-from __future__ import annotations
-
 import difflib
 from importlib import import_module
 from pathlib import Path

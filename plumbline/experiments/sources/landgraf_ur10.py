@@ -11,8 +11,6 @@ Landgraf, C. et al., A Hybrid Neural Network Approach for Increasing the Absolut
 Industrial Robots, CASE 2021, pp. 468-474.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

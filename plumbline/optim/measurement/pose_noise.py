@@ -16,8 +16,6 @@ Bayesian Data Analysis, sec. 3.6)
 over :math:`e^{-3 N}` of that of :math:`C = I`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import casadi as cs

@@ -4,8 +4,6 @@ A verdict alone makes a page in words and tables, :func:`of_verdict`; the page o
 :func:`page`, has the pictures and the rows besides.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

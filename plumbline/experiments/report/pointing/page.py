@@ -1,7 +1,5 @@
 """What is said of many angles: a sweep of a needle that was planned, or a map of safe angles."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
