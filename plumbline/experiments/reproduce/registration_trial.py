@@ -22,17 +22,9 @@ from time import perf_counter
 import numpy as np
 
 from plumbline.kinematics.frames import homogeneous
+from plumbline.optim import registration
 from plumbline.optim.core.problem import Array
 from plumbline.optim.pointing import Needle, tip_and_top
-from plumbline.optim.registration import (
-    Kabsch,
-    MarkerNoise,
-    Method,
-    RegistrationOptions,
-    ThreePoint,
-    build_fiducials,
-    register,
-)
 
 MM = 1e-3  # [m/mm]
 
@@ -119,7 +111,7 @@ class Trial:
         k = ["ABCDE".index(name) for name in names]
         return self.ct[:, k], self.robot[:, k]
 
-    def found(self, method: Method, names: str) -> Array:
+    def found(self, method: registration.Method, names: str) -> Array:
         """``T_RC`` (N, 4, 4) of every draw, from some of the markers."""
         return method.batch(*self.chosen(names), noise())
 
@@ -134,19 +126,19 @@ class Trial:
         mapped = np.einsum("nij,nkj->nki", T[:, :3, :3], self.ct) + T[:, None, :3, 3]
         return np.linalg.norm(mapped - self.robot, axis=2)
 
-    def coverage(self, T: Array, method: Method, names: str, lesion: str) -> float:
+    def coverage(self, T: Array, method: registration.Method, names: str, lesion: str) -> float:
         """Share of the draws within the 95 % region that is predicted at the true markers."""
         points = np.array([MARKERS[name] for name in names])
         robot = points @ self.T_RC[:3, :3].T + self.T_RC[:3, 3]
-        recording = build_fiducials(points, robot, noise=noise(), labels=tuple(names))
-        answer = register(recording, RegistrationOptions(method))
+        recording = registration.build_fiducials(points, robot, noise=noise(), labels=tuple(names))
+        answer = registration.register(recording, registration.RegistrationOptions(method))
         region = answer.tre(LESIONS[lesion], PITCH / np.sqrt(12.0))
         return float(region.foreseen.holds(self.errors(T, lesion)).mean())
 
 
-def noise() -> MarkerNoise:
+def noise() -> registration.MarkerNoise:
     """How well markers are read: the stated resolutions, which the draws have exactly."""
-    return MarkerNoise.from_resolution(PITCH, CONTROL, freedoms=np.inf)
+    return registration.MarkerNoise.from_resolution(PITCH, CONTROL, freedoms=np.inf)
 
 
 @dataclass(frozen=True)
@@ -159,10 +151,10 @@ class Ratio:
 
 def ratios(trial: Trial) -> dict[str, Ratio]:
     """Of least squares on three, four and five markers."""
-    cases: dict[str, tuple[str, Method, Callable[[Array, Array], Array]]] = {
-        "three-point": ("ABC", ThreePoint(), three_point_once),
+    cases: dict[str, tuple[str, registration.Method, Callable[[Array, Array], Array]]] = {
+        "three-point": ("ABC", registration.ThreePoint(), three_point_once),
         **{
-            f"least squares, {n} markers": (names, Kabsch(), least_squares_once)
+            f"least squares, {n} markers": (names, registration.Kabsch(), least_squares_once)
             for n, names in BASELINES.items()
         },
     }
@@ -178,7 +170,7 @@ def ratios(trial: Trial) -> dict[str, Ratio]:
 
 
 def _spent(
-    method: Method, once: Callable[[Array, Array], Array], ct: Array, robot: Array
+    method: registration.Method, once: Callable[[Array, Array], Array], ct: Array, robot: Array
 ) -> tuple[float, float]:
     pairs = list(zip(ct[:SINGLES], robot[:SINGLES], strict=True))
     stated = noise()

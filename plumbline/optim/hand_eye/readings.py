@@ -33,15 +33,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import PlumblineError
 from plumbline.optim.core.problem import Array, Flags, Indices, Integers
-from plumbline.optim.hand_eye.constants import (
-    LEAST_ROWS,
-    LONGEST,
-    SAME_POSE,
-    SAME_TURN,
-    SKEWED,
-    THREES,
-    VANISHING,
-)
+from plumbline.optim.hand_eye import constants
 from plumbline.optim.rigid import basis
 
 
@@ -153,15 +145,15 @@ class Readings:
     def distinct(self) -> int:
         """How many different poses there are: a repeated one tells of the noise alone."""
         poses = np.hstack([self.t, self.R.reshape(-1, 9)])
-        return len(np.unique(np.round(poses / SAME_POSE), axis=0))
+        return len(np.unique(np.round(poses / constants.SAME_POSE), axis=0))
 
     @property
     def is_translation(self) -> bool:
         """Whether all orientations agree."""
         # Entries move by the angle at most: most groups that turn are told without an arc sine.
-        if np.max(np.abs(self.R - self.R[0])) > SAME_TURN:
+        if np.max(np.abs(self.R - self.R[0])) > constants.SAME_TURN:
             return False
-        return bool(np.all(self.turns() < SAME_TURN))
+        return bool(np.all(self.turns() < constants.SAME_TURN))
 
 
 def _check(readings: Readings, count: int) -> None:
@@ -171,8 +163,10 @@ def _check(readings: Readings, count: int) -> None:
         found, wanted = getattr(r, name).shape, (count, *own)
         if found != wanted:
             raise PlumblineError(f"{name}: shape {found}, expected {wanted}; give one entry a row")
-    if count < LEAST_ROWS:
-        raise PlumblineError(f"{count} readings, at least {LEAST_ROWS} expected; take more")
+    if count < constants.LEAST_ROWS:
+        raise PlumblineError(
+            f"{count} readings, at least {constants.LEAST_ROWS} expected; take more"
+        )
     for name in ("R", "t", "distance"):
         values = getattr(r, name).reshape(count, -1)
         broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
@@ -183,21 +177,21 @@ def _check(readings: Readings, count: int) -> None:
             )
     _check_units(r)
     slack = np.abs(r.R @ np.swapaxes(r.R, 1, 2) - np.eye(3)).max(axis=(1, 2))
-    broken = np.flatnonzero((slack > SKEWED) | (np.linalg.det(r.R) < 0))
+    broken = np.flatnonzero((slack > constants.SKEWED) | (np.linalg.det(r.R) < 0))
     if len(broken):
         raise PlumblineError(
             f"R: row {r.row[broken[0]]} is no rotation matrix (|R R^T - 1| = {slack[broken[0]]:.2g}"
-            f", {SKEWED:g} allowed); give orientations of the flange in the base frame"
+            f", {constants.SKEWED:g} allowed); give orientations of the flange in the base frame"
         )
 
 
 def _check_units(r: Readings) -> None:
     for name, sizes in (("distance", np.abs(r.distance)), ("t", np.linalg.norm(r.t, axis=1))):
         middle = float(np.median(sizes))
-        if middle > LONGEST:
+        if middle > constants.LONGEST:
             raise PlumblineError(
-                f"{name}: median {middle:.4g}, at most {LONGEST:g} m expected; it looks like "
-                "millimetres: divide by 1000"
+                f"{name}: median {middle:.4g}, at most {constants.LONGEST:g} m expected; it looks "
+                "like millimetres: divide by 1000"
             )
     if np.any(r.distance <= 0.0):
         worst = int(np.argmin(r.distance))
@@ -234,10 +228,10 @@ def principal_plane(points: Array) -> Plane:
 def least_median_plane(points: Array) -> Plane:
     """The plane of least median distance through three of the points (N, 3), refitted to half."""
     rng = np.random.default_rng(len(points))
-    a, b, c = points[rng.integers(0, len(points), (3, THREES))]
+    a, b, c = points[rng.integers(0, len(points), (3, constants.THREES))]
     normals = np.cross(b - a, c - a)
     size = np.linalg.norm(normals, axis=1)
-    wide = size > VANISHING
+    wide = size > constants.VANISHING
     if not wide.any():
         return principal_plane(points)
     normals, a = normals[wide] / size[wide, None], a[wide]

@@ -26,13 +26,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import State
 from plumbline.kinematics.frames import Transform, constant, rotation
 from plumbline.optim.core.problem import Array
-from plumbline.optim.measurement.constants import (
-    COINCIDENT,
-    FRAME_SCALE,
-    LEAST_HALF,
-    TOOL_SCALE,
-    WIDE_BOUNDS,
-)
+from plumbline.optim.measurement import constants
 from plumbline.optim.measurement.registering import registered, tool_turn
 from plumbline.optim.measurement.session import Own
 from plumbline.optim.recording.recording import Recording, Session, one_hot_sockets, socket_labels
@@ -78,12 +72,12 @@ class Nuisance:
     @property
     def lower(self) -> Array:
         """Bounds so wide that they never bind (p,)."""
-        return self.start - WIDE_BOUNDS * self.scale
+        return self.start - constants.WIDE_BOUNDS * self.scale
 
     @property
     def upper(self) -> Array:
         """Bounds so wide that they never bind (p,)."""
-        return self.start + WIDE_BOUNDS * self.scale
+        return self.start + constants.WIDE_BOUNDS * self.scale
 
 
 def nuisances_of(recording: Recording, anchor: Anchor | None = None) -> Nuisance:
@@ -126,8 +120,8 @@ def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
         R = rotation(turn)
         t = constant(centre) + R @ constant(T_start[:3, 3] - centre) + shift
         parts["T_device_world"] = Transform(R @ constant(T_start[:3, :3]), t)
-        blocks += [(shift, _along("frame "), FRAME_SCALE[0])]
-        blocks += [(turn, _along("frame r"), FRAME_SCALE[1])]
+        blocks += [(shift, _along("frame "), constants.FRAME_SCALE[0])]
+        blocks += [(turn, _along("frame r"), constants.FRAME_SCALE[1])]
     if "tool" in recording.always:
         parts |= _tool(blocks, recording.kind.oriented)
     start = np.zeros(sum(len(names) for _, names, _ in blocks))
@@ -139,10 +133,10 @@ def _device_frame(recording: Recording, anchor: Anchor | None) -> Nuisance:
 def _tool(blocks: list[Block], turning: bool) -> dict[str, Any]:
     """Correct the tool's offset, and its turn if asked, by unknowns that join the blocks."""
     tool, turn = cs.SX.sym("tool", 3), cs.SX.sym("tool_w", 3)
-    blocks.append((tool, _along("tool "), TOOL_SCALE))
+    blocks.append((tool, _along("tool "), constants.TOOL_SCALE))
     if not turning:
         return {"tool": tool}
-    blocks.append((turn, _along("tool r"), FRAME_SCALE[1]))
+    blocks.append((turn, _along("tool r"), constants.FRAME_SCALE[1]))
     return {"tool": tool, "R_tip_tool": rotation(turn)}
 
 
@@ -159,11 +153,12 @@ def _beam_and_planes(recording: Recording, anchor: Anchor | None) -> Nuisance:
     normals = [constant(basis(p[3:])) @ n for p, n in zip(planes, tilted, strict=True)]
     points = [constant(p[:3]) + off[k] * normals[k] for k, p in enumerate(planes)]
     named = [f"plane {k} " for k in range(1, count + 1)]
+    leaning = [name for plane in named for name in _along(f"{plane}r", "xy")]
     blocks = [
-        (shift, _along("beam "), TOOL_SCALE),
-        (turn, _along("beam r", "xy"), FRAME_SCALE[1]),
-        (tilt, [name for plane in named for name in _along(f"{plane}r", "xy")], FRAME_SCALE[1]),
-        (off, [f"{plane}offset" for plane in named], FRAME_SCALE[0]),
+        (shift, _along("beam "), constants.TOOL_SCALE),
+        (turn, _along("beam r", "xy"), constants.FRAME_SCALE[1]),
+        (tilt, leaning, constants.FRAME_SCALE[1]),
+        (off, [f"{plane}offset" for plane in named], constants.FRAME_SCALE[0]),
     ]
     return _of_blocks(
         blocks,
@@ -181,7 +176,7 @@ def _socket_places(recording: Recording) -> Nuisance:
     start = ((hot.T @ tips) / hot.sum(axis=0)[:, None]).ravel()
     sockets = cs.SX.sym("sockets", 3, hot.shape[1])
     names = [name for k in socket_labels(recording) for name in _along(f"socket {k} ")]
-    blocks: list[Block] = [(sockets, names, FRAME_SCALE[0])]
+    blocks: list[Block] = [(sockets, names, constants.FRAME_SCALE[0])]
     parts = {"sockets": sockets, "shared": _known_distances(recording, sockets)}
     if "tool" in recording.always:
         parts |= _tool(blocks, turning=False)
@@ -200,7 +195,7 @@ def _known_distances(recording: Recording, sockets: cs.SX) -> cs.SX:
         if a in labels and b in labels:
             apart = sockets[:, labels.index(a)] - sockets[:, labels.index(b)]
             # Sockets may start at one place, where a plain norm has no derivative.
-            gap = cs.sqrt(cs.sumsqr(apart) + COINCIDENT**2)
+            gap = cs.sqrt(cs.sumsqr(apart) + constants.COINCIDENT**2)
             count = np.isin(recording.socket, (a, b)).sum()
             rows.append(np.sqrt(count) * (gap - recording.socket_distance))
     return cs.vertcat(*rows) if rows else cs.SX(0, 1)
@@ -297,7 +292,7 @@ def half_widths(recording: Recording) -> Array:
     if HALVES not in whole.derived:
         spots, part = spots_at_start(whole), whole.element
         count = range(1, len(whole.elements) + 1)
-        far = [np.abs(spots[part == k]).max(initial=LEAST_HALF) for k in count]
+        far = [np.abs(spots[part == k]).max(initial=constants.LEAST_HALF) for k in count]
         whole.derived[HALVES] = np.array(far)
     return np.asarray(whole.derived[HALVES])
 

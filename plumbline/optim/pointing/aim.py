@@ -22,14 +22,8 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.frames import Transform
 from plumbline.optim.core.problem import Array
+from plumbline.optim.pointing import constants
 from plumbline.optim.pointing.body import Body
-from plumbline.optim.pointing.constants import (
-    ANGLE_ROUNDING,
-    LARGEST,
-    LEAST_JOINTS,
-    RIGHT_ANGLE,
-    ROUNDING,
-)
 from plumbline.optim.pointing.given import array, rigid
 from plumbline.optim.pointing.mesh import Scene
 from plumbline.optim.recording import storing as storing
@@ -47,12 +41,12 @@ class Needle(Declared):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.reach > LARGEST:
+        if self.reach > constants.LARGEST:
             raise PlumblineError(
                 f"needle length + standoff = {self.reach:g} m: at most 5 m; give metres, not mm"
             )
         size = float(np.linalg.norm(self.axis))
-        if size < ROUNDING:
+        if size < constants.ROUNDING:
             raise PlumblineError(
                 "needle axis = 0 0 0: a direction expected; (0, 0, 1) is the flange's z"
             )
@@ -117,10 +111,12 @@ def checked_angles(theta: ArrayLike, beta: ArrayLike) -> tuple[Array, Array]:
     if not thetas.size:
         raise PlumblineError("theta and beta: no angles, at least 1 expected; give some in rad")
     for name, values, low, high in (
-        ("theta", thetas, 0.0, RIGHT_ANGLE),
+        ("theta", thetas, 0.0, constants.RIGHT_ANGLE),
         ("beta", betas, -2 * np.pi, 2 * np.pi),
     ):
-        wrong = ~((values >= low - ANGLE_ROUNDING) & (values <= high + ANGLE_ROUNDING))
+        wrong = ~(
+            (values >= low - constants.ANGLE_ROUNDING) & (values <= high + constants.ANGLE_ROUNDING)
+        )
         if wrong.any():
             value = float(values[wrong].flat[0])
             raise PlumblineError(
@@ -162,10 +158,10 @@ class Aim:
                 finite or far from the robot, lies outside of the body or inside of what the needle
                 may not enter.
         """
-        if chain.n < LEAST_JOINTS:
+        if chain.n < constants.LEAST_JOINTS:
             raise PlumblineError(
-                f"arm of {chain.n} joints: at least {LEAST_JOINTS} needed to hold a point and a "
-                "direction; choose another arm or tip frame"
+                f"arm of {chain.n} joints: at least {constants.LEAST_JOINTS} needed to hold a "
+                "point and a direction; choose another arm or tip frame"
             )
         f = array(lesion, "lesion", (3,), "give its CT coordinates in m")
         if body is not None:
@@ -189,10 +185,10 @@ class Aim:
         for name, value in fields.items():
             object.__setattr__(self, name, value)
         far = float(np.linalg.norm(self.target))
-        if far > LARGEST:
+        if far > constants.LARGEST:
             raise PlumblineError(
-                f"lesion {far:.3g} m from the robot's base by T_robot_ct: at most {LARGEST:g} m; "
-                "give both in metres, not mm"
+                f"lesion {far:.3g} m from the robot's base by T_robot_ct: at most "
+                f"{constants.LARGEST:g} m; give both in metres, not mm"
             )
         self._check_scene()
 

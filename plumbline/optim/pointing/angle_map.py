@@ -17,14 +17,8 @@ from plumbline.errors import PlumblineError
 from plumbline.optim.core.answer import Answer
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.problem import Array, Flags, Indices
+from plumbline.optim.pointing import constants
 from plumbline.optim.pointing.aim import Aim, checked_angles
-from plumbline.optim.pointing.constants import (
-    LARGEST_RCM_ERROR,
-    MAP_ROUNDS,
-    SAME_VALUE,
-    STARTS,
-    TRIES,
-)
 from plumbline.optim.pointing.judge import Angles, Found, judged, why_not
 from plumbline.optim.pointing.options import PointingOptions
 from plumbline.optim.pointing.postures import settled, solved, starts
@@ -37,7 +31,7 @@ from plumbline.optim.pointing.task import Bounded, NeedleTask, smallest_singular
 class _Held(Judged):
     """Postures by how far they are off the lesion."""
 
-    limit: float = LARGEST_RCM_ERROR
+    limit: float = constants.LARGEST_RCM_ERROR
     unit: ClassVar[str] = "m off the lesion"
 
 
@@ -91,7 +85,7 @@ class AngleMap(Answer):
     def judged(self) -> Judgement:
         """Whether every posture holds the needle, by Pinocchio."""
         off = float(np.nan_to_num(self.rcm_error).max(initial=0.0))
-        good = off <= LARGEST_RCM_ERROR
+        good = off <= constants.LARGEST_RCM_ERROR
         return Judgement.of([_Held("the postures", good, off)])
 
 
@@ -140,11 +134,11 @@ def safe_angle_map(
 def _candidates(arm: Bounded, rows: Array, shape: tuple[int, int]) -> tuple[Array, Array]:
     """Postures (N, TRIES, n), the farthest from a singularity first, and least squares (N,)."""
     task = arm.task
-    q = np.tile(starts(task, STARTS), (len(rows), 1))
-    repeated = np.repeat(rows, STARTS, axis=0)
+    q = np.tile(starts(task, constants.STARTS), (len(rows), 1))
+    repeated = np.repeat(rows, constants.STARTS, axis=0)
     q, found, cost = solved(arm, q, repeated)
     best = _best(task, q, found, repeated, len(rows))
-    for _ in range(MAP_ROUNDS):
+    for _ in range(constants.MAP_ROUNDS):
         empty = np.flatnonzero(np.isnan(best[:, 0, 0]))
         around = best[_neighbours(empty, shape), 0].reshape(-1, q.shape[1])
         here = np.repeat(rows[empty], 4, axis=0)
@@ -159,7 +153,7 @@ def _candidates(arm: Bounded, rows: Array, shape: tuple[int, int]) -> tuple[Arra
         best[empty] = _best(task, x, tried, here, len(empty))
     flat = best.reshape(-1, q.shape[1])
     there = np.isfinite(flat).all(axis=1)
-    flat[there] = settled(arm, flat[there], np.repeat(rows, TRIES, axis=0)[there])
+    flat[there] = settled(arm, flat[there], np.repeat(rows, constants.TRIES, axis=0)[there])
     return flat.reshape(best.shape), cost.reshape(len(rows), -1).min(axis=1)
 
 
@@ -167,13 +161,13 @@ def _best(task: NeedleTask, q: Array, found: Flags, rows: Array, count: int) -> 
     """Of each angle's tries the TRIES best postures (count, TRIES, n), no two of them alike."""
     sigma = np.where(found, smallest_singular_values(task, q, rows), -1.0).reshape(count, -1)
     tries = q.reshape(count, sigma.shape[1], -1)
-    best = np.full((count, TRIES, q.shape[1]), np.nan)
-    for k in range(TRIES):
+    best = np.full((count, constants.TRIES, q.shape[1]), np.nan)
+    for k in range(constants.TRIES):
         top = np.argmax(sigma, axis=1)
         value = np.take_along_axis(sigma, top[:, None], axis=1)
         best[:, k] = np.where(value > 0.0, tries[np.arange(count), top], np.nan)
         # The same branch has the same singular values, wherever its free turn may be.
-        sigma[np.abs(sigma - value) < SAME_VALUE] = -1.0
+        sigma[np.abs(sigma - value) < constants.SAME_VALUE] = -1.0
     return best
 
 
@@ -190,7 +184,7 @@ def _neighbours(cells: Indices, shape: tuple[int, int]) -> Indices:
 def _chosen(asked: Angles, candidates: Array) -> tuple[Array, Found]:
     """The first safe posture of each angle, else the first."""
     q = candidates[:, 0].copy()
-    for k in range(1, TRIES):
+    for k in range(1, constants.TRIES):
         found = judged(asked, q, False)
         unsafe = np.array([s in (Status.COLLISION, Status.SINGULAR) for s in found.status])
         again = np.flatnonzero(unsafe & np.isfinite(candidates[:, k, 0]))

@@ -31,16 +31,8 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.frames import homogeneous
 from plumbline.optim.core.answer import register_kinds
 from plumbline.optim.core.problem import Array, Flags, Integers
+from plumbline.optim.pointing import constants
 from plumbline.optim.pointing.body import Body, Box, Capsule, Cylinder, HalfSpace, Sphere
-from plumbline.optim.pointing.constants import (
-    CHUNK,
-    LARGEST,
-    LARGEST_FILE,
-    LEAST_VOLUME,
-    MM,
-    POINT,
-    ROUNDING,
-)
 from plumbline.optim.pointing.given import array
 from plumbline.optim.triangles import triangles_of
 
@@ -88,7 +80,7 @@ class Mesh:
         Raises:
             PlumblineError: It is no such file, or too large, or its surface is not closed.
         """
-        corners, faces = triangles_of(Path(path), LARGEST_FILE)
+        corners, faces = triangles_of(Path(path), constants.LARGEST_FILE)
         return cls(unit * corners, faces)
 
     @cached_property
@@ -110,7 +102,7 @@ class Mesh:
     def _coal(self) -> coal.CollisionGeometry:
         model: Any = coal.BVHModelOBBRSS()
         model.beginModel(len(self.triangles), len(self.vertices))
-        model.addVertices(MM * (self.vertices - self.middle))
+        model.addVertices(constants.MM * (self.vertices - self.middle))
         model.addTriangles(self.triangles)
         model.endModel()
         model.computeLocalAABB()
@@ -127,7 +119,7 @@ class Mesh:
             axis=1
         )
         near = np.flatnonzero(inside)
-        for part in np.array_split(near, 1 + len(near) * len(self.triangles) // CHUNK):
+        for part in np.array_split(near, 1 + len(near) * len(self.triangles) // constants.CHUNK):
             inside[part] = np.abs(_winding(asked[part], self.vertices[self.triangles])) > 0.5
         return inside
 
@@ -145,7 +137,7 @@ class Mesh:
             det = np.vecdot(first, p)
             with np.errstate(divide="ignore", invalid="ignore"):
                 u, v, t = np.vecdot(back, p) / det, (across @ d) / det, t_part / det
-                inside = np.minimum(np.minimum(u, v), 1 - u - v) >= -ROUNDING
+                inside = np.minimum(np.minimum(u, v), 1 - u - v) >= -constants.ROUNDING
             found[k] = t[inside & (t > 0)].max(initial=0.0)
         return found
 
@@ -187,10 +179,10 @@ def _closed(points: Array, faces: Integers) -> None:
         )
     a, b, c = np.moveaxis(points[faces] - points.mean(axis=0), 1, 0)
     volume = abs(float(np.vecdot(a, np.cross(b, c)).sum())) / 6
-    if volume < LEAST_VOLUME:
+    if volume < constants.LEAST_VOLUME:
         raise PlumblineError(
-            f"mesh of volume {volume:.1e} m^3: at least {LEAST_VOLUME:g} expected; give metres, "
-            "and a surface around something"
+            f"mesh of volume {volume:.1e} m^3: at least {constants.LEAST_VOLUME:g} expected; give "
+            "metres, and a surface around something"
         )
 
 
@@ -224,10 +216,10 @@ class Solid(Declared):
             raise PlumblineError(f"solid named {self.name!r}: one line of text expected; name it")
         if self.name in RESERVED or self.name.startswith("link "):
             raise PlumblineError(f"solid named {self.name!r}: the name is taken; choose another")
-        if np.isfinite(self.shape.half_size) and self.shape.half_size > LARGEST:
+        if np.isfinite(self.shape.half_size) and self.shape.half_size > constants.LARGEST:
             raise PlumblineError(
-                f"{self.name}: {self.shape.half_size:g} m about its middle, at most {LARGEST:g} m; "
-                "give metres, not mm"
+                f"{self.name}: {self.shape.half_size:g} m about its middle, at most "
+                f"{constants.LARGEST:g} m; give metres, not mm"
             )
 
     def holds(self, point: Array) -> bool:
@@ -235,8 +227,8 @@ class Solid(Declared):
         if isinstance(self.shape, Mesh):
             return bool(self.shape.contains(point)[0])
         T = self.shape.placement
-        body = coal.CollisionObject(self.shape.shape(), T[:3, :3], MM * T[:3, 3])
-        ball = coal.CollisionObject(coal.Sphere(POINT), np.eye(3), MM * point)
+        body = coal.CollisionObject(self.shape.shape(), T[:3, :3], constants.MM * T[:3, 3])
+        ball = coal.CollisionObject(coal.Sphere(constants.POINT), np.eye(3), constants.MM * point)
         return float(coal.distance(body, ball, coal.DistanceRequest(), coal.DistanceResult())) < 0
 
 

@@ -21,14 +21,7 @@ from numpy.typing import ArrayLike
 
 from plumbline.errors import fault
 from plumbline.optim.core.problem import Array
-from plumbline.optim.registration.constants import (
-    COARSEST,
-    EXACT,
-    FEWEST,
-    LARGEST,
-    STATED,
-    UNEVEN,
-)
+from plumbline.optim.registration import constants
 
 UPPER = np.triu_indices(3)
 
@@ -42,25 +35,25 @@ class MarkerNoise:
     #: how well their size is known, as so many readings that it was estimated from; inf where it is
     #: exact, 0 where only their proportions are known, and the size is estimated from what the
     #: markers leave over alone
-    freedoms: float = STATED
+    freedoms: float = constants.STATED
 
     @classmethod
     def from_std(
-        cls, ct: ArrayLike = 0.0, robot: ArrayLike = 0.0, *, freedoms: float = STATED
+        cls, ct: ArrayLike = 0.0, robot: ArrayLike = 0.0, *, freedoms: float = constants.STATED
     ) -> MarkerNoise:
         """From standard deviations [m]: one number, one an axis (3,), or one a marker (n, 3)."""
         return cls(_diagonal(ct), _diagonal(robot), freedoms)
 
     @classmethod
     def from_resolution(
-        cls, ct: ArrayLike, robot_std: ArrayLike = 0.0, *, freedoms: float = STATED
+        cls, ct: ArrayLike, robot_std: ArrayLike = 0.0, *, freedoms: float = constants.STATED
     ) -> MarkerNoise:
         """From CT's pitch [m] (slices of 5 mm against 1 mm: ``[5e-3, 1e-3, 1e-3]``)."""
         pitch = np.asarray(ct, dtype=float)
         coarsest = max(pitch.max(initial=0.0), np.max(robot_std, initial=0.0))
-        if coarsest > COARSEST:
+        if coarsest > constants.COARSEST:
             found, mend = f"{coarsest:.4g} m", "looks like mm: divide by 1000"
-            raise fault("noise", found, f"at most {COARSEST:g} m", mend)
+            raise fault("noise", found, f"at most {constants.COARSEST:g} m", mend)
         return cls.from_std(pitch / np.sqrt(12.0), robot_std, freedoms=freedoms)
 
     @classmethod
@@ -156,9 +149,9 @@ def _each(covariance: ArrayLike, n: int, what: str) -> Array:
         raise fault(f"noise, {what}", found, f"finite, (3, 3) or ({n}, 3, 3)", "mend its shape")
     each = np.broadcast_to(values, (n, 3, 3))
     size = np.abs(each).max(initial=0.0)
-    if not np.allclose(each, np.swapaxes(each, 1, 2), rtol=0.0, atol=UNEVEN * size):
+    if not np.allclose(each, np.swapaxes(each, 1, 2), rtol=0.0, atol=constants.UNEVEN * size):
         raise fault(f"noise, {what}", "an asymmetric matrix", "a covariance", "symmetrise it")
-    if np.linalg.eigvalsh(each).min() < -UNEVEN * size:
+    if np.linalg.eigvalsh(each).min() < -constants.UNEVEN * size:
         raise fault(f"noise, {what}", "a negative variance", "a covariance", "mend the matrix")
     return each.copy()
 
@@ -167,7 +160,7 @@ def _check_together(ct_cov: Array, robot_cov: Array, labels: Sequence[str]) -> N
     """Readings known without any error would weigh infinitely much."""
     least = np.linalg.eigvalsh(ct_cov)[:, 0] + np.linalg.eigvalsh(robot_cov)[:, 0]
     largest = max(ct_cov.max(initial=0.0), robot_cov.max(initial=0.0))
-    exact = np.flatnonzero(least <= EXACT * largest)
+    exact = np.flatnonzero(least <= constants.EXACT * largest)
     if len(exact) or largest == 0.0:
         where = f"noise, marker {labels[exact[0]] if len(exact) else labels[0]}"
         mend = "state the robot's std, or the CT's resolution along every axis"
@@ -180,7 +173,7 @@ def _check_labels(labels: Sequence[str], n: int) -> None:
     doubled = [name for name, count in Counter(labels).items() if count > 1]
     if doubled:
         raise fault(f"marker {doubled[0]}", "that label twice", "one of each", "rename one")
-    if n < FEWEST:
+    if n < constants.FEWEST:
         mend = "stick at least three markers that do not lie on one line"
         raise fault("markers", f"{n} of them", "at least 3", mend)
 
@@ -192,6 +185,8 @@ def _check_numbers(points: Array, what: str, labels: Sequence[str]) -> None:
         mend = "measure the marker again or leave it out"
         raise fault(where, f"{points[broken[0]].tolist()}", "finite coordinates in m", mend)
     span = float(np.ptp(points, axis=0).max())
-    if span > LARGEST:
+    if span > constants.LARGEST:
         where, found = f"markers, {what}", f"markers {span:.4g} m apart"
-        raise fault(where, found, f"at most {LARGEST:g} m", "looks like mm: divide by 1000")
+        raise fault(
+            where, found, f"at most {constants.LARGEST:g} m", "looks like mm: divide by 1000"
+        )

@@ -20,6 +20,7 @@ from scipy.special import chdtrc
 
 from plumbline.declared import Declared
 from plumbline.errors import best_matches, fault, shown
+from plumbline.optim.registration import triples
 from plumbline.optim.registration.answer import Registration
 from plumbline.optim.registration.checks import check, condition_of, misfit, spread_of
 from plumbline.optim.registration.constants import DOUBTFUL, FEWEST_UNSTATED, NO_PAIR
@@ -28,20 +29,13 @@ from plumbline.optim.registration.least_squares import Anisotropic, Fit, Kabsch,
 from plumbline.optim.registration.markers import MarkerNoise, Markers
 from plumbline.optim.registration.robust import Robust
 from plumbline.optim.registration.target import Unstated
-from plumbline.optim.registration.triples import (
-    BestTriple,
-    CombinedTriples,
-    ThreePoint,
-    Triple,
-    TripleFrames,
-    usable_triples,
-)
 from plumbline.optim.registration.words import remarks, trust
 
 METHODS: Mapping[str, Method] = {
     method.name: method
     for method in (
-        ThreePoint(), Kabsch(), Anisotropic(), Robust(), BestTriple(), CombinedTriples(),
+        triples.ThreePoint(), Kabsch(), Anisotropic(), Robust(),
+        triples.BestTriple(), triples.CombinedTriples(),
     )
 }  # fmt: skip
 
@@ -108,20 +102,20 @@ def rank_triples(recording: Fiducials, lesion: ArrayLike) -> tuple[Registration,
     """Every usable triple, registered, the best for a lesion (3,) in CT [m] first; or refused."""
     markers = recording.checked()
     check(markers)
-    frames = TripleFrames.of(markers, usable_triples(markers))
-    best: dict[tuple[int, ...], Triple] = {}
+    frames = triples.TripleFrames.of(markers, triples.usable_triples(markers))
+    best: dict[tuple[int, ...], triples.Triple] = {}
     for k in np.argsort(frames.tre_squares(np.asarray(lesion, dtype=float)), kind="stable"):
         a, b, c = (int(v) for v in frames.triples[k])
         best.setdefault(tuple(sorted((a, b, c))), (a, b, c))
-    found = [register(recording, RegistrationOptions(ThreePoint(t))) for t in best.values()]
+    found = [register(recording, RegistrationOptions(triples.ThreePoint(t))) for t in best.values()]
     return tuple(sorted(found, key=lambda answer: answer.tre(lesion).rms))
 
 
 def _for_target(method: Method, recording: Fiducials) -> Method:
     """The best triple is the one for the first target, if none is named."""
-    if isinstance(method, BestTriple) and method.lesion is None and len(recording.targets):
+    if isinstance(method, triples.BestTriple) and method.lesion is None and len(recording.targets):
         x, y, z = recording.targets.ct[0]
-        return BestTriple((float(x), float(y), float(z)))
+        return triples.BestTriple((float(x), float(y), float(z)))
     return method
 
 

@@ -10,12 +10,7 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 from plumbline.errors import listed
-from plumbline.experiments.report.diagnosis.phrases import (
-    LIKELY,
-    Elsewhere,
-    distrusted_words,
-    suggestion_words,
-)
+from plumbline.experiments.report.diagnosis import phrases
 from plumbline.experiments.report.diagnosis.rows import nuisances, worst_rows
 from plumbline.experiments.report.diagnosis.rows import picture as ranks_picture
 from plumbline.experiments.report.diagnosis.subject import Subject
@@ -57,7 +52,7 @@ def page(
     answer: Answered,
     *,
     seed: int | None = None,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: phrases.Elsewhere | None = None,
     ranks: Sequence[int] = (),
     proof: bool = True,
 ) -> Page:
@@ -76,7 +71,7 @@ def page(
     return replace(of_verdict(answer.verdict, elsewhere, drawn, _about(answer)), seed=seed)
 
 
-def in_words(answer: Any, elsewhere: Elsewhere | None = None) -> Page:
+def in_words(answer: Any, elsewhere: phrases.Elsewhere | None = None) -> Page:
     """The same without what is drawn, which a terminal cannot show."""
     if isinstance(answer, Sections):
         return _of_sections(answer, [of_verdict(one.verdict) for one in answer.sections])
@@ -84,7 +79,7 @@ def in_words(answer: Any, elsewhere: Elsewhere | None = None) -> Page:
 
 
 def of_verdict(
-    verdict: Verdict, elsewhere: Elsewhere | None = None, drawn: Parts = (), about: str = ""
+    verdict: Verdict, elsewhere: phrases.Elsewhere | None = None, drawn: Parts = (), about: str = ""
 ) -> Page:
     """The page of a verdict on what ``about`` says, with pictures and tables of single rows."""
     said = (words.shrink_words(verdict), *([elsewhere.words] if elsewhere else []))
@@ -212,7 +207,7 @@ def _rivals(verdict: Verdict) -> Iterator[Part]:
     guilty = {(c.effect, c.element) for c in verdict.causes}
     others = [c for c in verdict.candidates if (c.effect, c.element) not in guilty]
     others = sorted(others, key=lambda c: -c.probability)
-    likely = [c for c in others if c.probability >= LIKELY][:MOST_RIVALS]
+    likely = [c for c in others if c.probability >= phrases.LIKELY][:MOST_RIVALS]
     if likely:
         lines = [f"{c.label}: probability {chance(c.probability)}" for c in likely]
         yield Part("Considered, and not in the verdict", points=lines)
@@ -272,7 +267,7 @@ def _unknown(verdict: Verdict) -> Iterator[Part]:
 
 def _next(verdict: Verdict) -> Iterator[Part]:
     if verdict.next:
-        lines = [suggestion_words(one) for one in verdict.next]
+        lines = [phrases.suggestion_words(one) for one in verdict.next]
         yield Part("What to record next", points=lines, most=MOST_ROWS)
 
 
@@ -289,7 +284,7 @@ def _recorded(verdict: Verdict, about: str) -> Part:
     noise = words.noise_words(verdict.noise, verdict.gap.unit)
     said = [f"{counted(verdict.rows, 'row')}{about}. Noise: {noise}."]
     # Of several recordings gross rows are told one by one.
-    gross = "" if verdict.recordings else distrusted_words(verdict.distrusted_rows)
+    gross = "" if verdict.recordings else phrases.distrusted_words(verdict.distrusted_rows)
     said += [f"{gross} They are left out of every figure and picture."] if gross else []
     return Part("About the recording", said, points=verdict.notes)
 

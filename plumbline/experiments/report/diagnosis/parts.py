@@ -7,13 +7,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from plumbline.experiments.report import style
-from plumbline.experiments.report.diagnosis.figures import (
-    BRIGHTEST,
-    before_above_after,
-    colour_scale,
-    panel,
-    top_of,
-)
+from plumbline.experiments.report.diagnosis import figures
 from plumbline.experiments.report.diagnosis.subject import Subject
 from plumbline.optim.core.problem import Array
 from plumbline.optim.measurement.nuisance import cosines_at_start, spots_at_start
@@ -37,18 +31,18 @@ def over_the_beam(subject: Subject) -> tuple[Figure, ...]:
 def _over(subject: Subject, values: Array, words: str) -> Figure:
     pair = subject.before[:, 0], subject.after[:, 0]
     labels = {"xlabel": words, "ylabel": f"residual [{subject.unit}]"}
-    return panel(values, pair, subject.rows, signed=True, **labels)
+    return figures.panel(values, pair, subject.rows, signed=True, **labels)
 
 
 def over_planes(subject: Subject) -> tuple[Figure, ...]:
     """Residuals where the beams met each plane, before and after; last their scale."""
-    largest = top_of(np.abs(subject.before), BRIGHTEST)
+    largest = figures.top_of(np.abs(subject.before), figures.BRIGHTEST)
     scale = Normalize(-largest, largest)
     count = min(len(subject.recording.elements), MOST_PARTS)
     words = f"predicted less measured range [{subject.unit}]; larger: last colours"
     with style.house_style():
         drawn = [_plane(subject, k, scale) for k in range(1, count + 1)]
-        return (*drawn, colour_scale(scale, SIGNED, words))
+        return (*drawn, figures.colour_scale(scale, SIGNED, words))
 
 
 def _plane(subject: Subject, plane: int, scale: Normalize) -> Figure:
@@ -67,7 +61,9 @@ def _plane(subject: Subject, plane: int, scale: Normalize) -> Figure:
         style.numbered(dots, subject.rows[mine])
 
     title, across = f"plane {plane}{named}, {{}}", "x on the plane, from the middle [mm]"
-    return before_above_after(drawn, (subject.before, subject.after), title, across, "y [mm]")
+    return figures.before_above_after(
+        drawn, (subject.before, subject.after), title, across, "y [mm]"
+    )
 
 
 def by_marker(subject: Subject) -> tuple[Figure, ...]:
@@ -83,7 +79,7 @@ def by_marker(subject: Subject) -> tuple[Figure, ...]:
             x = recording.element + shift + 0.6 * beside
             dots = axes.scatter(x, sizes, color=colour, s=14.0, alpha=0.8, lw=0, label=label)
             style.numbered(dots, subject.rows)
-        axes.set(xlim=(0.5, count + 0.5), ylim=(0.0, top_of(subject.sizes[0])))
+        axes.set(xlim=(0.5, count + 0.5), ylim=(0.0, figures.top_of(subject.sizes[0])))
         if count <= MOST_PARTS:
             names = [f"{k}\n{name[:8]}" for k, name in enumerate(recording.elements, start=1)]
             axes.set_xticks(range(1, count + 1), names)
