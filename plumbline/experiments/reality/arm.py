@@ -14,9 +14,8 @@ about the origin o_{i-1} of the joint's own frame, and its component along the j
 load torque.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +48,7 @@ class Arm:
         """Number of joints."""
         return len(self.d)
 
-    def with_mass(self, mass: Array) -> Arm:
+    def with_mass(self, mass: Array) -> Self:
         """The same arm with other link masses, (n,) [kg]."""
         return replace(self, mass=np.asarray(mass, dtype=float))
 
@@ -66,7 +65,7 @@ class Shape:
     flex: Array
 
     @classmethod
-    def of(cls, arm: Arm, rows: int) -> Shape:
+    def of(cls, arm: Arm, rows: int) -> Self:
         """The drawing's geometry, repeated for every row."""
         spread = np.ones((rows, 1))
         return cls(

@@ -13,10 +13,8 @@ A mechanism changes the scene before the reading (`body`) or the points that the
 (`sense`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import ClassVar, dataclass_transform
+from typing import ClassVar, Self, dataclass_transform
 
 import numpy as np
 
@@ -68,7 +66,7 @@ class Scene:
     turn: Array  # (N, 3) rotation vector of the tool in the last link's frame [rad]
 
     @classmethod
-    def ideal(cls, arm: Arm, session: Session, tool: Array, device: Array) -> Scene:
+    def ideal(cls, arm: Arm, session: Session, tool: Array, device: Array) -> Self:
         """A scene in which everything is as drawn; tool (3,) [m], device (4, 4)."""
         rows = session.rows
         still = np.zeros((rows, 3))
@@ -84,13 +82,13 @@ class Scene:
             turn=still,
         )
 
-    def flexed(self, i: int, change: Array) -> Scene:
+    def flexed(self, i: int, change: Array) -> Self:
         """With a displacement [m] and rotation [rad] (N, 6) added at the end of link i (from 0)."""
         flex = self.shape.flex.copy()
         flex[:, i] += change
         return replace(self, shape=replace(self.shape, flex=flex))
 
-    def turned_base(self, turn: Array) -> Scene:
+    def turned_base(self, turn: Array) -> Self:
         """With a rotation (N, 3) [rad] added to the base's."""
         return replace(self, base=self.base + np.hstack([np.zeros_like(turn), turn]))
 
@@ -155,15 +153,15 @@ class Mechanism(Frozen):
         """On what it depends, its own joints by their numbers."""
         return tuple(words.format(**vars(self)) for words in self.depends)
 
-    def alike(self) -> tuple[tuple[Mechanism, ...], ...]:
+    def alike(self) -> "tuple[tuple[Mechanism, ...], ...]":
         """Forms of a library, by the terms each may mix, that only this mechanism calls for."""
         return ()
 
-    def sized(self, size: float) -> Mechanism:
+    def sized(self, size: float) -> Self:
         """The same mechanism at another strength."""
         return replace(self, size=float(size))
 
-    def pinned(self, scene: Scene) -> Mechanism:
+    def pinned(self, scene: Scene) -> "Mechanism":
         """The same mechanism with all that it reads off the rows of a scene written down."""
         return self
 

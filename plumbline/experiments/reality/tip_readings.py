@@ -18,9 +18,8 @@ give way under the arm's weight,
 the device sees depth worse than its other two axes, and some readings are of another point.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,15 +53,15 @@ class Built:
     rows: Array  # (6, 5) d [m], a [m], alpha [rad], theta [rad], beta [rad]
 
     @classmethod
-    def drawing(cls) -> Built:
+    def drawing(cls) -> Self:
         """As the drawing has them."""
         table = np.array(BH7)
         table[:, 2:] = np.deg2rad(table[:, 2:])
         return cls(np.hstack([table, np.zeros((len(table), 1))]))
 
-    def with_errors(self, errors: Array) -> Built:
+    def with_errors(self, errors: Array) -> Self:
         """With errors (6, 5) added."""
-        return Built(self.rows + errors)
+        return replace(self, rows=self.rows + errors)
 
     def tips(self, q: Array) -> Array:
         """Tips of the needle (N, 3) [m] in the base, at joint positions (N, 5) [m, rad]."""

@@ -4,9 +4,8 @@ Bodies are changed in the URDF text itself, gravity in MuJoCo; what drives add i
 Nothing here knows how the library states any of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -85,7 +84,7 @@ class Build:
             found[k] = data.qfrc_inverse
         return found
 
-    def with_link(self, i: int, share: float, shift: Array) -> Build:
+    def with_link(self, i: int, share: float, shift: Array) -> Self:
         """Another mass and centre of link i (from 0)."""
         link = self.links[i]
         centre = np.array(link.centre) + shift

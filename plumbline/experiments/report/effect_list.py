@@ -3,11 +3,9 @@
 ``plumbline list --effects`` prints it, and the README's table is :func:`markdown`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 from plumbline.kinematics.effects import EFFECTS, MOTION_EFFECTS, Effect, MotionEffect
 from plumbline.kinematics.effects.drive import TORQUES
@@ -60,7 +58,7 @@ class Listed:
     reference: str  # who describes it
 
     @classmethod
-    def of(cls, effect: type[Effect] | type[MotionEffect]) -> Listed:
+    def of(cls, effect: type[Effect] | type[MotionEffect]) -> Self:
         """What an effect declares."""
         if issubclass(effect, MotionEffect):
             return cls._of_a_drive(effect)
@@ -79,7 +77,7 @@ class Listed:
         )
 
     @classmethod
-    def _of_a_drive(cls, effect: type[MotionEffect]) -> Listed:
+    def _of_a_drive(cls, effect: type[MotionEffect]) -> Self:
         needs = "a motion of a robot with masses" if effect.needs_masses else "a motion"
         words = effect.words.format(element=NUMBER)
         stage, reference = str(effect.stage), effect.reference

@@ -13,11 +13,10 @@ each as short as it can be; and all draws at once, by the library's own. Rounds 
 the methods, so that a busy machine slows all alike; the median of the rounds counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Self
 
 import numpy as np
 
@@ -88,7 +87,7 @@ class Trial:
     own: Array  # error of a lesion's own reading in CT (N, 3) [m]
 
     @classmethod
-    def drawn(cls, T_RC: Array, draws: int, rng: np.random.Generator, *, normal: bool) -> Trial:
+    def drawn(cls, T_RC: Array, draws: int, rng: np.random.Generator, *, normal: bool) -> Self:
         """Draw readings.
 
         CT errors are uniform over the pitch, as rounding to slices and pixels makes them; or, with
@@ -102,9 +101,9 @@ class Trial:
         robot = touched + rng.normal(0.0, CONTROL, (draws, len(points), 3))
         return cls(T_RC, points + off[:, :-1], robot, off[:, -1])
 
-    def first(self, draws: int) -> Trial:
+    def first(self, draws: int) -> Self:
         """The first of the draws."""
-        return Trial(self.T_RC, self.ct[:draws], self.robot[:draws], self.own[:draws])
+        return type(self)(self.T_RC, self.ct[:draws], self.robot[:draws], self.own[:draws])
 
     def chosen(self, names: str) -> tuple[Array, Array]:
         """Readings of some markers, (N, n, 3) each [m]."""

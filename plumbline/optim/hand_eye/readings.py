@@ -22,10 +22,9 @@ finder looks; the unknown origin is then :math:`r' = F^T r`. So one symbolic sta
 recording, and is compiled once; the signs of normals and beam are settled by B_k and F.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -45,7 +44,7 @@ class Beam:
     v: Array  # its unit direction (3,)
 
     @classmethod
-    def of(cls, r: ArrayLike, v: ArrayLike) -> Beam:
+    def of(cls, r: ArrayLike, v: ArrayLike) -> Self:
         """From an origin (3,) [m] and a direction (3,) of any length."""
         direction = np.asarray(v, dtype=float)
         return cls(np.asarray(r, dtype=float), direction / np.linalg.norm(direction))
@@ -55,12 +54,12 @@ class Beam:
         seen = self.r + distance[:, None] * self.v
         return np.asarray(np.einsum("nij,nj->ni", R, seen) + t)
 
-    def angle_to(self, other: Beam) -> float:
+    def angle_to(self, other: Self) -> float:
         """Angle between the two directions [rad]."""
         sine = np.linalg.norm(np.cross(self.v, other.v))
         return float(np.arctan2(sine, self.v @ other.v))
 
-    def error_at(self, truth: Beam, distance: float) -> float:
+    def error_at(self, truth: Self, distance: float) -> float:
         """How far a point rebuilt at that range [m] lies from the truth [m]."""
         gap = self.r - truth.r + distance * (self.v - truth.v)
         return float(np.linalg.norm(gap))
@@ -91,7 +90,7 @@ class Readings:
         plane: ArrayLike | None = None,
         motion: ArrayLike | None = None,
         row: ArrayLike | None = None,
-    ) -> Readings:
+    ) -> Self:
         """Checked readings; one plane, one motion and rows from 0 unless given."""
         ranges = np.asarray(distance, dtype=float)
         count = len(ranges) if ranges.ndim == 1 else -1
@@ -106,7 +105,7 @@ class Readings:
         return len(self.distance)
 
     @classmethod
-    def joined(cls, parts: Sequence[Readings]) -> Readings:
+    def joined(cls, parts: Sequence[Self]) -> Self:
         """Several readings as one."""
         columns = zip(*(vars(p).values() for p in parts), strict=True)
         return cls(*map(np.concatenate, columns))
@@ -116,15 +115,15 @@ class Readings:
         """The planes, in ascending order (K,)."""
         return np.unique(self.plane)
 
-    def select(self, rows: Flags | Indices) -> Readings:
+    def select(self, rows: Flags | Indices) -> Self:
         """Some of the readings: a mask (N,), or indices."""
-        return Readings(**{name: values[rows] for name, values in vars(self).items()})
+        return type(self)(**{name: values[rows] for name, values in vars(self).items()})
 
-    def on_plane(self, plane: int) -> Readings:
+    def on_plane(self, plane: int) -> Self:
         """The readings of one plane."""
         return self.select(self.plane == plane)
 
-    def motions(self) -> Iterator[Readings]:
+    def motions(self) -> Iterator[Self]:
         """The readings of each group of motions, in order of their numbers."""
         for motion in np.unique(self.motion):
             yield self.select(self.motion == motion)
@@ -212,7 +211,7 @@ class Plane:
         """Signed distances (N,) of points (N, 3) [m]."""
         return np.asarray((points - self.centre) @ self.normal)
 
-    def angle_to(self, other: Plane) -> float:
+    def angle_to(self, other: Self) -> float:
         """Angle between the planes [rad], 0 to 90 deg."""
         sine = np.linalg.norm(np.cross(self.normal, other.normal))
         return float(np.arctan2(sine, abs(self.normal @ other.normal)))
@@ -250,7 +249,7 @@ class Frames:
     F: Array  # orientation (3, 3) of the finder's frame on the flange; third column near the beam
 
     @classmethod
-    def of(cls, readings: Readings, beam: Beam) -> Frames:
+    def of(cls, readings: Readings, beam: Beam) -> Self:
         """Frames on the planes of least median of the points that a beam makes of the readings."""
         points = beam.points(readings.R, readings.t, readings.distance)
         ways = readings.R @ beam.v

@@ -10,11 +10,10 @@ readings that it was estimated from (JCGM 100:2008, eq. G.3). Lengths are in m; 
 the CT, frame R that of the robot.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,14 +39,14 @@ class MarkerNoise:
     @classmethod
     def from_std(
         cls, ct: ArrayLike = 0.0, robot: ArrayLike = 0.0, *, freedoms: float = constants.STATED
-    ) -> MarkerNoise:
+    ) -> Self:
         """From standard deviations [m]: one number, one an axis (3,), or one a marker (n, 3)."""
         return cls(_diagonal(ct), _diagonal(robot), freedoms)
 
     @classmethod
     def from_resolution(
         cls, ct: ArrayLike, robot_std: ArrayLike = 0.0, *, freedoms: float = constants.STATED
-    ) -> MarkerNoise:
+    ) -> Self:
         """From CT's pitch [m] (slices of 5 mm against 1 mm: ``[5e-3, 1e-3, 1e-3]``)."""
         pitch = np.asarray(ct, dtype=float)
         coarsest = max(pitch.max(initial=0.0), np.max(robot_std, initial=0.0))
@@ -57,7 +56,7 @@ class MarkerNoise:
         return cls.from_std(pitch / np.sqrt(12.0), robot_std, freedoms=freedoms)
 
     @classmethod
-    def unknown(cls) -> MarkerNoise:
+    def unknown(cls) -> Self:
         """Alike along all axes and for all markers, of a size to be estimated."""
         return cls(np.zeros((3, 3)), np.eye(3), freedoms=0.0)
 
@@ -85,7 +84,7 @@ class Markers:
         robot: ArrayLike,
         noise: MarkerNoise | None = None,
         labels: Sequence[str] | None = None,
-    ) -> Markers:
+    ) -> Self:
         """Check shapes, numbers, metres, labels and covariances; complete what is not given."""
         c, r = np.asarray(ct, dtype=float), np.asarray(robot, dtype=float)
         if c.ndim != 2 or c.shape[1:] != (3,) or c.shape != r.shape:
@@ -103,12 +102,12 @@ class Markers:
     def __len__(self) -> int:
         return len(self.ct)
 
-    def select(self, indices: Sequence[int]) -> Markers:
+    def select(self, indices: Sequence[int]) -> Self:
         """Some of the markers, in that order."""
         k = list(indices)
         covariances = self.ct_cov[k], self.robot_cov[k]
         names = tuple(self.labels[i] for i in k)
-        return Markers(self.ct[k], self.robot[k], *covariances, names, self.freedoms)
+        return type(self)(self.ct[k], self.robot[k], *covariances, names, self.freedoms)
 
     @property
     def known(self) -> bool:

@@ -1,8 +1,7 @@
 """Mechanisms of links, base and tool that the library lacks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class BearingRunout(Mechanism):
     phase: float = 0.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> BearingRunout:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Three to nine balls that are not alike."""
         order = CAGE * float(rng.choice([3, 4, 6, 7, 8, 9]))
         return cls(0.0, chances.turning(scene, rng), order, chances.phase(rng))
@@ -63,7 +62,7 @@ class Draught(Mechanism):
     fading: float = 100.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Draught:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Within the session, over before it ends."""
         weights, length = chances.twist(rng), np.ptp(scene.session.time)
         opens, fades = (float(RANGES.one(name, rng) * length) for name in ("opens", "fades"))
@@ -92,7 +91,7 @@ class FloorSag(Mechanism):
     width: float = 0.1
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> FloorSag:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """A middle that the weight comes to, and a bell narrower than its way."""
         feet = weight_above(scene)
         middle = chances.vector(feet[int(rng.integers(len(feet)))])
@@ -129,7 +128,7 @@ class LooseBolt(Mechanism):
     largest: float = 1.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> LooseBolt:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Open in a quarter to a half of the rows."""
         turn = chances.phase(rng)
         moment = cls(0.0, turn)._moment(scene)
@@ -166,7 +165,7 @@ class ThermalBow(LinkMechanism):
     side: tuple[float, ...] = (0.0, 1.0, 0.0)  # towards the heat, in the link's frame
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> ThermalBow:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """A long link; heat that takes a tenth to three tenths of the session to soak through."""
         link = chances.long_link(scene, rng)
         along = link_vector(scene, link - 1)[0]
@@ -202,7 +201,7 @@ class ToolRocking(Mechanism):
     softness: float = 0.1
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> ToolRocking:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Any face, any way."""
         bias, softness = RANGES.one("bias", rng), RANGES.one("softness", rng)
         return cls(0.0, chances.unit(rng), chances.unit(rng), bias, softness)

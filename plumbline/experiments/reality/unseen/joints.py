@@ -1,6 +1,6 @@
 """Mechanisms of single joints that the library lacks."""
 
-from __future__ import annotations
+from typing import Self
 
 import numpy as np
 
@@ -32,7 +32,7 @@ class CableCreep(JointMechanism):
     constant: float = 60.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> CableCreep:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Forgets over two to eight readings."""
         joint, largest = chances.loaded(scene, rng)
         step = float(np.median(np.diff(scene.session.time)))
@@ -59,7 +59,7 @@ class EncoderInterpolation(JointMechanism):
     gain: float = 0.4
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> EncoderInterpolation:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Eight to 128 lines, both quadrature errors of like size."""
         offset = RANGES.one("offset", rng)
         gain = offset * RANGES.one("gain", rng)
@@ -96,7 +96,7 @@ class EndCushion(JointMechanism):
     side: float = 1.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> EndCushion:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Felt in the last tenth to quarter of the readings."""
         joint, side = chances.any_joint(scene, rng), chances.sign(rng)
         out = side * scene.session.q[:, joint - 1]
@@ -124,7 +124,7 @@ class FlexsplineLoad(JointMechanism):
     phase: float = 0.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> FlexsplineLoad:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Any loaded joint, any phase."""
         return cls(0.0, *chances.loaded(scene, rng), chances.phase(rng))
 
@@ -147,7 +147,7 @@ class GearPit(JointMechanism):
     width: float = 0.1
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> GearPit:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Where some reading is, a seventh to a quarter of a radian wide."""
         joint = chances.turning(scene, rng)
         centre = float(rng.choice(scene.session.q[:, joint - 1]))
@@ -172,7 +172,7 @@ class HubSlip(JointMechanism):
     moment: float = 0.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> HubSlip:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """At the largest load of the middle three fifths of the session."""
         joint, _ = chances.loaded(scene, rng)
         rows = scene.session.rows
@@ -198,7 +198,7 @@ class LoadWindup(JointMechanism):
     largest: float = 1.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> LoadWindup:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Any loaded joint."""
         return cls(0.0, *chances.loaded(scene, rng))
 
@@ -222,7 +222,7 @@ class MaxwellSlip(JointMechanism):
     widths: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0)
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> MaxwellSlip:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Springs that slip after 0.2 to 3 rad."""
         widths = np.sort(RANGES.many("slips", rng, 4))
         return cls(0.0, chances.turning(scene, rng), chances.vector(widths))
@@ -252,7 +252,7 @@ class MotorHeat(JointMechanism):
     largest: float = 1.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> MotorHeat:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Cools within a twentieth to a fifth of the session."""
         joint = chances.turning(scene, rng)
         cooling = float(RANGES.one("cools", rng) * np.ptp(scene.session.time))
@@ -289,7 +289,7 @@ class WornBelt(JointMechanism):
     end: float = 0.5
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> WornBelt:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """A third to a half of the readings are on worn teeth."""
         joint, largest = chances.loaded(scene, rng)
         low = RANGES.one("worn_from", rng)

@@ -1,8 +1,7 @@
 """Mechanisms of a place that the library lacks: alike in any one socket."""
 
-from __future__ import annotations
-
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
@@ -31,7 +30,7 @@ class FieldBody(Mechanism):
     axis: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> FieldBody:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Beside the cloud of tips."""
         points, _ = scene.pose_in_device()
         size = spread(points)
@@ -59,7 +58,7 @@ class HoseDrag(Mechanism):
     length: float = 0.5
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> HoseDrag:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """Hung beside the cloud of tips, taut in a third to a half of the rows."""
         _, tips = scene.tip()
         anchor = tips.mean(axis=0) + spread(tips) * np.array(unit(rng))
@@ -90,7 +89,7 @@ class StitchedVolume(Mechanism):
     way: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> StitchedVolume:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """A seam through the cloud of tips."""
         points, _ = scene.pose_in_device()
         seam = points.mean(axis=0) + points.std(axis=0) * RANGES.near("seam", rng, 3)
@@ -119,7 +118,7 @@ class TrackerRefraction(Mechanism):
     turn: float = 0.0
 
     @classmethod
-    def drawn(cls, scene: Scene, rng: np.random.Generator) -> TrackerRefraction:
+    def drawn(cls, scene: Scene, rng: np.random.Generator) -> Self:
         """A layer about as high as the cloud of tips."""
         points, _ = scene.pose_in_device()
         middle = points.mean(axis=0)

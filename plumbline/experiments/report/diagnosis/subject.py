@@ -1,11 +1,9 @@
 """What a report is about: the parts of a diagnosis that it reads, in the units that it shows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +33,7 @@ class Subject:
     rows: NDArray[np.int64]  # numbers (N,) of the rows in the whole recording, from 1
 
     @classmethod
-    def of(cls, diagnosis: Diagnosis) -> Subject:
+    def of(cls, diagnosis: Diagnosis) -> Self:
         """The subject of a diagnosis."""
         factor, unit = scaled(diagnosis.verdict.gap.unit)
         keep = np.asarray(diagnosis.trusted, dtype=bool)
