@@ -1,7 +1,11 @@
 """How the tests share two workers: `--dist loadfile` keeps a file on one; long files come first."""
 
+import os
+
 import pytest
 from hypothesis import settings
+
+os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")  # of the cores each worker has one
 
 # The same examples in every run: what is drawn anew would stop a change that has no part in it.
 settings.register_profile("same", derandomize=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.constants import CHUNK_NUMBERS
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.diagnosis.constants import JITTER
 from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
 from plumbline.optim.diagnosis.linearise.linear import (
@@ -257,11 +258,15 @@ class FamilyDesign:
             basis = orthonormal(np.concatenate([self.base[pool.columns(state)], rows]).T)
             left = self.target - basis @ (basis.T @ self.target)
             given.append((basis, left, self.white.count(self.live) - float(basis.shape[1])))
-        log = np.empty((len(given), len(found)))
-        for part in self._alike(found):
+
+        def evidence(part: Sequence[int]) -> list[Array]:
             C = np.stack([self._flat(found[i].columns) for i in part])
             squares = C @ C.transpose(0, 2, 1)
-            log[:, part] = [_evidence(C, squares, *look, pool.noise) for look in given]
+            return [_evidence(C, squares, *look, pool.noise) for look in given]
+
+        parts, log = list(self._alike(found)), np.empty((len(given), len(found)))
+        for part, each in zip(parts, side_by_side(evidence, parts), strict=True):
+            log[:, part] = each
         return log
 
     def _alike(self, found: Sequence[Dependence]) -> Iterator[list[int]]:

@@ -10,7 +10,8 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
 from plumbline.optim.core.constants import STILL as AT_REST
-from plumbline.optim.core.progress import Progress
+from plumbline.optim.core.progress import Progress, silent
+from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.core.threads import one_thread
 from plumbline.optim.diagnosis.motion import carrying
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
@@ -25,7 +26,7 @@ from plumbline.optim.diagnosis.motion.constants import (
 from plumbline.optim.diagnosis.motion.fit import correlation_time
 from plumbline.optim.diagnosis.motion.lead import as_told, others
 from plumbline.optim.diagnosis.motion.left_out import left_out
-from plumbline.optim.diagnosis.motion.models import Models, nested
+from plumbline.optim.diagnosis.motion.models import Key, Models, nested
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.rotor_or_link import or_links
 from plumbline.optim.diagnosis.motion.search import Begun, prior_at, search
@@ -54,21 +55,20 @@ def diagnose_motion(
     Raises:
         PlumblineError: The folder cannot be used, or no run is as long as a window.
     """
-    options = options or DiagnosisOptions()
+    options, tell = options or DiagnosisOptions(), progress or silent
     r = recording if isinstance(recording, MotionRecording) else load_drives(recording)
     r = replace(r, carried=NOTHING)  # which an answer's recording has
-    found = _searched(r, options, progress)
+    found = _searched(r, options, tell)
     signals, begun = found.signals, found.begun
     if (law := _between_rows(r)) is not None:
         other = replace(r, law=law)
         if _more_evident(signals_of(other), signals, begun):
-            signals, begun = _begun(signals_of(other), options, progress, begun)
+            signals, begun = _begun(signals_of(other), options, tell, begun)
     r, prior = signals.recording, prior_at(options.unlisted, len(begun))
-    joints = []
-    for k, one in enumerate(begun):
-        if progress is not None:
-            progress(f"{r.noun} {one.number}", (1 + k / len(begun)) / 2)
-        joints.append(search(one, prior, signals.sigma))
+    joints = side_by_side(
+        lambda one: search(one, prior, signals.sigma), begun,
+        lambda k: tell(f"{r.noun} {begun[k].number}", (1 + k / len(begun)) / 2),
+    )  # fmt: skip
     asked = carrying.candidates(r, options.without)
     mass = carrying.mass_findings(signals, joints, found.more, found.plain, asked, found.rivals)
     joints = [*or_links(signals, joints, asked)]
@@ -109,33 +109,31 @@ class _Searched:
     rivals: carrying.Rivals = field(default_factory=dict)
 
 
-def _searched(
-    r: MotionRecording, options: DiagnosisOptions, progress: Progress | None
-) -> _Searched:
+def _searched(r: MotionRecording, options: DiagnosisOptions, tell: Progress) -> _Searched:
     """Where a search stands by drives alone, or by bodies that weigh other than the file says.
 
     Masses are asked of ideal drives, as others are found in their place, then of those found.
     """
-    plain = _begun(signals_of(r), options, progress)
+    plain = _begun(signals_of(r), options, tell)
     if not carrying.candidates(r, options.without):
-        return _finished(_Searched(*_by_neighbours(*plain, options, progress)))
-    found = _carrying(plain, (), options, progress)
+        return _finished(_Searched(*_by_neighbours(*plain, options, tell)))
+    found = _carrying(plain, (), options, tell)
     if found is None or found.more < CONTENDS:
-        plain = _by_neighbours(*plain, options, progress)
+        plain = _by_neighbours(*plain, options, tell)
         drives = carrying.drives_of_all(plain[1], r.n)
-        found = _carrying(plain, drives, options, progress) or found
+        found = _carrying(plain, drives, options, tell) or found
     if found is None:
         return _finished(_Searched(*plain))
-    found = _without_stand_ins(_still(found, options, progress), options, progress)
+    found = _without_stand_ins(_still(found, options, tell), options, tell)
     signals, begun = found.signals, found.begun
     more = _more_probable(signals, begun, plain[1])
     better = replace(found, more=more, plain=plain[1])
     return _finished(better if more > 0 else _Searched(*plain))
 
 
-def _still(found: _Searched, options: DiagnosisOptions, progress: Progress | None) -> _Searched:
+def _still(found: _Searched, options: DiagnosisOptions, tell: Progress) -> _Searched:
     """The same by what neighbours give, until the mass that is carried stands still."""
-    signals, begun = _by_neighbours(found.signals, found.begun, options, progress)
+    signals, begun = _by_neighbours(found.signals, found.begun, options, tell)
     before = None
     for _ in range(MOVES):
         fit = carrying.told_by(signals, begun)
@@ -144,28 +142,26 @@ def _still(found: _Searched, options: DiagnosisOptions, progress: Progress | Non
         moved, before = carrying.further(signals, fit, before)
         if moved is None:
             break
-        signals, begun = _begun(moved, options, progress, begun)
+        signals, begun = _begun(moved, options, tell, begun)
     return replace(found, signals=signals, begun=begun)
 
 
-def _without_stand_ins(
-    found: _Searched, options: DiagnosisOptions, progress: Progress | None
-) -> _Searched:
+def _without_stand_ins(found: _Searched, options: DiagnosisOptions, tell: Progress) -> _Searched:
     """The same with less of each body that one joint alone feels, whose drive is more probable."""
     for body in found.signals.recording.carried.bodies:
         for other in carrying.lesser(found.signals, found.begun, body):
             signals, begun = found.signals, found.begun
             if (less := carrying.felt_by_one(signals, begun, other)) is None:
                 continue
-            _, anew = _begun(less, options, progress)
+            _, anew = _begun(less, options, tell)
             sure = _more_probable(signals, begun, anew) - carrying.against(less, anew)
             if sure < 0:
                 drives = carrying.drives_of_all(anew, less.recording.n)
                 if (fewer := carrying.states_by(less.recording, drives)) is None:
                     continue
-                again = _begun(fewer, options, progress)
+                again = _begun(fewer, options, tell)
                 found = replace(found, signals=again[0], begun=again[1])
-                found = _still(found, options, progress)
+                found = _still(found, options, tell)
                 break
             effects = [(e.name, one.number) for one in anew for e in one.near.effects]
             found.rivals.setdefault(body.label, (sure, effects))
@@ -176,14 +172,14 @@ def _carrying(
     plain: tuple[Signals, tuple[Begun, ...]],
     drives: Drives,
     options: DiagnosisOptions,
-    progress: Progress | None,
+    tell: Progress,
 ) -> _Searched | None:
     """Where a search stands with a mass, if that may be the more probable."""
     asked = carrying.candidates(plain[0].recording, options.without)
     given = carrying.carrying_more(*plain, drives, asked)
     if given is None:
         return None
-    signals, begun = _begun(given, options, progress)
+    signals, begun = _begun(given, options, tell)
     return _Searched(signals, begun, _more_probable(signals, begun, plain[1]), plain[1])
 
 
@@ -201,7 +197,7 @@ def _by_neighbours(
     signals: Signals,
     begun: tuple[Begun, ...],
     options: DiagnosisOptions,
-    progress: Progress | None,
+    tell: Progress,
 ) -> tuple[Signals, tuple[Begun, ...]]:
     """The search anew, under torques, while what all joints did becomes more probable.
 
@@ -212,7 +208,7 @@ def _by_neighbours(
             break
         before, was = begun, signals
         for given in others(signals, begun):
-            other, anew = _begun(given, options, progress)
+            other, anew = _begun(given, options, tell)
             if _log_odds(anew, begun).sum() > 0:
                 signals, begun = other, anew
                 break
@@ -220,7 +216,7 @@ def _by_neighbours(
             # Whose drive is better now may be what another's is worse by.
             better = zip(_log_odds(anew, begun) > 0, anew, begun, strict=True)
             best = [new if is_better else old for is_better, new, old in better]
-            other, anew = _begun(as_told(signals, best), options, progress)
+            other, anew = _begun(as_told(signals, best), options, tell)
             if _log_odds(anew, begun).sum() > 0:
                 signals, begun = other, anew
         if signals is was:
@@ -246,7 +242,7 @@ def _log_odds(some: Sequence[Begun], others: Sequence[Begun]) -> Array:
 def _begun(
     signals: Signals,
     options: DiagnosisOptions,
-    progress: Progress | None,
+    tell: Progress,
     before: Sequence[Begun] = (),
 ) -> tuple[Signals, tuple[Begun, ...]]:
     """An even clock, and where the search of each joint that moved begins.
@@ -267,15 +263,20 @@ def _begun(
         )
     coarse = signals_of(r, SEARCH_SAMPLES) if r.law.ideal else signals
     looked_at = spread(coarse.training, SEARCHED * coarse.most)
-    found = []
-    for k, j in enumerate(moved := _moved(r)):
-        if progress is not None:
-            progress(f"{r.noun} {j + 1}", k / len(moved) / 2)
-        quick = Models(coarse.windows(j, looked_at), effects, signals.seen(j))
+    moved = _moved(r)
+
+    def looked(k: int) -> tuple[Models, Key]:
+        quick = Models(coarse.windows(moved[k], looked_at), effects, signals.seen(moved[k]))
         key = quick.begun_by(before[k].quick, before[k].key) if before else quick.climb()
-        windows = signals.windows(j, training)
-        found.append(Begun(j + 1, windows, quick, quick.settle(key), coarse.sigma))
-    return signals, tuple(found)
+        return quick, quick.settle(key)
+
+    found = side_by_side(
+        looked, range(len(moved)), lambda k: tell(f"{r.noun} {moved[k] + 1}", k / len(moved) / 2)
+    )
+    return signals, tuple(
+        Begun(j + 1, signals.windows(j, training), *one, coarse.sigma)
+        for j, one in zip(moved, found, strict=True)
+    )
 
 
 def _more_evident(other: Signals, signals: Signals, begun: Sequence[Begun]) -> bool:

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from plumbline.kinematics.effects.motion_effect import MotionEffect
+from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.diagnosis.motion.carried import NOTHING
 from plumbline.optim.diagnosis.motion.carrying import fits_of_all
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED, SEARCH_ITERATIONS
@@ -49,14 +50,16 @@ class LeftOut:
 def left_out(signals: Signals, joints: Sequence[JointFindings]) -> tuple[LeftOut, ...]:
     """Every fold's windows, by fits of the causes to all others, joint by joint."""
     if not signals.recording.carried.bodies:
-        return tuple(_left_out(signals, joint) for joint in joints)
+        return tuple(side_by_side(lambda joint: _left_out(signals, joint), joints))
     drives, carried = fits_of_all(joints, signals.recording.n), signals.recording.carried
     shifts = [_moved(signals, drives, *fold) for fold in _folds(signals)]
     others = {body.label: carrying(signals, carried.without(body)) for body in carried.bodies}
     plain = carrying(signals, NOTHING)
-    return tuple(
-        _with_mass(plain, others, _left_out(signals, joint, shifts), joint) for joint in joints
-    )
+
+    def judged(joint: JointFindings) -> LeftOut:
+        return _with_mass(plain, others, _left_out(signals, joint, shifts), joint)
+
+    return tuple(side_by_side(judged, joints))
 
 
 def _moved(signals: Signals, drives: Drives, fit: Integers, judge: Integers) -> list[Array]:

@@ -15,11 +15,13 @@ asks on its way is summed over.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, MarkovChain, Sampled
 from plumbline.optim.diagnosis.posterior.joint_problem import (
@@ -55,19 +57,18 @@ def coarsened(
     gross = [t for t in state if problem.gross[t.index]]
     none = problem.unlisted
     listed = state if none is None else [t for t in state if not none[t.index]]
-    ends = [best_near(problem, start) for start in (state, listed, gross)]
+    ends = side_by_side(partial(best_near, problem), (state, listed, gross))
     logs = np.array([stated(problem, end) for end in ends])
     near = [k for k in np.argsort(-logs) if logs[k] > logs.max() + LEAST_HEARD]
     starts = [near[0], near[-1]]
     shares = [_largest(problem, ends[k]) for k in starts]
     problem = replace(problem, asked=np.flatnonzero(np.max(shares, axis=0) >= prior.LEAST_ASKED))
-    asked = Asked()
-    first = MarkovChain(problem, np.random.default_rng([seed, 0]), frozenset(), {})
-    second = MarkovChain(problem, np.random.default_rng([seed, 1]), frozenset(), first.looks)
-    chains = [
-        _chain(pairs, ends[start], asked)
-        for pairs, start in zip((first, second), starts, strict=True)
-    ]
+
+    def chained(k: int) -> Sampled:
+        pairs = MarkovChain(problem, np.random.default_rng([seed, k]), frozenset(), {})
+        return _chain(pairs, ends[starts[k]])
+
+    chains = side_by_side(chained, range(len(starts)))
     apart = np.ptp([chain.marginals[0] for chain in chains], axis=0)
     weights = np.exp(logs[starts] - logs.max())
     return replace(_mean(chains, weights), apart=float(apart.max(initial=0.0)))
@@ -80,12 +81,12 @@ def _largest(problem: JointProblem, state: Sequence[SelectedTerm]) -> Array:
     return np.max([shares_of(problem.odds(reduced)[0]) for reduced in places], axis=0)
 
 
-def _chain(pairs: MarkovChain, state: Sequence[SelectedTerm], asked: Asked) -> Sampled:
+def _chain(pairs: MarkovChain, state: Sequence[SelectedTerm]) -> Sampled:
     """What sweeps say together, each of every place of a state and an empty one, in any order.
 
     Between them two terms go for two: pairs that do the same as others a chain would never leave.
     """
-    problem, rng, sweeps, moves = pairs.problem, pairs.rng, list[Sampled](), 0
+    problem, rng, sweeps, moves, asked = pairs.problem, pairs.rng, list[Sampled](), 0, Asked()
     while moves < prior.LONG_MOVES:
         reduced, odds = problem.reduce(state), []
         places: list[list[SelectedTerm]] = [[], *([t] for t in problem.slots(state))]

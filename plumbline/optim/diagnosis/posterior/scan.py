@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import zip_longest
 
 import casadi as cs
 import numpy as np
@@ -27,6 +28,7 @@ from plumbline.kinematics.evaluate import over_rows
 from plumbline.optim.core.constants import CHUNK_NUMBERS
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.diagnosis.constants import TWIST
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, block_evidence
@@ -150,9 +152,26 @@ def families(
     for effect in variants:
         alike = (effect.name, effect.element, len(effect.parameters), parts_of(effect))
         grouped[alike].append(effect)
-    count = int(folds.max(initial=0)) + 1
-    chain = model.recording.chain
-    sums = [_Sums.empty(chain, count, tuple(group), P) for group in grouped.values()]
+    groups = [tuple(group) for group in grouped.values()]
+    halves = side_by_side(
+        lambda some: _scanned(model, wide, x, at, folds, some), (groups[::2], groups[1::2])
+    )
+    (even, linears), (odd, _) = halves
+    found = [pair for pairs in zip_longest(even, odd) for pair in pairs]
+    return found[: len(groups)], linears
+
+
+def _scanned(
+    model: MeasurementModel,
+    wide: MeasurementModel,
+    x: Array,
+    at: Array,
+    folds: NDArray[np.intp],
+    groups: Sequence[tuple[Effect, ...]],
+) -> tuple[list[Family], list[Linear]]:
+    """The same of some groups of variants, about a point ``at`` of a model with all ports."""
+    P, chain, count = len(x), model.recording.chain, int(folds.max(initial=0)) + 1
+    sums = [_Sums.empty(chain, count, group, P) for group in groups]
     base = [np.zeros((count, P, P)), np.zeros((count, P)), np.zeros(count), np.zeros(count)]
     root, recording = np.sqrt(model.problem.weights), model.recording
     freedom = np.broadcast_to(model.problem.freedom, len(root))

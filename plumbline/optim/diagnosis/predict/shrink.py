@@ -18,6 +18,7 @@ from plumbline.optim.core.constants import STILL
 from plumbline.optim.core.judged import Judged, Solution, judged_by_gram
 from plumbline.optim.core.mapped import Gram, Mapped
 from plumbline.optim.core.problem import Array, Flags, Indices, Problem
+from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.core.solvers.levenberg_marquardt import LevenbergMarquardt
 from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.findings import Gap, NoiseLevel
@@ -74,17 +75,19 @@ def fold_models(
         kept: The terms of all rows. A fold keeps those that it alone could show, such as a shift
             of a marker that no other fold has touched.
     """
-    found = []
     banned = np.array([c.key in without for c in pool.candidates], dtype=bool)
-    if given is not None and variance is None:
-        variance = pool.selection.variance(given)
-    for f, selection in enumerate(pool.selections):
-        chosen = given
-        if chosen is None:
-            chosen = _chosen_anew(restricted(selection, selection.allowed & ~banned), kept)
-            chosen = [*chosen, *_shown_by_fold_alone(pool, kept, f)]
-        found.append(fitted_without(pool, chosen, f, variance or selection.variance(chosen)))
-    return found
+    folds = range(len(pool.selections))
+    if given is not None:
+        variance = pool.selection.variance(given) if variance is None else variance
+        return [fitted_without(pool, given, f, variance) for f in folds]
+
+    def chosen_without(f: int) -> FoldModel:
+        selection = pool.selections[f]
+        chosen = _chosen_anew(restricted(selection, selection.allowed & ~banned), kept)
+        chosen = [*chosen, *_shown_by_fold_alone(pool, kept, f)]
+        return fitted_without(pool, chosen, f, variance or selection.variance(chosen))
+
+    return side_by_side(chosen_without, folds)
 
 
 def _chosen_anew(selection: SelectionProblem, kept: Sequence[SelectedTerm]) -> list[SelectedTerm]:
@@ -174,15 +177,22 @@ def held_out_residuals(
     at, problem = union.started(best.by_name), union.problem
     grams = Mapped(problem).grams(at, folds)
     total = sum(grams, start=pool.shared_at(at[: pool.always]).padded(problem.size))
-    out, ended = np.empty((len(folds), problem.equations)), []
-    for f, (model, gram) in enumerate(zip(models, grams, strict=True)):
-        rest, fold = (Linear.about(g, at, problem.scale) for g in (total - gram, gram))
+
+    def foretold(f: int) -> tuple[Array, Judged]:
+        model, both = models[f], (total - grams[f], grams[f])
+        rest, fold = (Linear.about(gram, at, problem.scale) for gram in both)
         first = _step(pool, rest, fold, _columns_of(pool, union, model), model) * problem.scale
         x, judged = _settled(pool, union, folds == f, model, at, first, grams)
-        ended.append(replace(judged, fit=f"the fit without fold {f + 1}"))
-        rows = np.flatnonzero(folds == f)
-        out[rows] = Mapped(problem.on(problem.rows[rows])).residuals(x)
-    return out, ended
+        residuals = Mapped(problem.on(problem.rows[folds == f])).residuals(x)
+        return residuals, replace(judged, fit=f"the fit without fold {f + 1}")
+
+    out, found = (
+        np.empty((len(folds), problem.equations)),
+        side_by_side(foretold, range(len(grams))),
+    )
+    for f, (residuals, _) in enumerate(found):
+        out[folds == f] = residuals
+    return out, [judged for _, judged in found]
 
 
 def _settled(

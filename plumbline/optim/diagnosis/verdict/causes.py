@@ -26,6 +26,7 @@ from plumbline.kinematics.effects.transmission_ripple import TransmissionRipple
 from plumbline.optim.core.constants import NEAR
 from plumbline.optim.core.judged import standard_errors
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.diagnosis.constants import A_PERIOD, POINTS
 from plumbline.optim.diagnosis.findings import Blame, Cause, Curve, Estimate, Key, NoiseLevel, Step
 from plumbline.optim.diagnosis.linearise.linear import Linear
@@ -177,7 +178,11 @@ def causes_of(
     whole = selected.pool.selection
     asked = replace(whole, linear=whole.linear.share(told.worth))  # as the posterior was
     kept = worth_more_than_nothing(asked, selected.chosen, told.named)
-    return tuple(_cause(selected, asked, key, told, stairs, noise, least, kept) for key in keys)
+
+    def cause(key: Key) -> Cause:
+        return _cause(selected, asked, key, told, stairs, noise, least, kept)
+
+    return tuple(side_by_side(cause, keys))
 
 
 def _cause(

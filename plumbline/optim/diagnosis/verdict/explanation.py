@@ -3,13 +3,14 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from typing import Any, Self
 
 import numpy as np
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.diagnosis.discrepancy.alternatives import (
     Alternatives,
     Unlisted,
@@ -188,7 +189,8 @@ def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     # At their widest: what they are off by is nobody's, and must not be taken for noise.
     gross = chain.from_iterable(alt.gross_rows.values())
     rows = [SelectedTerm(i, float(SCALES[-1])) for i in sorted(gross)]
-    ends = [best_near(alt.problem, [*begin, *rows]) for begin in begins_of(selected, alt)]
+    begins = [[*begin, *rows] for begin in begins_of(selected, alt)]
+    ends = side_by_side(partial(best_near, alt.problem), begins)
     state = max(ends, key=lambda end: stated(alt.problem, end))
     worth = _worth(selected, alt, state)
     found = coarsened(alt.problem, state, worth, seed)
