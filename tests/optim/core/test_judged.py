@@ -175,4 +175,4 @@ def test_a_limit_is_told_to_two_digits():
 
 def test_the_limit_is_a_tenth_of_a_standard_error():
     """A figure changes by half the square of it: 0.5 % of one equation's share."""
-    assert judging.STILL == 0.1
+    assert STILL == 0.1

@@ -63,10 +63,10 @@ def test_four_thousand_rows_are_searched_in_part_first_fitted_briefly_and_linear
     asked = []
     wrong = iter([100.0, 40.0, 10.0, 1.0])
     monkeypatch.setattr(settling, "explain", lambda *_: asked.append(1) or told)
-    for name in ("with_terms", "about_its_fit"):
-        monkeypatch.setattr(settling, name, lambda about, *_, **__: about)
+    for place, name in ((settling, "with_terms"), (settling.search, "about_its_fit")):
+        monkeypatch.setattr(place, name, lambda about, *_, **__: about)
     monkeypatch.setattr(settling, "worth_while", lambda *_: ())
-    monkeypatch.setattr(settling, "foretold_wrongly", lambda _: next(wrong))
+    monkeypatch.setattr(settling.search, "foretold_wrongly", lambda _: next(wrong))
     settling.settled(task, None, None, 0, 0.2)
     assert len(asked) == (1 if long else 4)
 

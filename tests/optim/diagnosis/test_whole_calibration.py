@@ -71,7 +71,7 @@ def fitted_by(errs, better, monkeypatch):
     """Which terms are fitted, if the linear problem errs so much about the chains' [nats]."""
     monkeypatch.setattr(module, "worth_while", lambda _, terms, named: terms)
     monkeypatch.setattr(module, "with_terms", lambda _, terms, *rest, tried: terms)
-    monkeypatch.setattr(module, "foretold_wrongly", lambda terms: errs[terms])
+    monkeypatch.setattr(module.search, "foretold_wrongly", lambda terms: errs[terms])
     told = SimpleNamespace(theirs="theirs", better=better, terms="search's", named=(), compared=0)
     return module._fitted(None, told, None, None)
 
