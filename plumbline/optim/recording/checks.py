@@ -4,11 +4,8 @@ Each check takes a recording and its origin, raises on a fault and yields notes 
 odd, if anything is. Those on units are in :mod:`plumbline.optim.recording.units`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,10 +13,8 @@ from plumbline.errors import best_matches, fault, shown
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording.constants import BETTER_ROWS, COARSE, SAME_POSTURE
 from plumbline.optim.recording.kinds import ALWAYS
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import Array, Origin
-
-if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
 
 
 def has_enough_rows(r: Recording, origin: Origin) -> Iterator[str]:

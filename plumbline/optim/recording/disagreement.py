@@ -11,24 +11,19 @@ so that :math:`R_{tip,i}^T R^T R_i` is one fixed rotation, the tool's, in the ri
 in no other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plumbline.errors import fault
 from plumbline.optim.recording import constants
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.set_up import missed as misfit_of
 from plumbline.optim.recording.set_up import plausible, wrong_set_up
 from plumbline.optim.recording.slips import whole_turns
 from plumbline.optim.recording.table import Array, Origin
 from plumbline.optim.rigid import best_rotation, nearest_rotation, rotations, some_of, spread
-
-if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
 
 
 def rows_meet_the_model(r: Recording, origin: Origin) -> Iterator[str]:

@@ -8,12 +8,10 @@ Joints of one arm differ in noise by an order of magnitude, so each is weighed b
 all that a joint's effort may depend on leaves of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -34,12 +32,10 @@ from plumbline.optim.recording.filtered_efforts import Channel
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by, likeliest
 from plumbline.optim.recording.mixed_up import refuse_mixed_up
 from plumbline.optim.recording.rates import refuse_other_rates
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.sensor_end import without_saturated
 from plumbline.optim.recording.table import Array, Flags, Origin
 from plumbline.optim.rigid import some_of
-
-if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
 
 RATES = ("velocity", "acceleration")
 

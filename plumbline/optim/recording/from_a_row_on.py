@@ -11,12 +11,10 @@ most such rows over others; what mends the rows next to it, with F, t and d as t
 Where those that are right are too few to fix a frame, the rest does, paired some rows off.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -26,12 +24,10 @@ from plumbline.kinematics.effects.base_bump import BaseBump
 from plumbline.kinematics.effects.tool_slip import ToolSlip
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.best_frame import least, matched
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.slips import signs, swaps, zeros
 from plumbline.optim.recording.table import Array, Flags, Integers
 from plumbline.optim.rigid import some_of
-
-if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
 
 
 class Mended(NamedTuple):
@@ -49,9 +45,9 @@ class Tips(NamedTuple):
     p: Array  # places (..., N, 3) [m], or angles (..., N, k) [rad]
     y: Array  # the same as measured
 
-    def of(self, rows: Integers | slice) -> Tips:
+    def of(self, rows: Integers | slice) -> Self:
         """Those of some rows, or of windows (W, n) of them."""
-        return Tips(*(each[rows] for each in self))
+        return type(self)(*(each[rows] for each in self))
 
 
 class Frame(NamedTuple):
@@ -62,7 +58,7 @@ class Frame(NamedTuple):
     d: Array  # what the tool is other than stated (..., 3) [m]
 
     @classmethod
-    def of(cls, tips: Tips, fit_tool: bool) -> Frame:
+    def of(cls, tips: Tips, fit_tool: bool) -> Self:
         """The best of some tips; the tool as it is unless it is fitted."""
         F = matched(*tips, fit_tool)[0]
         J = np.broadcast_to(np.eye(3), tips.R.shape)
@@ -82,7 +78,7 @@ class Zeros(NamedTuple):
     off: Array  # (..., k) [rad], to a turn
 
     @classmethod
-    def of(cls, joints: Tips) -> Zeros:
+    def of(cls, joints: Tips) -> Self:
         """The mean of some readings of them."""
         return cls(np.angle(np.exp(1j * (joints.y - joints.p)).mean(axis=-2)))
 

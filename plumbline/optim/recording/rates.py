@@ -6,19 +6,13 @@ run with that one's, turned they run against it. What runs with the column itsel
 it changes, is no rate of it: both hold places, or both velocities.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from plumbline.errors import fault
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.mixed_up import latest_cosine, refuse_mixed_up
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import Array, Origin
-
-if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
 
 
 def refuse_other_rates(r: Recording, origin: Origin) -> None:

@@ -7,12 +7,9 @@ about it, whatever the joint's effort should be: :math:`\tau = X \theta` by a ge
 fit to the rows within the end (Tobin 1958, Econometrica 26(1), on limited readings).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +18,9 @@ from plumbline.errors import shown
 from plumbline.optim.core.quantities import counted
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.late import basis_of
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import Array, Flags
 from plumbline.optim.rigid import some_of
-
-if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
 
 End = tuple[int, float, Flags]  # of a joint from 0, an end [N m or N], and rows (N,) that read it
 Columns = Callable[[NDArray[np.integer]], Sequence[Array]]

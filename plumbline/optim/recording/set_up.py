@@ -12,15 +12,13 @@ turn, and what mends a part of the rows (:mod:`plumbline.optim.recording.from_a_
 the robot itself, however large, is mended by none of them.
 """
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import combinations, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -31,6 +29,7 @@ from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.recording import constants
 from plumbline.optim.recording.best_frame import least, matched
 from plumbline.optim.recording.from_a_row_on import mended_from_a_row_on
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.slips import (
     QUARTERS,
     counted_from_others,
@@ -46,9 +45,6 @@ from plumbline.optim.recording.slips import (
 )
 from plumbline.optim.recording.table import Array, Integers
 from plumbline.optim.rigid import nearest_rotation, rotations, some_of
-
-if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
 
 
 class Other(NamedTuple):

@@ -5,11 +5,8 @@ spread of the measured tips must be that of the predicted ones: a ratio near 100
 Nothing here refuses a robot that merely disagrees with its model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from itertools import combinations, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,11 +17,9 @@ from plumbline.optim.recording.disagreement import (
     quaternions_are_unit,
     rows_meet_the_model,
 )
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import Array, Flags, Origin
 from plumbline.optim.rigid import misfit, some_of, spread
-
-if TYPE_CHECKING:
-    from plumbline.optim.recording.recording import Recording
 
 
 def robot_is_in_metres(r: Recording, origin: Origin) -> None:
