@@ -189,8 +189,8 @@ def in_new_groups(recording: Recording, found: NextExperiment) -> NextExperiment
 
 def table_to_fill(folder: Path, recording: Recording, found: NextExperiment) -> str:
     """The rows in the columns of the folder's own samples.csv; what is to be measured is empty."""
+    from plumbline.optim.recording.columns import as_in_file
     from plumbline.optim.recording.loading import SAMPLES, open_folder, read_bytes
-    from plumbline.optim.recording.planned import as_in_file
     from plumbline.optim.recording.table import decode
 
     opened = open_folder(folder)

@@ -35,7 +35,6 @@ from plumbline.optim.capsule_mpc import constants
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.compiled import Compiled, native_function
 from plumbline.optim.capsule_mpc.pairs import Pair
-from plumbline.optim.capsule_mpc.paths import path_function
 from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array, Flags, Indices
 
@@ -292,3 +291,26 @@ def box_function(shape: StatementShape) -> cs.Function:
     outputs = [cs.densify(v) for v in (own.pace, cs.vertcat(*sides_of), cs.diagcat(*blocks))]
     one = cs.Function("box", [x, d, stage], cs.cse(outputs))
     return one.map("boxes", "serial", own.settings.p, [], [])
+
+
+@lru_cache(maxsize=32)
+def path_function(shape: StatementShape) -> cs.Function:
+    """``points (n, p) -> steps (n, p), changes (n, p)``; zeros where goals are no states."""
+    own = shape.statement
+    p, points = own.settings.p, cs.SX.sym("r", own.goals, own.settings.p)
+    steps = changes = cs.SX.zeros(own.n, p)
+    if own.by_states and p > 2:
+        later = _shortened(own, points[:, 1:] - points[:, :-1])
+        steps = cs.horzcat(2 * later[:, 0] - later[:, 1], later)
+        after = steps[:, 1:] - steps[:, :-1]
+        changes = cs.horzcat(after[:, 0], after)
+    return cs.Function("path", [points], [steps, changes])
+
+
+def _shortened(own: Statement, steps: cs.SX) -> cs.SX:
+    most, rows = own.step[0], []
+    for part in own.blocks:
+        size = cs.sqrt(cs.sum1(steps[part, :] ** 2))
+        share = cs.fmin(1.0, most[part.start] / cs.fmax(size, constants.TOUCHING))
+        rows.append(steps[part, :] * cs.repmat(share, part.stop - part.start, 1))
+    return cs.vertcat(*rows)

@@ -28,8 +28,7 @@ import numpy as np
 from plumbline.kinematics.capsules import nearest_shares, plane_gaps, scalar_gap
 from plumbline.optim.capsule_mpc.bodies import sides
 from plumbline.optim.capsule_mpc.constants import MM, REGULAR, TURN
-from plumbline.optim.capsule_mpc.linearised import frozen_normal
-from plumbline.optim.capsule_mpc.paths import path_function
+from plumbline.optim.capsule_mpc.linearised import frozen_normal, path_function
 from plumbline.optim.capsule_mpc.statement import Statement, StatementShape
 from plumbline.optim.core.problem import Array, Indices, Problem
 

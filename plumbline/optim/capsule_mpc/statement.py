@@ -9,8 +9,8 @@ r"""The control problem, stated once in symbols; every solver takes it from here
 with the Euclidean norm for each tip. The first sum is the patent's cost. The second keeps commands
 smooth; its weights are ``effort`` and ``smooth`` of the settings, and may be 0. In it w is the rate
 u beyond that of the path that is to be followed, if there is one and it is one of states: what the
-path itself asks for is no effort, or a smooth command would stay behind it (:mod:`.paths`). The
-rate that was last commanded is u(-1).
+path itself asks for is no effort, or a smooth command would stay behind it (:mod:`.linearised`).
+The rate that was last commanded is u(-1).
 Dynamics and speed limits are linear, so what is stated in symbols is one stage: what is tracked,
 what is held, the limits, and the pairs of capsules with the distance that each must keep. The
 stages differ by their parameters only. Between two stages a pair keeps its distance because at both

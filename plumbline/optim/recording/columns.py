@@ -15,6 +15,12 @@ Noise that differs from axis to axis and from row to row, as one number and a sh
 .. math:: \sigma_{na} = \sigma\, s_{na}, \qquad \frac1{N k} \sum_{n,a} s_{na}^2 = 1
 
 A residual is divided by its shape, so that all of them have the one noise :math:`\sigma` again.
+
+Rows to come in the columns of a recording's own file: the inverse of how columns are read.
+
+A joint that follows another has no column of its own where the file holds the others alone; where
+the one that it follows is no joint of the chain, that one's column tells where it is to be. What
+known couplings add to a reading is taken off again.
 """
 
 import re
@@ -305,3 +311,33 @@ def _positive(values: ArrayLike, size: int, at: Callable[[int], str]) -> Array:
         found = shown(float(array[broken[0]]))
         raise fault(at(int(broken[0])), found, "a positive number", "give 1 sigma")
     return array
+
+
+def as_in_file(
+    table: Table, robot: Robot, chain: Chain, settings: Section, rows: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Columns (N,) by their names in the file, of what joints do (N, n) by prefix: ``q`` and so on.
+
+    ``table`` is the file's own, as it was read.
+    """
+    whole = with_mimics(table, robot, chain)
+    numbers, own = joint_columns(whole, robot, chain).numbers, whole is table
+    adds = coupled(np.eye(chain.n), numbers, settings)
+    found: dict[str, Array] = {}
+    for prefix, values in rows.items():
+        read = values @ np.linalg.inv(adds) if prefix in ("q", "velocity") else values
+        for j, moved in _leaders_last(robot, chain, prefix, read, own=own):
+            found[whole.origin.column(f"{prefix}{numbers[j]}")] = moved
+    return found
+
+
+def _leaders_last(
+    robot: Robot, chain: Chain, prefix: str, values: Array, *, own: bool
+) -> Iterator[tuple[int, Array]]:
+    """Joints (from 0) with what their columns hold (N,); ``own`` where each has one."""
+    mimics = {} if own else mimics_of(robot.urdf)
+    names = chain.joint_names
+    for j in sorted(range(chain.n), key=lambda j: names[j] not in mimics):
+        _, times, zero = mimics.get(names[j], ("", 1.0, 0.0))
+        led = (values[:, j] - (zero if prefix == "q" else 0.0)) / times
+        yield j, np.sign(led) if prefix == "direction" else led

@@ -30,8 +30,7 @@ from plumbline.optim.recording import constants
 from plumbline.optim.recording.derivatives import derived_motion, elsewhere, turning, velocity_noise
 from plumbline.optim.recording.filtered_efforts import Channel
 from plumbline.optim.recording.late import at_other_time, basis_of, late_by, likeliest
-from plumbline.optim.recording.mixed_up import refuse_mixed_up
-from plumbline.optim.recording.rates import refuse_other_rates
+from plumbline.optim.recording.mixed_up import refuse_mixed_up, refuse_other_rates
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.sensor_end import without_saturated
 from plumbline.optim.recording.table import Array, Flags, Origin

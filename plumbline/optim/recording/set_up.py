@@ -27,8 +27,7 @@ from plumbline.errors import PlumblineError, one_line
 from plumbline.kinematics.chain import Chain
 from plumbline.kinematics.robot import Robot, bundled_names
 from plumbline.optim.recording import constants
-from plumbline.optim.recording.best_frame import least, matched
-from plumbline.optim.recording.from_a_row_on import mended_from_a_row_on
+from plumbline.optim.recording.from_a_row_on import least, matched, mended_from_a_row_on
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.slips import (
     QUARTERS,

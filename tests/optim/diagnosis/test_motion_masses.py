@@ -33,8 +33,8 @@ from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
 from plumbline.optim.diagnosis.motion.settled import carrying
 from plumbline.optim.diagnosis.motion.signals import signals_of
 from plumbline.optim.diagnosis.options import DiagnosisOptions
-from plumbline.optim.diagnosis.several.masses import masses_carry
 from plumbline.optim.diagnosis.several.motions import joined_motions
+from plumbline.optim.diagnosis.several.transfer import masses_carry
 from tests.pushed_arms import held_near, pushed_arm
 
 STEP, EVERY, SECONDS, NOISE = 1e-3, 5, 3.0, 1e-4

@@ -5,7 +5,7 @@ import pytest
 
 from plumbline import build_motion
 from plumbline.errors import PlumblineError
-from plumbline.optim.recording import mixed_up as repeated
+from plumbline.optim.recording import constants
 from tests.motions import arm, multisine, servo
 
 TICK = 1.5e-3  # [rad] of a hobby servo's encoder
@@ -29,7 +29,7 @@ def test_readings_at_a_lower_rate_than_commands_are_refused(every):
 @pytest.mark.parametrize("share", [0.05, 0.25])
 def test_readings_that_are_lost_now_and_then_pass_up_to_one_in_ten(share):
     kept = np.random.default_rng(0).random(1500) > share
-    if share < repeated.REPEATED:
+    if share < constants.REPEATED:
         logged(kept)
     else:
         with pytest.raises(PlumblineError, match="delete the rows that bring no new reading"):
@@ -63,6 +63,6 @@ def test_what_a_coarse_encoder_and_a_joint_that_sticks_repeat_is_a_reading(
     constant, value, log, monkeypatch
 ):
     log()
-    monkeypatch.setattr(repeated, constant, value)
+    monkeypatch.setattr(constants, constant, value)
     with pytest.raises(PlumblineError, match="rows repeat all readings"):
         log()

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.recording.best_frame import matched
+from plumbline.optim.recording.from_a_row_on import matched
 from plumbline.optim.recording.slips import (
     moved_zero,
     signs,

@@ -1,5 +1,6 @@
 """Windows of one joint's motion: its commands, its measured start and the samples that count."""
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,8 +10,7 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.kinematics.law import Law
-from plumbline.optim.diagnosis.motion import between_rows
-from plumbline.optim.diagnosis.motion.constants import OPEN, POSTURE
+from plumbline.optim.diagnosis.motion.constants import OPEN, POSTURE, RATIO_STEP
 
 Array = NDArray[np.float64]
 Effects = tuple[MotionEffect, ...]
@@ -163,7 +163,7 @@ class Windows:
         f, slope = place - low, self.slope[low]
         if self.law.holds:
             return self.command[low] + f * slope, -slope / self.dt, np.zeros_like(f)
-        mean, by_late = between_rows.share_of_mean(late / self.dt) if self.law.ideal else (1.0, 0.0)
+        mean, by_late = share_of_mean(late / self.dt) if self.law.ideal else (1.0, 0.0)
         if self.law in SMOOTH:
             return self._smooth(low, f, mean, by_late)
         corner = self.corner[low]  # which within a step is off its line
@@ -175,13 +175,13 @@ class Windows:
         self, low: Integers, f: Array, mean: float, by_late: float
     ) -> tuple[Array, Array, Array]:
         u, bend = self.command, self.bend
-        u, bend = u - mean * bend / 12, bend - mean * between_rows.bend_of(bend, self.first) / 12
+        u, bend = u - mean * bend / 12, bend - mean * bend_of(bend, self.first) / 12
         ends = self.ends[low]
         slope = np.where(ends, 0.0, u[low + 1] - u[low])
         bends = [np.where(ends, 0.0, bend[low + k]) for k in (0, 1)]
         more = -by_late * ((1 - f) * self.bend[low] + f * self.bend[low + 1]) / 12 / self.dt
-        less = -between_rows.between_slope(slope, bends, f) / self.dt
-        return between_rows.between(u[low], slope, bends, f), less, more
+        less = -between_slope(slope, bends, f) / self.dt
+        return between(u[low], slope, bends, f), less, more
 
     @cached_property
     def last(self) -> Integers:
@@ -202,9 +202,45 @@ class Windows:
     @cached_property
     def bend(self) -> Array:
         """Second differences of the commands (N,), none where a run begins or ends."""
-        return between_rows.bend_of(self.command, self.first)
+        return bend_of(self.command, self.first)
 
     @cached_property
     def corner(self) -> Array:
         """A quarter of both of a step's ends' (N - 1,), none where a run ends."""
         return np.where(self.ends, 0.0, (self.bend[:-1] + self.bend[1:]) / 4)
+
+
+def share_of_mean(ratio: float) -> tuple[float, float]:
+    r"""How far what lags by so many samples takes a step's mean, and not its end; its derivative.
+
+    Commands that run smoothly have over a step the mean of the ends less :math:`\delta^2 / 12`, of
+    second differences; a lag of ratio r weighs what they are off a straight line by
+    :math:`6 (r - 2 r^2 + (r + 2 r^2)\, e^{-1/r}) / (1 - e^{-1/r})` of that: all for long ones.
+    """
+    ahead = ratio + RATIO_STEP * (1 + ratio)
+    here, there = (_share(r) for r in (ratio, ahead))
+    return here, (there - here) / (ahead - ratio)
+
+
+def _share(r: float) -> float:
+    stays, square = math.exp(-1 / (r + 1e-9)), 2 * r**2
+    return 6 * (r - square + stays * (r + square)) / (1 - stays)
+
+
+def bend_of(u: Array, first: NDArray[np.int64]) -> Array:
+    """Second differences (N,), none where a run begins or ends."""
+    found = np.zeros_like(u)
+    found[1:-1] = np.where(first[2:] == first[:-2], u[2:] - 2 * u[1:-1] + u[:-2], 0.0)
+    return found
+
+
+def between(start: Array, slope: Array, bends: list[Array], f: Array) -> Array:
+    """A share f of a step on, by its ends and their second differences (Everett's formula)."""
+    back, on = ((x**3 - x) / 6 for x in (1 - f, f))
+    return np.asarray(start + f * slope + back * bends[0] + on * bends[1])
+
+
+def between_slope(slope: Array, bends: list[Array], f: Array) -> Array:
+    """Its derivative by f."""
+    back, on = ((3 * x**2 - 1) / 6 for x in (1 - f, f))
+    return np.asarray(slope - back * bends[0] + on * bends[1])

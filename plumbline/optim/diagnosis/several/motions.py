@@ -29,7 +29,6 @@ from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.constants import OWN_SHARE
 from plumbline.optim.diagnosis.diagnose import diagnose, task_of, usable
-from plumbline.optim.diagnosis.findings import NoiseLevel
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.diagnose import diagnose_motion
@@ -44,10 +43,9 @@ from plumbline.optim.diagnosis.options import DiagnosisOptions
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.noise import noise_of, scatter_of
 from plumbline.optim.diagnosis.posterior.robust import noise_lever
-from plumbline.optim.diagnosis.posterior.search import SelectedModel, Task, find_causes
+from plumbline.optim.diagnosis.posterior.search import find_causes
 from plumbline.optim.diagnosis.prior import FAR, LEAST_NAMED, ROUNDING, SETTLED_WITHIN
-from plumbline.optim.diagnosis.several.masses import masses_carry
-from plumbline.optim.diagnosis.several.transfer import Each, figures, transfers
+from plumbline.optim.diagnosis.several.transfer import Each, figures, masses_carry, transfers
 from plumbline.optim.measurement.constants import UNIT
 from plumbline.optim.measurement.refit import gap_unit, runs_once
 from plumbline.optim.measurement.torque import newton_metres, stated_noise
@@ -141,15 +139,12 @@ def joined_motions(motions: Sequence[MotionRecording]) -> MotionRecording:
 def _refuse_other(first: MotionRecording, other: MotionRecording) -> None:
     mend = "give motions of the same drives, commanded alike"
     for what, one, two in (
-        ("commands", first.law, other.law),
-        ("joints", len(first.joints), len(other.joints)),
+        ("commands", first.law, other.law), ("joints", len(first.joints), len(other.joints)),
         ("observation", first.observation, other.observation),
-    ):
-        if one != two:
+        ("kp", first.kp, other.kp), ("kd", first.kd, other.kd),
+    ):  # fmt: skip
+        if not (np.allclose(one, two, rtol=1e-6) if what[0] == "k" else one == two):
             raise fault(f"{other.name}, {what}", str(two), f"{one} as in {first.name}", mend)
-    for what, a, b in (("kp", first.kp, other.kp), ("kd", first.kd, other.kd)):
-        if not np.allclose(a, b, rtol=1e-6):
-            raise fault(f"{other.name}, {what}", str(b), f"{a} as in {first.name}", mend)
     moved = (joints_named(m.robot, m.joints) for m in (first, other))
     if not same_joints(*moved):
         found = f"{other.robot.name} with joints placed or turning otherwise"
@@ -259,7 +254,13 @@ def diagnose_session(
     for k, part in enumerate(session.parts):
         tell(f"searching {part.name} alone", OWN_SHARE * k / len(session))
         alone.append(_alone(part, options))
-    suspects = _suspects(alone)
+    # What each search has named, confined to its own recording; moments are so anyway.
+    suspects = tuple(
+        confined(effect, (k,), f"in {one.recording.name}")
+        for k, one in enumerate(alone)
+        for effect in one.effects
+        if not runs_once(effect)
+    )
     session = replace(session, parts=tuple(a.recording for a in alone), suspects=suspects)
     efforts = session.parts[0].kind.efforts
     weighing = [a.sigma / UNIT if efforts else a.weighing for a in alone]
@@ -313,26 +314,10 @@ def _alone(part: Recording, options: DiagnosisOptions) -> _Alone:
     if part.kind.oriented and not (part.noise_std and part.noise_std_rotation):
         part = replace(part, lever=noise_lever(selected.best, task.recording))
     noise = noise_of(task.recording, selected.best)
-    return _Alone(
-        part, noise.sigma, noise.source, _settled(noise, task, selected), selected.effects
-    )
-
-
-def _settled(noise: NoiseLevel, task: Task, selected: SelectedModel) -> float:
-    """The noise that a fit of these rows leaves, which what is stated of it counts towards."""
+    # What is stated of it counts towards the noise that a fit of these rows leaves.
     count = max(selected.best.gram.count - selected.best.problem.size, 1.0)
-    left = (noise.ratio * noise.sigma) ** 2 * count
-    return float(np.sqrt(task.noise.variance(left, count)))
-
-
-def _suspects(alone: Sequence[_Alone]) -> tuple[Effect, ...]:
-    """What each search has named, confined to its own recording; moments are so anyway."""
-    return tuple(
-        confined(effect, (k,), f"in {one.recording.name}")
-        for k, one in enumerate(alone)
-        for effect in one.effects
-        if not runs_once(effect)
-    )
+    weighing = task.noise.variance((noise.ratio * noise.sigma) ** 2 * count, count) ** 0.5
+    return _Alone(part, noise.sigma, noise.source, float(weighing), selected.effects)
 
 
 def _with_each(found: Diagnosis, session: Session, noises: list[tuple[float, str]]) -> Diagnosis:
