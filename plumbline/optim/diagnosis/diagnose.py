@@ -75,7 +75,10 @@ def diagnose(
     task, selected, bad = _searched(task_of(recording, options), tell)
     tell("weighing what may be at work", 0.6)
     found = _told_apart(_explained(options, task, selected, bad))
-    recording = _with_noise_of(found.task.recording, recording)
+    # The whole recording with what its rows to fit have told of their noise.
+    told = ("lever", "pose_spread", "jitter", "wander", "alike", "scatter")
+    known = {name: getattr(found.task.recording, name) for name in told}
+    recording = replace(recording, **known)
     tell("leaving rows out", 0.7)
     found, evaluation = _foretold(recording, _in_between(found))
     tell("putting the verdict together", 0.9)
@@ -174,12 +177,6 @@ def _worth_the_same(rho: float, before: float) -> bool:
     """Whether rows of such a noise count for as many as before: (1 - rho) / (1 + rho) of them."""
     kept, was = ((1.0 - r) / (1.0 + r) for r in (rho, before))
     return abs(kept - was) <= prior.SETTLED_WITHIN * (kept + was)
-
-
-def _with_noise_of(rows: Recording, recording: Recording) -> Recording:
-    """The whole recording with what its rows to fit have told of their noise."""
-    known = replace(recording, lever=rows.lever, pose_spread=rows.pose_spread, jitter=rows.jitter)
-    return replace(known, wander=rows.wander, alike=rows.alike, scatter=rows.scatter)
 
 
 def _in_between(found: Explained) -> Explained:

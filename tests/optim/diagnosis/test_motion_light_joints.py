@@ -8,6 +8,7 @@ import pytest
 
 from plumbline import build_motion, diagnose
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.progress import silent
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion import diagnose as diagnose_module
 from plumbline.optim.diagnosis.motion.fit import fitted
@@ -138,7 +139,8 @@ def test_six_joints_that_lead_do_so_by_one_clock_whatever_was_taken_for_it(monke
     to feel that, one clock would be 27 nats less probable than a delay each.
     """
     monkeypatch.setattr(diagnose_module, "MOVES", 1)
-    signals = diagnose_module._searched(recorded("implicitfast"), DiagnosisOptions(), None).signals
+    log, options = recorded("implicitfast"), DiagnosisOptions()
+    signals = diagnose_module._searched(log, options, silent).signals
     assert signals.recording.lead == pytest.approx(STEP / 2, abs=STEP / 5)
 
 

@@ -14,6 +14,7 @@ from plumbline.experiments.reality import drives
 from plumbline.kinematics.drive import Drive, Memory
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.law import Law
+from plumbline.optim.core.progress import silent
 from plumbline.optim.diagnosis.motion import diagnose as diagnose_module
 from plumbline.optim.diagnosis.motion import fit, models, rollout, search
 from plumbline.optim.diagnosis.motion.constants import ENOUGH, RACE, SEARCH_ITERATIONS, WAYS
@@ -267,10 +268,10 @@ def test_commands_that_run_otherwise_between_rows_are_searched_from_what_was_fou
     r = recorded([{"lag": 0.05, "play": 0.01}, {}], seconds=20.0)
     climbed, own = [], models.Models.climb
     monkeypatch.setattr(models.Models, "climb", lambda self, *a: climbed.append(1) or own(self, *a))
-    _, begun = diagnose_module._begun(signals_of(r), DiagnosisOptions(), None)
+    _, begun = diagnose_module._begun(DiagnosisOptions(), silent, signals_of(r))
     assert len(climbed) == 2
     other = signals_of(replace(r, law=Law.SMOOTH))
-    _, anew = diagnose_module._begun(other, DiagnosisOptions(), None, begun)
+    _, anew = diagnose_module._begun(DiagnosisOptions(), silent, other, begun)
     assert len(climbed) == 2
     assert [models.names_of(one.key) for one in anew] == [models.names_of(b.key) for b in begun]
 

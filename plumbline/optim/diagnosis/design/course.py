@@ -47,10 +47,6 @@ class Course:
         return timed and self.recording.time is not None
 
     @property
-    def _has_path(self) -> bool:
-        return any(effect.remembers for effect in self.effects)
-
-    @property
     def waited(self) -> float:
         """Rest that the rows decided on take altogether [s]."""
         return (
@@ -76,7 +72,7 @@ class Course:
         so_far = self.recorded()
         last = so_far.select([len(so_far) - 1])
         tried = _one_by_one(self.model, so_far, candidates)
-        if not self._has_path:
+        if not any(effect.remembers for effect in self.effects):
             return rows_of(_joined(so_far, tried), self.effects)[len(so_far) :]
         # Back and forth: so each candidate is reached from the last row of the course.
         order = np.arange(2 * len(candidates)) // 2
@@ -169,7 +165,7 @@ def _joined(first: Recording, then: Recording) -> Recording:
 
 
 def _orient(model: MeasurementModel, q: Array, measured: Array) -> None:
-    """Write the quaternions that the nuisances at the model's start predict, where there are any.
+    """Write the quaternions, w first, that the nuisances at the model's start predict, if any.
 
     Args:
         model: The model.
@@ -183,13 +179,8 @@ def _orient(model: MeasurementModel, q: Array, measured: Array) -> None:
         if not session.has_poses:
             return
         own = nuisance.own[int(part[0])]
-    measured[:, 3:7] = _orientations(model, q, own)
-
-
-def _orientations(model: MeasurementModel, q: Array, own: Nuisance | Own) -> Array:
-    """Unit quaternions (N, 4), w first."""
-    nuisance = model.nuisance
     turns = cs.Function("turns", [nuisance.x], [own.T_device_world.R, own.R_tip_tool])
     R_device_world, R_tip_tool = (R.full() for R in turns(model.start[: nuisance.size]))
-    R = R_device_world @ model.recording.chain.placement(q)[:, :3, :3] @ R_tip_tool
-    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]])
+    R = R_device_world @ recording.chain.placement(q)[:, :3, :3] @ R_tip_tool
+    turned = scipy.spatial.transform.Rotation.from_matrix(R)
+    measured[:, 3:7] = turned.as_quat()[:, [3, 0, 1, 2]]

@@ -5,7 +5,6 @@ A state is a set of terms with its posterior probability. States that differ in 
 together and represented by the best; a state with an unlisted mechanism is none.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -116,21 +115,26 @@ def contest(selected: SelectedModel, candidates: tuple[LeadingExplanation, ...])
         selected: Where the search ended.
         candidates: The explanations.
     """
-    indices = sorted({c.index for e in candidates for c in e.terms})
-    model = _all_together(selected, indices)
+    indices, old = sorted({c.index for e in candidates for c in e.terms}), selected.model
+    effects = [*selected.fixed, *(selected.selection.candidates[i].effect for i in indices)]
+    model = build_model(old.recording, effects, nuisance=old.nuisance, weights=old.problem.weights)
+    model = replace(model, start=model.started(selected.best.by_name))
     linear = Linear.about(Mapped(model.problem).gram(model.start), model.start, model.problem.scale)
     sigma = float(np.sqrt(selected.selection.variance(selected.chosen)))
     terms = dict(zip(indices, model.terms[len(selected.fixed) :], strict=True))
     always = model.fixed + sum(len(e.parameters) for e in selected.fixed)
-    prior = _Prior.of(model)
-    fits = []
+    # Priors in units of scale: wide about the fit of what is always fitted, else about the null.
+    own = np.arange(len(model.start)) < model.fixed
+    centre = np.where(own, model.start / model.problem.scale, 0.0)
+    width, fits = np.full(len(own), WIDE_PRIOR), []
     for e in candidates:
         parts = [
             np.arange(terms[c.index].columns.start, terms[c.index].columns.stop) for c in e.terms
         ]
         for part, c in zip(parts, e.terms, strict=True):
-            prior = prior.with_width(part, c.scale)
-        fits.append(_posterior(linear, np.concatenate([np.arange(always), *parts]), prior, sigma))
+            width[part] = c.scale
+        columns = np.concatenate([np.arange(always), *parts])
+        fits.append(_posterior(linear, columns, width[columns], centre[columns], sigma))
     weights = np.array([e.probability for e in candidates])
     rivals = Rivals(
         labels=tuple(e.label for e in candidates),
@@ -141,46 +145,17 @@ def contest(selected: SelectedModel, candidates: tuple[LeadingExplanation, ...])
     return Contest(rivals, model, sigma)
 
 
-def _all_together(selected: SelectedModel, indices: Sequence[int]) -> MeasurementModel:
-    """A model with some of the search's candidates, about the verdict's fit."""
-    old = selected.model
-    effects = [*selected.fixed, *(selected.selection.candidates[i].effect for i in indices)]
-    model = build_model(old.recording, effects, nuisance=old.nuisance, weights=old.problem.weights)
-    return replace(model, start=model.started(selected.best.by_name))
-
-
-@dataclass(frozen=True, eq=False)
-class _Prior:
-    """Independent Gaussians over all unknowns (P,), in units of scale."""
-
-    width: Array
-    centre: Array
-
-    @classmethod
-    def of(cls, model: MeasurementModel) -> Self:
-        """Wide about the fit for what is always fitted, about the null for effects."""
-        own = np.arange(len(model.start)) < model.fixed
-        centre = np.where(own, model.start / model.problem.scale, 0.0)
-        return cls(np.full(len(own), WIDE_PRIOR), centre)
-
-    def with_width(self, columns: Columns, width: float) -> Self:
-        """The same with another width of some unknowns."""
-        changed = self.width.copy()
-        changed[columns] = width
-        return replace(self, width=changed)
-
-
 def _posterior(
-    linear: Linear, columns: Columns, prior: _Prior, sigma: float
+    linear: Linear, columns: Columns, width: Array, centre: Array, sigma: float
 ) -> tuple[Array, Array]:
-    """Mean (P,) and covariance (P, P) in units of scale, of the columns that a model has."""
-    precision = 1.0 / prior.width[columns] ** 2
+    """Mean (P,) and covariance (P, P) in units of scale, of the columns (k,) that a model has."""
+    precision = 1.0 / width**2
     A = linear.G[np.ix_(columns, columns)] / sigma**2 + np.diag(precision)
     root = np.sqrt(np.diag(A))
     inverse = np.linalg.inv(A / np.outer(root, root)) / np.outer(root, root)
     size = len(linear.b)
     mean, C = np.zeros(size), np.zeros((size, size))
-    target = linear.b[columns] / sigma**2 + precision * prior.centre[columns]
+    target = linear.b[columns] / sigma**2 + precision * centre
     mean[columns] = inverse @ target
     C[np.ix_(columns, columns)] = (inverse + inverse.T) / 2
     return mean, C

@@ -128,10 +128,6 @@ def _spreads(beliefs: Beliefs, rows: Array) -> Array:
 class Criterion(Protocol):
     """What makes one row better than another."""
 
-    @property
-    def name(self) -> str:
-        """What it is called."""
-
     def gains(self, beliefs: Beliefs, rows: Array) -> Array:
         """How good each row would be (N,), given the rows gathered so far.
 
@@ -144,8 +140,6 @@ class Criterion(Protocol):
 @dataclass(frozen=True)
 class Resolution:
     """Box-Hill, bounded: how much of the doubt about the model the rows are expected to remove."""
-
-    name: str = "bounded Box-Hill"
 
     def gains(self, beliefs: Beliefs, rows: Array) -> Array:
         """Estimated information about which model is right (N,), above that gathered so far."""
@@ -160,7 +154,6 @@ class AtRandom:
     """Any row is as good as any other; for comparison."""
 
     seed: int = 0
-    name: str = "random"
 
     def gains(self, beliefs: Beliefs, rows: Array) -> Array:
         """Random numbers (N,), new ones for every row."""

@@ -30,11 +30,12 @@ Where = tuple[str, int | None]
 STAGE = str(MotionEffect.stage)
 
 
-def drives_of_all(begun: Sequence[Begun], n: int) -> Drives:
-    """What every joint's drive was found to do so far; those that stood are ideal."""
+def drives_of_all(found: Sequence[Begun | JointFindings], n: int) -> Drives:
+    """What every joint's drive was found to do, so far or in the end; ideal where one stood."""
     drives: list[tuple[Effects, Array]] = [((), np.empty(0))] * n
-    for one in begun:
-        drives[one.number - 1] = one.near.effects, one.near.theta
+    for one in found:
+        fit = one.near if isinstance(one, Begun) else one.fit
+        drives[one.number - 1] = fit.effects, fit.theta
     return tuple(drives)
 
 
@@ -310,7 +311,7 @@ def mass_findings(
     r = signals.recording
     if not r.carried.bodies:
         return None
-    telling = Telling(signals, fits_of_all(joints, r.n), signals.training)
+    telling = Telling(signals, drives_of_all(joints, r.n), signals.training)
     fit = fitted_mass(telling, r.carried, clock=False)
     rest = float(np.exp(-np.logaddexp(0.0, more)))
     own = {(e.name, j.number) for j in joints for e in j.fit.effects}
@@ -349,11 +350,3 @@ def _exchanged(
         by[one.link] = by.get(one.link, 0.0) + float(p)
     names = {one.link: one.effect.name for one in others}
     return float(weights[0]), [(names[link], link, p) for link, p in by.items()]
-
-
-def fits_of_all(joints: Sequence[JointFindings], n: int) -> Drives:
-    """Causes of every joint's drive with their values; those that stood are ideal."""
-    drives: list[tuple[Effects, Array]] = [((), np.empty(0))] * n
-    for joint in joints:
-        drives[joint.number - 1] = joint.fit.effects, joint.fit.theta
-    return tuple(drives)

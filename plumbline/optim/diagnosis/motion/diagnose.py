@@ -1,7 +1,8 @@
 """The diagnosis of a motion: what each joint's drive does to its commands, and what is left."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.core.threads import one_thread
 from plumbline.optim.diagnosis.motion import carrying
 from plumbline.optim.diagnosis.motion.answer import MotionDiagnosis
-from plumbline.optim.diagnosis.motion.carried import NOTHING
+from plumbline.optim.diagnosis.motion.carried import NOTHING, Off
 from plumbline.optim.diagnosis.motion.constants import (
     CONTENDS,
     MOVES,
@@ -61,9 +62,9 @@ def diagnose_motion(
     found = _searched(r, options, tell)
     signals, begun = found.signals, found.begun
     if (law := _between_rows(r)) is not None:
-        other = replace(r, law=law)
-        if _more_evident(signals_of(other), signals, begun):
-            signals, begun = _begun(signals_of(other), options, tell, begun)
+        other = signals_of(replace(r, law=law))
+        if _more_evident(other, signals, begun):
+            signals, begun = _begun(options, tell, other, begun)
     r, prior = signals.recording, prior_at(options.unlisted, len(begun))
     joints = side_by_side(
         lambda one: search(one, prior, signals.sigma), begun,
@@ -97,6 +98,10 @@ def _moved(r: MotionRecording) -> list[int]:
     return [j for j in range(r.n) if np.ptp(r.command[:, j]) + np.ptp(r.q[:, j]) > STILL]
 
 
+Stand = tuple[Signals, tuple[Begun, ...]]  # an even clock, and where each joint's search stands
+Begin = Callable[..., Stand]  # from an even clock on, and from what a search found before
+
+
 @dataclass(frozen=True, eq=False)
 class _Searched:
     """An even clock, and where the search of each joint that moved stands on a few windows."""
@@ -114,26 +119,24 @@ def _searched(r: MotionRecording, options: DiagnosisOptions, tell: Progress) -> 
 
     Masses are asked of ideal drives, as others are found in their place, then of those found.
     """
-    plain = _begun(signals_of(r), options, tell)
-    if not carrying.candidates(r, options.without):
-        return _finished(_Searched(*_by_neighbours(*plain, options, tell)))
-    found = _carrying(plain, (), options, tell)
+    begin = partial(_begun, options, tell)
+    plain, asked = begin(signals_of(r)), carrying.candidates(r, options.without)
+    if not asked:
+        return _finished(_Searched(*_by_neighbours(begin, *plain)))
+    found = _carrying(begin, plain, (), asked)
     if found is None or found.more < CONTENDS:
-        plain = _by_neighbours(*plain, options, tell)
-        drives = carrying.drives_of_all(plain[1], r.n)
-        found = _carrying(plain, drives, options, tell) or found
+        plain = _by_neighbours(begin, *plain)
+        found = _carrying(begin, plain, carrying.drives_of_all(plain[1], r.n), asked) or found
     if found is None:
         return _finished(_Searched(*plain))
-    found = _without_stand_ins(_still(found, options, tell), options, tell)
-    signals, begun = found.signals, found.begun
-    more = _more_probable(signals, begun, plain[1])
-    better = replace(found, more=more, plain=plain[1])
-    return _finished(better if more > 0 else _Searched(*plain))
+    found = _without_stand_ins(begin, _still(begin, found))
+    more = _more_probable(found.signals, found.begun, plain[1])
+    return _finished(replace(found, more=more, plain=plain[1]) if more > 0 else _Searched(*plain))
 
 
-def _still(found: _Searched, options: DiagnosisOptions, tell: Progress) -> _Searched:
+def _still(begin: Begin, found: _Searched) -> _Searched:
     """The same by what neighbours give, until the mass that is carried stands still."""
-    signals, begun = _by_neighbours(found.signals, found.begun, options, tell)
+    signals, begun = _by_neighbours(begin, found.signals, found.begun)
     before = None
     for _ in range(MOVES):
         fit = carrying.told_by(signals, begun)
@@ -142,44 +145,37 @@ def _still(found: _Searched, options: DiagnosisOptions, tell: Progress) -> _Sear
         moved, before = carrying.further(signals, fit, before)
         if moved is None:
             break
-        signals, begun = _begun(moved, options, tell, begun)
+        signals, begun = begin(moved, begun)
     return replace(found, signals=signals, begun=begun)
 
 
-def _without_stand_ins(found: _Searched, options: DiagnosisOptions, tell: Progress) -> _Searched:
+def _without_stand_ins(begin: Begin, found: _Searched) -> _Searched:
     """The same with less of each body that one joint alone feels, whose drive is more probable."""
     for body in found.signals.recording.carried.bodies:
         for other in carrying.lesser(found.signals, found.begun, body):
             signals, begun = found.signals, found.begun
             if (less := carrying.felt_by_one(signals, begun, other)) is None:
                 continue
-            _, anew = _begun(less, options, tell)
+            _, anew = begin(less)
             sure = _more_probable(signals, begun, anew) - carrying.against(less, anew)
             if sure < 0:
                 drives = carrying.drives_of_all(anew, less.recording.n)
                 if (fewer := carrying.states_by(less.recording, drives)) is None:
                     continue
-                again = _begun(fewer, options, tell)
-                found = replace(found, signals=again[0], begun=again[1])
-                found = _still(found, options, tell)
+                signals, begun = begin(fewer)
+                found = _still(begin, replace(found, signals=signals, begun=begun))
                 break
             effects = [(e.name, one.number) for one in anew for e in one.near.effects]
             found.rivals.setdefault(body.label, (sure, effects))
     return found
 
 
-def _carrying(
-    plain: tuple[Signals, tuple[Begun, ...]],
-    drives: Drives,
-    options: DiagnosisOptions,
-    tell: Progress,
-) -> _Searched | None:
-    """Where a search stands with a mass, if that may be the more probable."""
-    asked = carrying.candidates(plain[0].recording, options.without)
+def _carrying(begin: Begin, plain: Stand, drives: Drives, asked: Sequence[Off]) -> _Searched | None:
+    """Where a search stands with one of these masses, if that may be the more probable."""
     given = carrying.carrying_more(*plain, drives, asked)
     if given is None:
         return None
-    signals, begun = _begun(given, options, tell)
+    signals, begun = begin(given)
     return _Searched(signals, begun, _more_probable(signals, begun, plain[1]), plain[1])
 
 
@@ -193,12 +189,7 @@ def _finished(found: _Searched) -> _Searched:
     return replace(found, begun=tuple(done))
 
 
-def _by_neighbours(
-    signals: Signals,
-    begun: tuple[Begun, ...],
-    options: DiagnosisOptions,
-    tell: Progress,
-) -> tuple[Signals, tuple[Begun, ...]]:
+def _by_neighbours(begin: Begin, signals: Signals, begun: tuple[Begun, ...]) -> Stand:
     """The search anew, under torques, while what all joints did becomes more probable.
 
     What is found at one joint is part of what its neighbours feel.
@@ -208,7 +199,7 @@ def _by_neighbours(
             break
         before, was = begun, signals
         for given in others(signals, begun):
-            other, anew = _begun(given, options, tell)
+            other, anew = begin(given)
             if _log_odds(anew, begun).sum() > 0:
                 signals, begun = other, anew
                 break
@@ -216,12 +207,10 @@ def _by_neighbours(
             # Whose drive is better now may be what another's is worse by.
             better = zip(_log_odds(anew, begun) > 0, anew, begun, strict=True)
             best = [new if is_better else old for is_better, new, old in better]
-            other, anew = _begun(as_told(signals, best), options, tell)
+            other, anew = begin(as_told(signals, best))
             if _log_odds(anew, begun).sum() > 0:
                 signals, begun = other, anew
-        if signals is was:
-            break
-        if [one.key for one in begun] == [one.key for one in before]:
+        if signals is was or [one.key for one in begun] == [one.key for one in before]:
             break
     return signals, begun
 
@@ -240,11 +229,8 @@ def _log_odds(some: Sequence[Begun], others: Sequence[Begun]) -> Array:
 
 
 def _begun(
-    signals: Signals,
-    options: DiagnosisOptions,
-    tell: Progress,
-    before: Sequence[Begun] = (),
-) -> tuple[Signals, tuple[Begun, ...]]:
+    options: DiagnosisOptions, tell: Progress, signals: Signals, before: Sequence[Begun] = ()
+) -> Stand:
     """An even clock, and where the search of each joint that moved begins.
 
     From what a search found before, with other commands between rows, if any did.

@@ -9,7 +9,7 @@ import numpy as np
 from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.diagnosis.motion.carried import NOTHING
-from plumbline.optim.diagnosis.motion.carrying import fits_of_all
+from plumbline.optim.diagnosis.motion.carrying import drives_of_all
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED, SEARCH_ITERATIONS
 from plumbline.optim.diagnosis.motion.fit import JointFit, evaluated, fitted
 from plumbline.optim.diagnosis.motion.masses import Telling, fitted_mass
@@ -51,7 +51,7 @@ def left_out(signals: Signals, joints: Sequence[JointFindings]) -> tuple[LeftOut
     """Every fold's windows, by fits of the causes to all others, joint by joint."""
     if not signals.recording.carried.bodies:
         return tuple(side_by_side(lambda joint: _left_out(signals, joint), joints))
-    drives, carried = fits_of_all(joints, signals.recording.n), signals.recording.carried
+    drives, carried = drives_of_all(joints, signals.recording.n), signals.recording.carried
     shifts = [_moved(signals, drives, *fold) for fold in _folds(signals)]
     others = {body.label: carrying(signals, carried.without(body)) for body in carried.bodies}
     plain = carrying(signals, NOTHING)

@@ -16,7 +16,7 @@ gives way (Schur).
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -77,9 +77,13 @@ class Telling:
     def __init__(self, signals: Signals, drives: Drives, starts: Integers) -> None:
         self.signals, self.recording = signals, signals.recording
         self.path = path_of(self.recording)
-        self.joints = tuple(self._told(starts, j, drives[j]) for j in range(self.recording.n))
+        # Samples (R,) of windows, and torques there by numbers of bodies (R, n, 10 B).
+        rows = np.unique(starts[:, None] + np.arange(signals.length + 1))
+        columns = _columns(signals, rows, self.path)
+        told = partial(self._told, starts, rows, columns)
+        self.joints = tuple(told(j, drives[j]) for j in range(self.recording.n))
 
-    def _told(self, starts: Integers, j: int, drive: Any) -> Told:
+    def _told(self, starts: Integers, rows: Integers, columns: Array, j: int, drive: Any) -> Told:
         (effects, theta), w = drive, self.signals.windows(j, starts)
         P = len(effects)
         asked, values = (*effects, ActuationDelay()), np.append(theta, 0.0)
@@ -88,25 +92,11 @@ class Telling:
         fit = evaluated(w, asked, values)
         late = fit.flat[:, P] if len(asked) > P else np.zeros(fit.residual.size)
         rotor = sum(v for e, v in zip(effects, theta, strict=True) if e.term == "rotor")
-        rows, columns = self.columns(starts)
         pushes = -columns[:, j] / (w.inertia[rows] + rotor)[:, None]
         K, at = w.length - w.settle, np.searchsorted(rows, w.samples)
         steps = (pushes[at] + pushes[at - 1]).reshape(-1, pushes.shape[1]) / 2
         mass = w.integrated(steps) * (K * w.dt) ** 2
         return Told(fit.residual, fit.flat[:, :P] * fit.scales[:P], mass, late)
-
-    def columns(self, starts: Integers) -> tuple[Integers, Array]:
-        """Samples (R,) of windows, and torques there by numbers of bodies (R, n, 10 B)."""
-        if not self.found:
-            s = self.signals
-            rows = np.unique(starts[:, None] + np.arange(s.length + 1))
-            self.found.append((rows, _columns(s, rows, self.path)))
-        return self.found[0]
-
-    @cached_property
-    def found(self) -> list[tuple[Integers, Array]]:
-        """The columns, once they are worked out."""
-        return []
 
     def numbers(self, carried: Carried) -> Array:
         """Of bodies on the way to the tip, more than stated (10 B,)."""

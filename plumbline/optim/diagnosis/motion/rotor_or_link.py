@@ -12,7 +12,7 @@ import numpy as np
 from plumbline.kinematics.effects.link_inertia import LinkInertia
 from plumbline.kinematics.effects.rotor_inertia import RotorInertia
 from plumbline.optim.diagnosis.motion.carried import Carried, Off
-from plumbline.optim.diagnosis.motion.carrying import fits_of_all, odds, states_by
+from plumbline.optim.diagnosis.motion.carrying import drives_of_all, odds, states_by
 from plumbline.optim.diagnosis.motion.masses import MassFit, Telling, fitted_mass
 from plumbline.optim.diagnosis.motion.models import ODDS
 from plumbline.optim.diagnosis.motion.search import JointFindings
@@ -44,7 +44,7 @@ def _share(
 ) -> float:
     """Probability of a link in the place of a rotor."""
     k = [effect.name for effect in own.fit.effects].index(ROTOR)
-    carried, drives = signals.recording.carried, fits_of_all(joints, signals.recording.n)
+    carried, drives = signals.recording.carried, drives_of_all(joints, signals.recording.n)
     if (rotor := _told(signals, drives, carried)) is None:
         return 0.0
     effects, theta = drives[own.number - 1]

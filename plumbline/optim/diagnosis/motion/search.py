@@ -191,9 +191,9 @@ def _weights(
         rivals = FunctionRivals(models.windows, fit, effective, own.square, stated)
         added = rivals.conditional()
         past: tuple[UnlistedFunction, ...] = ()
-        if sigma is not None and not any(_tells(u) for u in added):
-            floor = models.floor(fit, sigma)
-            past = (own_past(models.windows, fit, floor),)  # that no function tells
+        told = any(u.share > constants.LEAST_SHARE and u.gain > NO_EVIDENCE for u in added)
+        if sigma is not None and not told:  # by a function that is not just as probable as chance
+            past = (own_past(models.windows, fit, models.floor(fit, sigma)),)
         sizes = models.sizes(less)
         for u in (*added, *past):
             if u.share > constants.LEAST_SHARE:
@@ -212,11 +212,6 @@ def _weights(
             more = models.score(other, time) - score
             found += [(names - {gone} | {new}, w + more) for names, w in beside if gone in names]
     return found
-
-
-def _tells(found: UnlistedFunction) -> bool:
-    """Whether a function of something is what is left, not just as probable as chance."""
-    return found.share > constants.LEAST_SHARE and found.gain > NO_EVIDENCE
 
 
 def _with_parts(

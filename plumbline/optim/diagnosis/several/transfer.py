@@ -24,7 +24,7 @@ from plumbline.optim.diagnosis.answer import Diagnosis
 from plumbline.optim.diagnosis.constants import FLATTEST_TOLD
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear, flat_prior, solved
-from plumbline.optim.diagnosis.motion.carrying import fits_of_all
+from plumbline.optim.diagnosis.motion.carrying import drives_of_all
 from plumbline.optim.diagnosis.motion.constants import MOST_JUDGED
 from plumbline.optim.diagnosis.motion.masses import MassFit, Telling, fitted_mass
 from plumbline.optim.diagnosis.motion.search import JointFindings
@@ -314,7 +314,7 @@ def masses_carry(
     carried = signals.recording.carried
     if not carried.bodies:
         return
-    drives = fits_of_all(joints, signals.recording.n)
+    drives = drives_of_all(joints, signals.recording.n)
     tellings = [
         Telling(signals, drives, spread(signals.starts[chosen], MOST_JUDGED))
         for chosen in (mine, ~mine)

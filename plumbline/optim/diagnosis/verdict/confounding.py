@@ -169,9 +169,7 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
     fixed = {t.effect.name for t in pool.model.terms if t.columns.stop <= pool.always}
     found = []
     for cls in library:
-        if cls.name in present or cls.name == "tool_offset":
-            continue
-        if _of_another_world(cls, scope):
+        if cls.name in (*present, "tool_offset") or _of_another_world(cls, scope):
             continue
         lacking = cls.lacks(scope)
         if cls.name in fixed:
@@ -193,16 +191,14 @@ def _missing(pool: Pool, scope: Scope, library: Sequence[type[Effect]]) -> list[
 
 def _of_another_world(cls: type[Effect], scope: Scope) -> bool:
     """Whether it shows in efforts alone while places were measured, or the other way about."""
-    if cls.of_slides and len(scope.turning) == len(scope.joints):
-        return True
-    if not scope.arm and _is_of_an_arm(cls):
+    turns_alone = cls.of_slides and len(scope.turning) == len(scope.joints)
+    if turns_alone or (not scope.arm and _is_of_an_arm(cls)):
         return True
     if scope.observation in cls.observations:
         return False
-    alone = (FIDUCIALS, RANGES)
-    if cls.observations in alone or (scope.observation,) in alone:
-        return True
-    return set(cls.observations) <= set(TORQUES) or scope.observation in TORQUES
+    alone, own = (FIDUCIALS, RANGES), set(cls.observations)
+    apart = cls.observations in alone or (scope.observation,) in alone
+    return apart or own <= set(TORQUES) or scope.observation in TORQUES
 
 
 def _is_of_an_arm(cls: type[Effect]) -> bool:

@@ -1,7 +1,7 @@
 """What the joint posterior says: causes, the unlisted, gross rows, and the tree of places."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -177,11 +177,11 @@ def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     told, best = _told(alt, found), found.states[0]
     logs = ((log - best[0], terms) for log, terms in found.states)
     drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
-    terms, states = terms_of(selected, alt, found, told.named), tuple(_of_library(alt, found))
+    # States without an unlisted mechanism, single gross rows aside.
+    states = tuple((log, alt.listed(s)) for log, s in found.states if not _unlisted(alt, s))
+    terms, moved = terms_of(selected, alt, found, told.named), spread(alt.problem, drawn)
     likeliest = alt.listed(best[1])
-    moved = spread(alt.problem, drawn)
-    told = replace(told, terms=terms, likeliest=likeliest, states=states, spread=moved)
-    return best[1], told
+    return best[1], replace(told, terms=terms, likeliest=likeliest, states=states, spread=moved)
 
 
 def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
@@ -192,7 +192,9 @@ def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     begins = [[*begin, *rows] for begin in begins_of(selected, alt)]
     ends = side_by_side(partial(best_near, alt.problem), begins)
     state = max(ends, key=lambda end: stated(alt.problem, end))
-    worth = _worth(selected, alt, state)
+    # The share of what rows say about the state that their blocks agree on.
+    blocks = blocks_of_each(selected.pool.model.recording)[alt.rows]
+    worth = alt.agreement(blocks, state, alt.problem.variance(state))
     found = coarsened(alt.problem, state, worth, seed)
     told, swept = _told(alt, found), [terms for _, terms in found.states]
     terms = of_many(selected, alt, state, swept[0], told.named)
@@ -210,29 +212,8 @@ def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     return state, told
 
 
-def _of_library(
-    alt: Alternatives, found: Sampled
-) -> Iterator[tuple[float, tuple[SelectedTerm, ...]]]:
-    """States without an unlisted mechanism, single gross rows aside."""
-    for log, state in found.states:
-        if not _unlisted(alt, state):
-            yield log, alt.listed(state)
-
-
-def _worth(selected: SelectedModel, alt: Alternatives, state: Sequence[SelectedTerm]) -> float:
-    """The share of what rows say about a state that their blocks agree on."""
-    blocks = blocks_of_each(selected.pool.model.recording)[alt.rows]
-    return alt.agreement(blocks, state, alt.problem.variance(state))
-
-
 def _unlisted(alt: Alternatives, state: Sequence[SelectedTerm]) -> list[SelectedTerm]:
     return [t for t in state if isinstance(alt.term(t.index), Unlisted)]
-
-
-def _timed(alt: Alternatives, state: Sequence[SelectedTerm]) -> list[SelectedTerm]:
-    """Listed causes that follow the clock, as noise that wanders may."""
-    terms = {t: alt.term(t.index) for t in state}
-    return [t for t, c in terms.items() if isinstance(c, Candidate) and c.effect.runs_with_time()]
 
 
 def _correlation(
@@ -282,7 +263,9 @@ def _correlation(
 
     if again:
         return most_probable(problem, list(taken_back(problem, state)), asked)
-    lacked, timed = _unlisted(alt, state), _timed(alt, state)
+    # Listed causes that follow the clock, as noise that wanders may.
+    lacked, terms = _unlisted(alt, state), {t: alt.term(t.index) for t in state}
+    timed = [t for t, c in terms.items() if isinstance(c, Candidate) and c.effect.runs_with_time()]
     rest = [t for t in state if t not in (*lacked, *timed)]
     tried = (
         (asked([*rest, *some]), added_evidence(problem, rest, some))
@@ -307,6 +290,10 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
     best = int(np.argmax(said))
     words = alt.words[best] if p > 0.5 else ""
     named = found.named(alt.problem, alt.kinds)
+    # Where all that is named is at work: that one may be at work instead of the other is a doubt
+    # about a name, not a gap that is left.
+    given = found.given(alt.problem, named)
+    among = none if given is None else given[3]
     return Explanation(
         {key: float(found.marginals[0][k]) for key, k in keys.items()},
         {key: (float(low[k]), float(high[k])) for key, k in keys.items()},
@@ -318,7 +305,7 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         _lacked_at(alt, found),
         _moved_at(alt, found.states[0][1] if found.states else ()),
         apart=found.apart,
-        conditional=_conditional(alt, found, named, p),
+        conditional=float(among[1]) if len(among) > 1 else 0.0,
     )
 
 
@@ -341,17 +328,3 @@ def _moved_at(
         at.setdefault(place_of(alt, i), []).append(i)
     moved = moved_by(alt.problem, indices) if at else None
     return {place: moved(some) for place, some in at.items()} if moved else {}
-
-
-def _conditional(
-    alt: Alternatives, found: Sampled, named: Sequence[int], otherwise: float
-) -> float:
-    """Probability of what the library lacks where all that is named is at work.
-
-    That one may be at work instead of the other is a doubt about a name, not a gap that is left.
-    """
-    marginals = found.given(alt.problem, named)
-    if marginals is None:
-        return otherwise
-    none = marginals[3]
-    return float(none[1]) if len(none) > 1 else 0.0

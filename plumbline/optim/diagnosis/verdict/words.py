@@ -223,14 +223,11 @@ def _branches(
     found: Sequence[dict[str, Any]], name: str, inside: Callable[[dict[str, Any]], str]
 ) -> list[str]:
     shown = [b for b in found if b["probability"] >= SHOWN] or list(found[:1])
-    told = [f" {chance(_inclusion(b))}" if len(shown) > 1 else "" for b in shown]
+    # How probable a branch is at all; its share, in answers that were stored without.
+    sure = [float(b.get("inclusion", b["probability"])) for b in shown]
+    told = [f" {chance(p)}" if len(shown) > 1 else "" for p in sure]
     called = [{None: "unlisted", "nothing": "constant"}.get(b[name], b[name]) for b in shown]
     return [f"{c}{p}{inside(b)}" for c, p, b in zip(called, told, shown, strict=True)]
-
-
-def _inclusion(branch: dict[str, Any]) -> float:
-    """How probable a branch is at all; its share, in answers that were stored without."""
-    return float(branch.get("inclusion", branch["probability"]))
 
 
 def shared_words(verdict: findings.Verdict) -> str:
@@ -272,7 +269,9 @@ def gap_words(verdict: findings.Verdict) -> str:
     gap = verdict.gap
     before, after, floor = (quantity(v, gap.unit) for v in (gap.before, gap.after, gap.noise_floor))
     if not verdict.knows_noise:
-        return _gap_without_noise(verdict, before, after)
+        left = f"; with {held_words(verdict)} in it, by {after}" if verdict.causes else ""
+        unknown = "No noise is stated, so how far it could shrink is not known."
+        return f"The model misses by {before}{left}. {unknown}"
     if verdict.verdict == findings.Outcome.NO_GAP:
         return f"The model misses by {before}; noise alone would give {floor}."
     if not verdict.causes:
@@ -297,14 +296,6 @@ def floor_words(verdict: findings.Verdict) -> str:
     return "noise alone" if verdict.knows_noise else "what the fit itself leaves"
 
 
-def _gap_without_noise(verdict: findings.Verdict, before: str, after: str) -> str:
-    """The same where nothing but the fit tells the noise."""
-    unknown = "No noise is stated, so how far it could shrink is not known."
-    if not verdict.causes:
-        return f"The model misses by {before}. {unknown}"
-    return f"The model misses by {before}; with {held_words(verdict)} in it, by {after}. {unknown}"
-
-
 def shrink_words(verdict: findings.Verdict) -> str:
     """How far the gap shrinks, with its interval."""
     gap = verdict.gap
@@ -323,16 +314,10 @@ def shrink_words(verdict: findings.Verdict) -> str:
         "workspace": "blocks of space",
     }
     held = by.get(gap.held_out_by, gap.held_out_by)
-    told = f"{words}{_turned_words(gap)}; every figure is of rows that the fit has not seen"
-    return f"{told} ({held} left out)."
-
-
-def _turned_words(gap: findings.Gap) -> str:
-    """What becomes of the turns of poses, which the gap of their places does not show."""
-    if not gap.rotation:
-        return ""
-    before, after = (quantity(v, "rad") for v in (gap.rotation.before, gap.rotation.after))
-    return f"; the tool is turned by {before} before and {after} after"
+    if gap.rotation:  # of poses, whose turns the gap of their places does not show
+        before, after = (quantity(v, "rad") for v in (gap.rotation.before, gap.rotation.after))
+        words += f"; the tool is turned by {before} before and {after} after"
+    return f"{words}; every figure is of rows that the fit has not seen ({held} left out)."
 
 
 def left_over(depends_on: str) -> str:
