@@ -62,11 +62,6 @@ class BaseCompliance(Effect):
         uneven = replace(self, alike=False, bodies=bodies, found=(values[0], values[-1]))
         return [uneven, replace(uneven, alike=True, found=(values[0],))][: 1 + self.alike]
 
-    @property
-    def plain(self) -> Effect | None:
-        """The same of bodies that weigh what the model says."""
-        return replace(self, bodies=(), found=()) if self.bodies else None
-
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Both kinds."""

@@ -328,7 +328,8 @@ class Effect(ABC):
     @property
     def plain(self) -> Effect | None:
         """Of such a form what it is a form of, whose values are its ``found``; of others none."""
-        return None
+        own = {f.name: () for f in fields(self) if f.name in ("found", "bodies", "drives")}
+        return replace(self, **own) if getattr(self, "found", ()) else None
 
     def derive(self, rows: Mapping[str, Array]) -> Mapping[str, Array]:
         """Extra columns (M,) that the formula needs, from the columns of the whole path (M, k)."""

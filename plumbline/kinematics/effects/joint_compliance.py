@@ -103,11 +103,6 @@ class JointCompliance(JointEffect):
         plain = not (self.stiffening or self.laden or self.windup)
         return [own, replace(own, stiffening=True, found=(*values, 0.0))] if plain else [own]
 
-    @property
-    def plain(self) -> Effect | None:
-        """The same of bodies that weigh what the model says."""
-        return replace(self, bodies=(), found=()) if self.bodies else None
-
     def apply(self, state: State, *values: cs.SX) -> State:
         load = state.row["effort"] if self.effort else state.nominal.load
         torque = load[self.joint - 1]

@@ -108,11 +108,6 @@ class JointTilt(JointEffect):
         uneven = replace(own, laden=False, alike=False, found=(values[0] / 3,) * 3)
         return [own, uneven] if self.alike else [own]
 
-    @property
-    def plain(self) -> Effect | None:
-        """The same of bodies that weigh what the model says."""
-        return replace(self, bodies=(), found=()) if self.bodies else None
-
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every joint that turns and carries a weight, but a first one that stands upright.

@@ -62,11 +62,6 @@ class LinkFlex(Effect):
         bodies = weights.bodies_beyond(scope.chain, self.link) if values[0] > 0.0 else ()
         return [replace(self, bodies=bodies, found=tuple(values))] if bodies else []
 
-    @property
-    def plain(self) -> Effect | None:
-        """The same of bodies that weigh what the model says."""
-        return replace(self, bodies=(), found=()) if self.bodies else None
-
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
         """Every link longer than 5 cm that carries something or weighs something."""

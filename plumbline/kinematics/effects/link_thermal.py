@@ -95,11 +95,6 @@ class LinkThermal(_Lengths):
         """The same above another temperature than the model was measured at."""
         return [replace(self, found=tuple(values))] if values[0] and not self.found else []
 
-    @property
-    def plain(self) -> Effect | None:
-        """The same above the stated one."""
-        return replace(self, found=()) if self.found else None
-
     @classmethod
     def candidates(cls, scope: Scope) -> Sequence[Effect]:
         """Warm-up over time, growth above 20 degC or above the coldest row, and both."""

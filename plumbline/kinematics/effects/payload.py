@@ -96,11 +96,6 @@ class Payload(Effect):
         drives = tuple(scope.turning) if values[0] > 0.0 else ()
         return [replace(self, drives=drives, found=tuple(values))] if len(drives) > 1 else []
 
-    @property
-    def plain(self) -> Effect | None:
-        """The same mass on drives that yield alike."""
-        return replace(self, drives=(), found=()) if self.drives else None
-
     @classmethod
     def forms(cls, scope: Scope) -> Sequence[Effect]:
         """At the tip frame, and at the tool's tip where that lies elsewhere."""
