@@ -286,7 +286,9 @@ class Drive:
         r, stays = (self.command - sent) / h, cs.exp(-a * h)
         off, moves = before.place - sent + r * late, before.speed - r
         to_place, to_speed = 1 - stays * (1 + a * h), a**2 * h * stays  # by a held error
-        lost = self._lost(before, asked)
+        # What a dead band takes of a servo's error in the middle of a sample
+        error = (before.asked + asked - before.speed * self.dt) / 2 - before.place
+        lost = cs.SX(0) if self.band is None else error - _beyond(error, self.band)
         went = self.command - r * late + (1 - to_place) * off + h * stays * moves - before.place
         speed = r + stays * (1 - a * h) * moves - to_speed * off - to_speed * lost
         if self.lag is not None:
@@ -301,11 +303,6 @@ class Drive:
         place = before.place + h * self._limited(went / h, before.speed, h / 2)
         speed = self._limited(speed, before.speed, h)
         return Memory(asked, place, speed, self._behind_play(place, before), self.command)
-
-    def _lost(self, before: Memory, asked: cs.SX) -> cs.SX:
-        """What a dead band takes of a servo's error in the middle of a sample."""
-        error = (before.asked + asked - before.speed * self.dt) / 2 - before.place
-        return cs.SX(0) if self.band is None else error - _beyond(error, self.band)
 
     def _risen(self, asked: cs.SX, ratio: cs.SX, before: Memory) -> cs.SX:
         """Mean over a sample of what lags by so many behind a line from what was sent before."""

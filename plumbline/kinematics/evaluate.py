@@ -56,12 +56,6 @@ def _mapped(function: cs.Function, count: int, shared: tuple[int, ...]) -> cs.Fu
     return function.map(f"{function.name()}_rows", "serial", count, list(shared), [])
 
 
-def _at_once(function: cs.Function, count: int) -> int:
-    """Rows of one call: a map holds what rows share as often as it has rows."""
-    numbers = function.nnz_in() + function.nnz_out()
-    return min(count, max(constants.BLOCK_NUMBERS // max(numbers, 1), 1))
-
-
 def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> list[Array]:
     """Evaluate a function of ``(*shared, row)`` at every row.
 
@@ -82,7 +76,9 @@ def over_rows(function: cs.Function, rows: ArrayLike, *shared: ArrayLike) -> lis
     program = _program(function) if count >= constants.FEWEST_ROWS else None
     if program is not None:
         return program.run(table, shared)
-    size = _at_once(function, count)
+    # Rows of one call: a map holds what rows share as often as it has rows
+    numbers = function.nnz_in() + function.nnz_out()
+    size = min(count, max(constants.BLOCK_NUMBERS // max(numbers, 1), 1))
     mapped = _mapped(function, size, tuple(range(len(shared))))
     inputs = [np.ascontiguousarray(s, dtype=float).ravel() for s in shared]
     sizes = [function.size_out(i) for i in range(function.n_out())]

@@ -104,7 +104,31 @@ def urdf_text(table: LinkTable, robot: Robot) -> str:
 
 def made_urdf(table: LinkTable, name: str) -> str:
     """A URDF made from the table's rows alone."""
-    return _made(standard_rows(table), table, name)
+    root = ElementTree.Element("robot", name=name)
+    ElementTree.SubElement(root, "link", name="base_link")
+    parent, T, movable = "base_link", np.eye(4), list(table.chain.joints)
+    rows = standard_rows(table)
+    for number, row in enumerate(rows, start=1):
+        last = number == len(rows)
+        child = safe_tip(table.chain.tip_frame) if last else f"link{number}"
+        T = T @ row.before().homogeneous
+        com = np.array(row.com)
+        if row.kind != "fixed":
+            joint = movable.pop(0)
+            link = f"{child}_joint" if last else child
+            root.append(_moving(joint.name, (parent, link), T, row))
+            com = row.after().act(com)
+            root.append(_link(link, row.mass, com))
+            parent, T = link, row.after().homogeneous
+            if last:
+                root.append(_joint(f"{child}_fixed", "fixed", (parent, child), T))
+                root.append(_link(child, 0.0, com))
+        else:
+            T = T @ row.after().homogeneous
+            root.append(_joint(f"{child}_fixed", "fixed", (parent, child), T))
+            root.append(_link(child, row.mass, com))
+            parent, T = child, np.eye(4)
+    return xml_text(root)
 
 
 def edited_urdf(chain: Chain, placements: Sequence[Array], text: str) -> str:
@@ -147,33 +171,6 @@ def _move(joint: ElementTree.Element, change: Array) -> None:
         origin = ElementTree.SubElement(joint, "origin")
     origin.set("xyz", words(T[:3, 3]))
     origin.set("rpy", words(_angles(T[:3, :3])))
-
-
-def _made(rows: Sequence[DHRow], table: LinkTable, name: str) -> str:
-    root = ElementTree.Element("robot", name=name)
-    ElementTree.SubElement(root, "link", name="base_link")
-    parent, T, movable = "base_link", np.eye(4), list(table.chain.joints)
-    for number, row in enumerate(rows, start=1):
-        last = number == len(rows)
-        child = safe_tip(table.chain.tip_frame) if last else f"link{number}"
-        T = T @ row.before().homogeneous
-        com = np.array(row.com)
-        if row.kind != "fixed":
-            joint = movable.pop(0)
-            link = f"{child}_joint" if last else child
-            root.append(_moving(joint.name, (parent, link), T, row))
-            com = row.after().act(com)
-            root.append(_link(link, row.mass, com))
-            parent, T = link, row.after().homogeneous
-            if last:
-                root.append(_joint(f"{child}_fixed", "fixed", (parent, child), T))
-                root.append(_link(child, 0.0, com))
-        else:
-            T = T @ row.after().homogeneous
-            root.append(_joint(f"{child}_fixed", "fixed", (parent, child), T))
-            root.append(_link(child, row.mass, com))
-            parent, T = child, np.eye(4)
-    return xml_text(root)
 
 
 def _link(name: str, mass: float, com: Array) -> ElementTree.Element:

@@ -74,20 +74,16 @@ class LinkTable:
     def tip(self, values: cs.SX, q: cs.SX, tool: cs.SX) -> cs.SX:
         """A point (3,) [m] of the tip frame, in the base frame, by parameters (rows, 5) at (n,)."""
         point = Transform.from_matrix(self.anchors[-1]).point(tool)
-        steps = self._steps(values, q)
-        # From the tip inwards a row costs a product with a vector, not with a matrix.
-        for step in reversed(steps):
-            point = step.point(point)
-        return Transform.from_matrix(self.anchors[0]).inverse().point(point)
-
-    def _steps(self, values: cs.SX, q: cs.SX) -> list[Transform]:
-        moved, j = [], 0
+        steps, j = [], 0
         for k, row in enumerate(self.rows):
             motion: cs.SX | None = None
             if row.dh.kind != "fixed":
                 motion, j = q[j], j + 1
-            moved.append(row_transform(values[k, :], row.dh.kind, motion))
-        return moved
+            steps.append(row_transform(values[k, :], row.dh.kind, motion))
+        # From the tip inwards a row costs a product with a vector, not with a matrix.
+        for step in reversed(steps):
+            point = step.point(point)
+        return Transform.from_matrix(self.anchors[0]).inverse().point(point)
 
     def placements(self) -> tuple[Array, ...]:
         """Placement (4, 4) of every joint in its parent, last of the tip: those of a chain (n+1).

@@ -48,7 +48,9 @@ def model_from_mjcf(text: str, where: str, most_joints: int) -> tuple[pin.Model,
             f"it: {FLATTEN}"
         ) from None
     _mend_limits(model, root)
-    return _held(model), _gravity(root)
+    free = [j for j in range(1, model.njoints) if model.joints[j].nv == FREE]
+    held = pin.buildReducedModel(model, free, pin.neutral(model)) if free else model
+    return held, _gravity(root)
 
 
 def _parsed(text: str, where: str, most_joints: int) -> ElementTree.Element:
@@ -113,11 +115,6 @@ def _mend_limits(model: pin.Model, root: ElementTree.Element) -> None:
         factor = 180.0 / np.pi if degrees and slides else 1.0
         for limit in (model.lowerPositionLimit, model.upperPositionLimit):
             limit[joint.idx_q] = factor * limit[joint.idx_q] + ref
-
-
-def _held(model: pin.Model) -> pin.Model:
-    free = [j for j in range(1, model.njoints) if model.joints[j].nv == FREE]
-    return pin.buildReducedModel(model, free, pin.neutral(model)) if free else model
 
 
 def _gravity(root: ElementTree.Element) -> Array | None:

@@ -135,7 +135,9 @@ class Evasion:
     ) -> Array | None:
         """A rate (3,) that keeps clear; None if the way to the goal does."""
         body, way, last = self._bodies[i], goal - tip, self._out[i]
-        speed = _pace(body, tip, self._dt)
+        # Largest speed of a tip (3,) that the other end lets it have [mm/s]
+        x, c = cs.SX(cs.DM(tip)), cs.SX(cs.DM(body.constants))
+        speed = float(cs.evalf(body.pace(x, c, self._dt)[0]))
         toward = way / max(float(np.linalg.norm(way)), constants.TOUCHING) * speed
         first = [toward] if last is None else [toward, last]
         rates = np.concatenate([first, *(share * speed * AROUND for share in constants.SHARES)])
@@ -182,12 +184,6 @@ def _about(rate: Array) -> Array:
     turned = along + constants.ASIDE * across
     size = np.linalg.norm(rate) / np.sqrt(np.vecdot(turned, turned))
     return np.asarray(size[:, None] * turned)
-
-
-def _pace(body: TipInstrument, tip: Array, dt: float) -> float:
-    """Largest speed of a tip (3,) that the other end lets it have [mm/s]."""
-    x, c = cs.SX(cs.DM(tip)), cs.SX(cs.DM(body.constants))
-    return float(cs.evalf(body.pace(x, c, dt)[0]))
 
 
 def _gaps(body: TipInstrument, tips: Array, ahead: Array, radii: Array) -> Array:

@@ -71,29 +71,14 @@ def nearest_charts(statement: Statement) -> cs.Function:
     return cs.Function("charts", [x, stage], [cs.densify(cs.vertcat(*found))])
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Constraints of a stage, with bounds."""
-
-    values: list[cs.SX]
-    low: list[float]
-    high: list[float]
-
-    def add(self, value: cs.SX, most: float) -> None:
-        count = int(value.numel())
-        self.values.append(value)
-        self.low.extend([0.0] * count)
-        self.high.extend([most] * count)
-
-
-def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, _Rows]:
-    """``(x, d, planes, slacks, charts, stage) -> g``: one stage of the program, and its bounds."""
+def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, list[float]]:
+    """``(x, d, planes, slacks, charts, stage) -> g``: one stage, and what g, from 0 on, may be."""
     x, _, stage = statement.symbols
     d = cs.SX.sym("d", statement.n)
     pairs, planes = statement.pairs_at(x, d), statement.settings.form == "planes"
     w, slacks = cs.SX.sym("w", 2 * len(pairs)), cs.SX.sym("s", len(pairs))
     charts = cs.SX.sym("charts", 9 * len(pairs))
-    rows = _Rows([cs.SX(0, 1)], [], [])
+    rows = [(cs.SX(0, 1), np.inf)]
     for k, pair in enumerate(pairs):
         if planes:
             chart, turn = charts[9 * k : 9 * k + 9], w[2 * k : 2 * k + 2]
@@ -104,12 +89,11 @@ def stage_constraints(statement: Statement, limits: bool) -> tuple[cs.Function, 
             gap = gaps[:: 2 if pair.ball else 1] - (pair.wide(pair.plain) - slacks[k]) * size
         else:
             gap = scalar_gap(pair.one, pair.two, pair.wide(pair.plain)) + slacks[k]
-        rows.add(gap, np.inf)
-    rows.add(statement.held, 0.0)
-    if limits:
-        rows.add(statement.limits, np.inf)
+        rows.append((gap, np.inf))
+    rows += [(statement.held, 0.0), *([(statement.limits, np.inf)] if limits else [])]
+    most = [bound for value, bound in rows for _ in range(int(value.numel()))]
     given = [x, d, w, slacks, charts, stage]
-    return cs.Function("g", given, [cs.vertcat(*rows.values)]), rows
+    return cs.Function("g", given, [cs.vertcat(*(value for value, _ in rows))]), most
 
 
 def step_limits(statement: Statement) -> cs.Function:
@@ -135,7 +119,6 @@ class _Builder:
         self.low: list[float] = []
         self.high: list[float] = []
         self.g: list[cs.MX] = []
-        self.g_low: list[float] = []
         self.g_high: list[float] = []
         self.places: dict[str, list[list[int]]] = {name: [] for name in ("x", "y", "d", "w", "s")}
         self.g_places: dict[str, list[list[int]]] = {"dynamics": [], "speeds": [], "rows": []}
@@ -149,19 +132,18 @@ class _Builder:
         self.high.extend(np.broadcast_to(most, size))
         return symbol
 
-    def demand(self, name: str, value: cs.MX, least: list[float], most: list[float]) -> None:
-        """New constraints with bounds."""
-        at = len(self.g_low)
-        self.g_places[name].append(list(range(at, at + len(least))))
+    def demand(self, name: str, value: cs.MX, most: list[float]) -> None:
+        """New constraints, each at least zero and at most so much."""
+        at = len(self.g_high)
+        self.g_places[name].append(list(range(at, at + len(most))))
         self.g.append(value)
-        self.g_low.extend(least)
         self.g_high.extend(most)
 
 
 def build(statement: Statement, limits: bool, stages_meet_in_states: bool = False) -> Program:
     """The program, with or without limits; FATROP's stages meet in states, so d is one of them."""
     p, n, s, count = statement.settings.p, statement.n, statement.settings, len(statement.pairs)
-    constraints, stage_rows = stage_constraints(statement, limits)
+    constraints, most = stage_constraints(statement, limits)
     x_symbol, _, stage_symbol = statement.symbols
     cost = cs.Function("cost", [x_symbol, stage_symbol], [cs.sumsqr(statement.residual)])
     given = cs.MX.sym("given", (statement.width + 9 * count) * p)
@@ -192,12 +174,10 @@ def build(statement: Statement, limits: bool, stages_meet_in_states: bool = Fals
             ahead = cs.vertcat(x + d, d[:kept])
             x, y = made.add("x", n, -np.inf, np.inf), made.add("y", kept, -np.inf, np.inf)
             before = y if kept else d
-            zeros = [0.0] * (n + kept)
-            made.demand("dynamics", cs.vertcat(x, y) - ahead, zeros, zeros)
-            count_of = int(room.numel())
-            made.demand("speeds", room, [0.0] * count_of, [np.inf] * count_of)
+            made.demand("dynamics", cs.vertcat(x, y) - ahead, [0.0] * (n + kept))
+            made.demand("speeds", room, [np.inf] * int(room.numel()))
         if held is not None:
-            made.demand("rows", held, stage_rows.low, stage_rows.high)
+            made.demand("rows", held, most)
     problem = Problem(
         x=cs.vertcat(*made.unknowns),
         names=tuple(f"{u.name()} {k}" for u in made.unknowns for k in range(u.numel())),
@@ -206,7 +186,7 @@ def build(statement: Statement, limits: bool, stages_meet_in_states: bool = Fals
         scale=np.ones(len(made.low)),
         objective=f,
         constraints=cs.vertcat(*made.g),
-        g_lower=np.array(made.g_low),
+        g_lower=np.zeros(len(made.g_high)),
         g_upper=np.array(made.g_high),
         given=given,
     )

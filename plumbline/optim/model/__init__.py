@@ -2,15 +2,15 @@
 
 ``rows`` and ``fitted`` hold it as data; ``statement`` and ``arm`` evaluate
 it; ``command`` inverts it; ``stored`` keeps it; ``export`` writes it for others;
-``apply`` tries it on another recording, ``tried`` either kind; ``making`` takes it from a fit.
+``apply`` tries it on another recording, ``driven`` either kind; ``making`` takes it from a fit.
 ``drives`` is the same of motions.
 """
 
 from plumbline.optim.model.apply import Applied, Change
 from plumbline.optim.model.command import Command
+from plumbline.optim.model.driven import apply
 from plumbline.optim.model.drives import Drives
 from plumbline.optim.model.fitted import Known
 from plumbline.optim.model.model import Model
-from plumbline.optim.model.tried import apply
 
 __all__ = ["Applied", "Change", "Command", "Drives", "Known", "Model", "apply"]

@@ -24,8 +24,10 @@ from plumbline.optim.diagnosis.motion.signals import signals_of, spread
 from plumbline.optim.diagnosis.motion.units import in_unit, levers_of, slides
 from plumbline.optim.diagnosis.motion.windows import Drives as Felt
 from plumbline.optim.model.apply import Applied
+from plumbline.optim.model.apply import apply as apply_arm
 from plumbline.optim.model.constants import LOAD_ROUNDS, MARGIN
-from plumbline.optim.model.fitted import Known
+from plumbline.optim.model.fitted import Fitted, Known
+from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.session import same_joints
 
 
@@ -231,3 +233,23 @@ def _numbers(name: str, values: ArrayLike) -> Array:
     if not np.isfinite(array).all():
         raise fault(name, "a value that is not finite", "finite ones", "mend or leave it out")
     return array
+
+
+def apply(
+    model: Fitted | Driven, other: Recording | MotionRecording, *, force: bool = False
+) -> Applied:
+    """Try a model on another recording of the robot; with force on one set up otherwise, too.
+
+    Raises:
+        PlumblineError: It is of another robot, or measures something else, or another simple set-up
+            explains its rows far better.
+    """
+    if isinstance(model, Driven):
+        if isinstance(other, MotionRecording):
+            return model.tried(other)
+        like, mend = f"a motion as in {model.recording}", "give a motion of the same drives"
+        raise fault(f"{other.name}, observation", other.observation, like, mend)
+    if isinstance(other, MotionRecording):
+        like, mend = f"{model.observation} as in {model.recording}", "give one of the same robot"
+        raise fault(f"{other.name}, observation", other.observation, like, mend)
+    return apply_arm(model, other, force=force)

@@ -124,26 +124,19 @@ def _encoders(table: Table, joints: Joints, settings: Section) -> tuple[Array, t
     table.require(["m1"] if wanted is None and not numbered(table.columns, "m") else [])
     names = joints.columns("m")
     if wanted is None:
-        seen = tuple(j for j, name in enumerate(names) if name in table and not _empty(table, name))
+        filled = (any(map(str.strip, table.columns.get(name, ()))) for name in names)
+        seen = tuple(j for j, has_any in enumerate(filled) if has_any)
     else:
-        seen = _listed(wanted, joints, settings)
+        if not set(wanted) <= set(range(1, joints.count + 1)) or len(set(wanted)) != len(wanted):
+            expected = f"different numbers of joints from 1 to {joints.count}"
+            raise settings.fault("measured_joints", expected, "joints count from 1")
+        seen = tuple(j for j, number in enumerate(joints.numbers) if number in wanted)
     if not seen:
         where = f"{table.origin.file}, column {names[0]!r}"
         raise fault(where, "no second encoder read", "one or more columns m", "fill the columns")
     values = np.full((len(table), len(names)), np.nan)
     values[:, seen] = table.block([names[j] for j in seen])
     return values, seen
-
-
-def _listed(wanted: tuple[int, ...], joints: Joints, settings: Section) -> tuple[int, ...]:
-    if not set(wanted) <= set(range(1, joints.count + 1)) or len(set(wanted)) != len(wanted):
-        expected = f"different numbers of joints from 1 to {joints.count}"
-        raise settings.fault("measured_joints", expected, "joints count from 1")
-    return tuple(j for j, number in enumerate(joints.numbers) if number in wanted)
-
-
-def _empty(table: Table, name: str) -> bool:
-    return not any(cell.strip() for cell in table.columns[name])
 
 
 def context_columns(table: Table, joints: Joints, observation: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects import MOTION_EFFECTS
 from plumbline.kinematics.oracle import pin
 from plumbline.kinematics.robot import Robot
+from plumbline.optim.core.progress import silent
 from plumbline.optim.diagnosis.findings import Outcome
 from plumbline.optim.diagnosis.motion.carried import (
     NOTHING,
@@ -193,13 +194,13 @@ def test_a_file_for_mujoco_has_the_mass(answer):
     "given", [{"gain": 0.9}, {"damping": 0.3}, {"rotor": 0.05}, {"integrator": "implicitfast"}, {}]
 )
 def test_what_one_drive_does_or_a_clock_is_no_mass(given):
-    signals, begun = _begun(signals_of(recorded(**given)), DiagnosisOptions(), None)
+    signals, begun = _begun(DiagnosisOptions(), silent, signals_of(recorded(**given)))
     assert carrying_more(signals, begun, (), candidates(signals.recording)) is None
 
 
 def test_a_mass_that_two_joints_tell_is_not_lost_for_what_a_third_one_s_drive_does(laden):
     """Light joints that rub leave a hundred times as much, which a body of any form takes."""
-    signals, begun = _begun(signals_of(laden), DiagnosisOptions(), None)
+    signals, begun = _begun(DiagnosisOptions(), silent, signals_of(laden))
     telling = Telling(signals, IDEAL, begun[0].quick.windows.start)
     fit = fitted_mass(telling, Carried((Off((MASS, *(MASS * CENTRE))),)), clock=True)
     *others, third = fit.residuals
@@ -219,7 +220,7 @@ def test_no_mass_is_asked_where_it_is_left_out_of_the_library_or_nothing_pushes(
 def test_a_simulator_s_clock_is_told_apart_from_the_mass_that_it_carries():
     signals = signals_of(recorded(0.9, integrator="implicitfast"))
     others = {e.name for e in MOTION_EFFECTS} - {"actuation_gain"}
-    _, begun = _begun(signals, DiagnosisOptions(without=(*others,)), None)
+    _, begun = _begun(DiagnosisOptions(without=(*others,)), silent, signals)
     found = carrying_more(signals, begun, (), candidates(signals.recording)).recording
     assert found.lead == pytest.approx(STEP / 2, abs=STEP / 20)
     assert found.carried.values[0] == pytest.approx(0.9, rel=0.01)
@@ -297,7 +298,7 @@ def test_a_link_whose_centre_is_elsewhere_is_told_by_where_it_is(monkeypatch):
         return robot, model
 
     monkeypatch.setitem(globals(), "arms", shifted)
-    signals, begun = _begun(signals_of(recorded()), DiagnosisOptions(), None)
+    signals, begun = _begun(DiagnosisOptions(), silent, signals_of(recorded()))
     found = carrying_more(signals, begun, (), candidates(signals.recording))
     [body] = found.recording.carried.bodies
     assert body.label == "link_inertia 2"
@@ -305,7 +306,7 @@ def test_a_link_whose_centre_is_elsewhere_is_told_by_where_it_is(monkeypatch):
 
 
 def test_a_link_that_only_weighs_more_is_told_by_one_number():
-    signals, begun = _begun(signals_of(recorded(link=0.2)), DiagnosisOptions(), None)
+    signals, begun = _begun(DiagnosisOptions(), silent, signals_of(recorded(link=0.2)))
     found = carrying_more(signals, begun, (), candidates(signals.recording))
     [body] = found.recording.carried.bodies
     assert body.label == "link_inertia 2"

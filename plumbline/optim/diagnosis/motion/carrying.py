@@ -99,7 +99,7 @@ def likeliest(
     here = fitted_mass(telling, telling.recording.carried, clock=True)
     for _ in range(constants.MOVES):
         tried = [fitted_mass(telling, other, clock=True) for other in _others(here.carried, asked)]
-        times = min((here, *tried), key=_misfit).times
+        times = min((here, *tried), key=lambda fit: float(np.log(fit.squares).sum())).times
         counted = [fit for fit in tried if not _negligible(fit, here)]
         best = max((here, *counted), key=lambda fit: fit.score(times) + odds(fit.carried))
         if best is here:
@@ -108,10 +108,6 @@ def likeliest(
         if enough(here):
             break
     return here
-
-
-def _misfit(fit: MassFit) -> float:
-    return float(np.log(fit.squares).sum())
 
 
 def _others(now: Carried, asked: Sequence[Off]) -> Iterator[Carried]:

@@ -84,7 +84,14 @@ def filtered(filters: Filters, state: Array, data: Sequence[Array], fixed: Array
     own[0], own[1:more, :, K] = 1.0, 0.0
     for row, k in enumerate(filters.given):
         own[1 + row, :, :K] = data[k]
-    lines, flat, begin = _lines(filters, fixed), own.reshape(len(own), -1), state.T[filters.kept]
+    # Rows of the filters, at fixed numbers
+    lines = np.empty((len(filters.kept), 1 + len(filters.given) + len(filters.kept)))
+    handle: Any = filters.lines.buffer()
+    buffer, run = handle
+    buffer.set_arg(0, fixed.data)
+    buffer.set_res(0, lines.data)
+    run()
+    flat, begin = own.reshape(len(own), -1), state.T[filters.kept]
     band = np.ones((2, flat.shape[1]), order="F")
     for first, last in filters.groups:
         n, end = more + first, more + last
@@ -98,14 +105,3 @@ def filtered(filters: Filters, state: Array, data: Sequence[Array], fixed: Array
                     1, band, flat[more + row], lower=1, diag=1
                 )
     return own[[more + k for k in filters.outputs], :, 1:].transpose(1, 2, 0)
-
-
-def _lines(filters: Filters, fixed: Array) -> Array:
-    """Rows of the filters, at fixed numbers."""
-    found = np.empty((len(filters.kept), 1 + len(filters.given) + len(filters.kept)))
-    handle: Any = filters.lines.buffer()
-    buffer, run = handle
-    buffer.set_arg(0, fixed.data)
-    buffer.set_res(0, found.data)
-    run()
-    return found

@@ -6,7 +6,6 @@ from typing import Self
 
 import numpy as np
 
-from plumbline.kinematics.effects.motion_effect import MotionEffect
 from plumbline.optim.core.side_by_side import side_by_side
 from plumbline.optim.diagnosis.motion.carried import NOTHING
 from plumbline.optim.diagnosis.motion.carrying import drives_of_all
@@ -136,12 +135,10 @@ def _fold(
         theta = fitted(training, effects, start, SEARCH_ITERATIONS).theta
         return evaluated(test, effects, theta, slopes=False).residual
 
-    n = range(len(found.effects))
-    less = [missed(_without(found.effects, found.effects[k]), np.delete(found.theta, k)) for k in n]
+    less = [
+        missed(tuple(e for e in found.effects if e != one), np.delete(found.theta, k))
+        for k, one in enumerate(found.effects)
+    ]
     whole = fitted(training, found.effects, found.theta)
     after = evaluated(test, found.effects, whole.theta, slopes=False).residual
     return judge.astype(float), missed((), np.empty(0)), after, less
-
-
-def _without(effects: Effects, one: MotionEffect) -> Effects:
-    return tuple(e for e in effects if e != one)

@@ -172,11 +172,7 @@ def build_motion(
         PlumblineError: The arrays cannot be used; the message says why and what to do.
     """
     robot = Robot.bundled(robot) if isinstance(robot, str) else robot
-    arrays = [np.asarray(values, dtype=float) for values in (time, command, q)]
-    t, u, measured = arrays
-    if measured.ndim != 2 or u.shape != measured.shape or t.shape != (len(measured),):
-        found = ", ".join(str(a.shape) for a in arrays)
-        raise fault("time, command, q", f"shapes {found}", "(N,), (N, n), (N, n)", "one row a time")
+    t, u, measured = arrays = in_rows("time, command, q", time, command, q)
     joints, index = joints_of(robot, measured.shape[1], tip_frame, "q")
     gains = [
         np.broadcast_to(np.asarray(0.0 if k is None else k, float), u.shape[1]) for k in (kp, kd)
@@ -189,6 +185,15 @@ def build_motion(
         kp=gains[0], kd=gains[1], noise_std=noise_std,
         sha256=hash_of(*(a.tobytes() for a in arrays)), notes=(),
     )  # fmt: skip
+
+
+def in_rows(called: str, *values: ArrayLike) -> tuple[Array, Array, Array]:
+    """Times (N,), and what was told and read then (N, n), refused if of other shapes."""
+    t, u, read = (np.asarray(one, dtype=float) for one in values)
+    if read.ndim != 2 or u.shape != read.shape or t.shape != (len(read),):
+        found = ", ".join(str(a.shape) for a in (t, u, read))
+        raise fault(called, f"shapes {found}", "(N,), (N, n), (N, n)", "one row a time")
+    return t, u, read
 
 
 def load_motion(folder: str | Path, made: loading.RobotFiles | None = None) -> MotionRecording:

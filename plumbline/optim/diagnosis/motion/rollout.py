@@ -68,7 +68,11 @@ def _rolled(w: Windows, effects: Effects, theta: Array, slopes: bool, rough: boo
     out = np.empty((*there.shape[:2], 1 + len(given)))
     out[..., [0, *(1 + k for k in behind)]] = there
     for k in set(given).difference(behind):
-        low, high = _wide(w, effects, theta, k)
+        # Values (P,) to either side: by a share of the width, or of a limit itself; in bounds
+        p, size = effects[k].parameter, w.sizes(effects[k : k + 1])[0]
+        step = WIDE * (abs(theta[k]) if p.null > p.scale else p.scale * size)
+        low, high = np.array(theta), np.array(theta)
+        low[k], high[k] = max(theta[k] - step, p.lower * size), min(theta[k] + step, p.upper * size)
         one_sided = rough and high[k] > theta[k]
         back = theta if one_sided else low
         near = there[..., 0] if one_sided else _passed(w, effects, low, ())[..., 0]
@@ -84,15 +88,6 @@ def _counted(w: Windows, passed: Array) -> Array:
     at = (row * passed.shape[1] + w.start - begin[row])[:, None] + np.arange(w.settle, w.length)
     each = passed.transpose(2, 0, 1).reshape(passed.shape[2], -1)
     return each.take(at, axis=1).transpose(1, 2, 0)
-
-
-def _wide(w: Windows, effects: Effects, theta: Array, k: int) -> tuple[Array, Array]:
-    """Values (P,) to either side: by a share of the width, or of a limit itself; in bounds."""
-    p, size = effects[k].parameter, w.sizes(effects[k : k + 1])[0]
-    step = WIDE * (abs(theta[k]) if p.null > p.scale else p.scale * size)
-    behind, ahead = np.array(theta), np.array(theta)
-    behind[k], ahead[k] = max(theta[k] - step, p.lower * size), min(theta[k] + step, p.upper * size)
-    return behind, ahead
 
 
 def _passed(w: Windows, effects: Effects, theta: Array, by: tuple[int, ...]) -> Array:

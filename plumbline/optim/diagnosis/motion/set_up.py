@@ -35,7 +35,11 @@ def refuse_wrong_set_up(r: Motion, origin: Origin) -> None:
     _refuse_sizes(r, origin)
     _refuse_frozen(r, origin)
     refuse_repeated(r.command, r.q, _letter(r), origin)
-    _refuse_slow(r, origin)
+    # Refuse a clock of which a window, in which drives settle, holds fewer than ten rows
+    step, most = float(np.median(np.diff(r.time))), LENGTH[r.law] / 10
+    if step > most:
+        mend = "divide by 1000 if in ms, or log more often"
+        raise fault(origin.at("time"), f"rows {step:.3g} s apart", f"at most {most:.3g} s", mend)
     if r.law.pushes:
         return
     _refuse_mixed_up(r, origin)
@@ -106,14 +110,6 @@ def _refuse_sizes(r: Motion, origin: Origin) -> None:
                 else "mend the unit"
             )
             raise fault(where, found, f"at most {most:.4g} {unit}", mend)
-
-
-def _refuse_slow(r: Motion, origin: Origin) -> None:
-    """Refuse a clock of which a window, in which drives settle, holds fewer than ten rows."""
-    step, most = float(np.median(np.diff(r.time))), LENGTH[r.law] / 10
-    if step > most:
-        mend = "divide by 1000 if in ms, or log more often"
-        raise fault(origin.at("time"), f"rows {step:.3g} s apart", f"at most {most:.3g} s", mend)
 
 
 def _refuse_other_commands(r: Motion, origin: Origin) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from plumbline.errors import fault
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.robot import Robot
 from plumbline.optim.diagnosis.motion import recording
@@ -47,10 +46,7 @@ def build_tracking(
     Raises:
         PlumblineError: The arrays cannot be used; the message says why and what to do.
     """
-    t, u, measured = (np.asarray(values, dtype=float) for values in (time, rate, x))
-    if measured.ndim != 2 or u.shape != measured.shape or t.shape != (len(measured),):
-        found = ", ".join(str(a.shape) for a in (t, u, measured))
-        raise fault("time, rate, x", f"shapes {found}", "(N,), (N, n), (N, n)", "one row a time")
+    t, u, measured = recording.in_rows("time, rate, x", time, rate, x)
     return _of_axes(
         Origin(), t, u, measured, name=name,
         group=None if group is None else np.asarray(group, dtype=np.int64),

@@ -126,7 +126,18 @@ class FunctionRivals:
         """Beside a fit; squares of what the best model leaves and of the stated noise [rad^2]."""
         self.windows, self.fit = windows, fit
         self.sizes = effective, least, stated
-        self.along = _along(windows, fit)
+        # What a joint goes by at every sample (n,), by name: positions and speeds are the
+        # predicted ones, for measured ones would know what happened
+        at = windows.samples
+        predicted = windows.measured + fit.residual
+        found = {
+            "velocity": np.gradient(predicted, windows.dt, axis=1),
+            "load": windows.load[at],
+            "angle": predicted,
+            "command": windows.command[at],
+            "time": at * windows.dt,
+        }
+        self.along = {on: np.asarray(values, dtype=float).ravel() for on, values in found.items()}
         features = list(_features(windows, fit, self.along))
         alike = Counter(on for on, _ in features)
         self.functions = [
@@ -207,23 +218,6 @@ def exceeds(ratio: float, effective: float) -> float:
     n / 2 (x - 1 - log x).
     """
     return effective / 2 * (ratio - 1.0 - float(np.log(ratio)))
-
-
-def _along(windows: Windows, fit: JointFit) -> Mapping[str, Array]:
-    """What a joint goes by at every sample (n,), by name.
-
-    Positions and speeds are the predicted ones: measured ones would know what happened.
-    """
-    at = windows.samples
-    predicted = windows.measured + fit.residual
-    found = {
-        "velocity": np.gradient(predicted, windows.dt, axis=1),
-        "load": windows.load[at],
-        "angle": predicted,
-        "command": windows.command[at],
-        "time": at * windows.dt,
-    }
-    return {on: np.asarray(values, dtype=float).ravel() for on, values in found.items()}
 
 
 def _bumps(values: Array) -> Array:

@@ -16,6 +16,8 @@ from plumbline.optim.core.constants import STILL
 from plumbline.optim.core.judged import Judged, Judgement
 from plumbline.optim.core.quantities import quantity
 from plumbline.optim.diagnosis import findings
+from plumbline.optim.diagnosis.findings import Cause
+from plumbline.optim.diagnosis.motion.carried import Off
 from plumbline.optim.diagnosis.motion.carrying import MassFindings, Where, place_of
 from plumbline.optim.diagnosis.motion.constants import (
     AXIS_LEVER,
@@ -25,7 +27,6 @@ from plumbline.optim.diagnosis.motion.constants import (
 )
 from plumbline.optim.diagnosis.motion.fit import to_go
 from plumbline.optim.diagnosis.motion.left_out import LeftOut
-from plumbline.optim.diagnosis.motion.masses_told import Bodies, causes_of, probable, shares, taken
 from plumbline.optim.diagnosis.motion.proposals import one_operator, proposals
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.search import JointFindings
@@ -34,12 +35,13 @@ from plumbline.optim.diagnosis.motion.windows import Array
 from plumbline.optim.diagnosis.of_recordings import JointGap
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
 from plumbline.optim.diagnosis.predict.shrink import gap_between, shrink_interval
-from plumbline.optim.diagnosis.prior import EARNED, FINEST, LEAST_NAMED
+from plumbline.optim.diagnosis.prior import EARNED, FINEST, LEAST_NAMED, PART_OF_UNLISTED
 from plumbline.optim.diagnosis.verdict.lack_of_fit import quieter
 from plumbline.optim.diagnosis.verdict.tree import tree_of
 
 STAGE = "actuation"
 OWN = {"angle": "own angle"}  # as effects call what an unlisted function goes by
+Bodies = Sequence[tuple[Off, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +71,15 @@ class MotionFindings:
 
     @cached_property
     def bodies(self) -> Bodies:
-        """Those that weigh other than stated, with their probability."""
-        return probable(self.mass, self.joints)
+        """Those that weigh other than stated, with their probability.
+
+        Of what is unlisted and at work they may be parts.
+        """
+        if self.mass is None:
+            return []
+        spared = 1 - PART_OF_UNLISTED * max((joint.outside for joint in self.joints), default=0.0)
+        pairs = zip(self.mass.carried.bodies, self.mass.probability, strict=True)
+        return [(body, p * spared) for body, p in pairs]
 
 
 def verdict_of(found: MotionFindings) -> findings.Verdict:
@@ -89,12 +98,20 @@ def verdict_of(found: MotionFindings) -> findings.Verdict:
     if kind == findings.Outcome.OUTSIDE:
         worst = max(zip(found.joints, found.together, strict=True), key=lambda x: x[1].after.mean())
         where = (findings.Place(STAGE, worst[0].number, 1.0),)
+    # What was considered and is not named, most probable first
+    named = {(c.effect, c.element) for c in causes}
+    rest = [
+        findings.Cause(e, STAGE, j.number, probability=p, before=math.nan)
+        for j in found.joints
+        for e, p in sorted(j.probability.items())
+        if (e, j.number) not in named and e not in j.unseen
+    ]
     return findings.Verdict(
         verdict=kind,
         gap=gap,
         where=where,
         causes=causes,
-        candidates=(*causes, *_others(found, causes)),
+        candidates=(*causes, *sorted(rest, key=lambda c: -c.probability)),
         outside_probability=outside,
         outside_depends_on=depends if outside > LEAST_NAMED else "",
         tree=_tree(found),
@@ -207,18 +224,6 @@ def _confounded(joint: JointFindings, k: int) -> tuple[findings.Blame, ...]:
     tied = np.abs(covariance[k] / (std[k] * std)) > CORRELATED
     others = [e.name for i, e in enumerate(joint.fit.effects) if tied[i] and i != k]
     return tuple(findings.Blame(e, STAGE, joint.number) for e in dict.fromkeys([*instead, *others]))
-
-
-def _others(found: MotionFindings, causes: Sequence[findings.Cause]) -> list[findings.Cause]:
-    """What was considered and is not named, most probable first."""
-    named = {(c.effect, c.element) for c in causes}
-    rest = [
-        findings.Cause(e, STAGE, j.number, probability=p, before=math.nan)
-        for j in found.joints
-        for e, p in sorted(j.probability.items())
-        if (e, j.number) not in named and e not in j.unseen
-    ]
-    return sorted(rest, key=lambda c: -c.probability)
 
 
 def _unseen(found: MotionFindings) -> Iterator[findings.Blame]:
@@ -357,3 +362,30 @@ def _judgement(found: MotionFindings) -> Judgement:
         bound = tuple(f"{name} {joint.number}" for name in joint.fit.at_bound)
         fits.append(Judged(f"the fit of joint {joint.number}", go <= STILL, go, 0.0, bound))
     return Judgement(all(f.converged for f in fits), tuple(fits))
+
+
+def causes_of(
+    mass: MassFindings | None, bodies: Bodies, together: Sequence[LeftOut]
+) -> Iterator[Cause]:
+    """Those that are probable as causes, by what all joints were left out of."""
+    for k, (body, p) in enumerate(bodies):
+        if mass is not None and p >= LEAST_NAMED:
+            pairs = ((judged.without[body.label], judged.after) for judged in together)
+            roots = (np.sqrt(np.concatenate(x).mean()) for x in zip(*pairs, strict=True))
+            without, after = map(float, roots)
+            yield mass.cause(k, p, without, after)
+
+
+def taken(together: Sequence[LeftOut]) -> float:
+    """What masses take of the square of what is left, of all joints [rad^2]."""
+    return sum(float(judged.before.sum() - judged.begun.sum()) for judged in together)
+
+
+def shares(bodies: Bodies, together: Sequence[LeftOut]) -> Iterator[tuple[Off, float]]:
+    """Of that, each body's part: by what is left more without it alone [rad^2]."""
+    more = [
+        max(sum(float((j.without[b.label] - j.after).sum()) for j in together), 0.0)
+        for b, _ in bodies
+    ]
+    for (body, _), own in zip(bodies, more, strict=True):
+        yield body, max(taken(together), 0.0) * own / (sum(more) or 1.0)

@@ -84,7 +84,10 @@ def diagnose_motions(
     names = named_apart([m.name for m in motions])
     motions = [replace(m, name=name) for m, name in zip(motions, names, strict=True)]
     found = diagnose_motion(joined_motions(motions), options, progress=progress)
-    part = _part_of(found.signals, motions)
+    # Which motion each window starts in (W,)
+    groups = [1 if m.group is None else len(np.unique(m.group)) for m in motions]
+    owner = np.repeat(np.arange(len(motions)), groups)
+    part = np.asarray(owner[found.signals.group[found.signals.starts]], dtype=np.int64)
     verdict = replace(
         found.verdict,
         recordings=tuple(_figures(found, part, k, motion) for k, motion in enumerate(motions)),
@@ -149,13 +152,6 @@ def _refuse_other(first: MotionRecording, other: MotionRecording) -> None:
     if not same_joints(*moved):
         found = f"{other.robot.name} with joints placed or turning otherwise"
         raise fault(f"{other.name}, robot", found, f"{first.robot.name} as in {first.name}", mend)
-
-
-def _part_of(signals: Signals, motions: Sequence[MotionRecording]) -> Integers:
-    """Which motion each window starts in (W,)."""
-    groups = [1 if m.group is None else len(np.unique(m.group)) for m in motions]
-    owner = np.repeat(np.arange(len(motions)), groups)
-    return np.asarray(owner[signals.group[signals.starts]], dtype=np.int64)
 
 
 def _figures(

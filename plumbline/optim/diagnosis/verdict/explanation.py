@@ -294,6 +294,11 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
     # about a name, not a gap that is left.
     given = found.given(alt.problem, named)
     among = none if given is None else given[3]
+    # Shares by place of the square that unlisted mechanisms move, in the best state with one
+    lacked = ((state, _unlisted(alt, state)) for _, state in found.states)
+    state, own = next((pair for pair in lacked if pair[1]), ((), []))
+    squares = _moved_at(alt, state, own)
+    total = sum(squares.values())
     return Explanation(
         {key: float(found.marginals[0][k]) for key, k in keys.items()},
         {key: (float(low[k]), float(high[k])) for key, k in keys.items()},
@@ -302,20 +307,11 @@ def _told(alt: Alternatives, found: Sampled) -> Explanation:
         p,
         frozenset(key for key, k in keys.items() if k in named),
         words,
-        _lacked_at(alt, found),
+        {place: square / total for place, square in squares.items() if square > 0.0},
         _moved_at(alt, found.states[0][1] if found.states else ()),
         apart=found.apart,
         conditional=float(among[1]) if len(among) > 1 else 0.0,
     )
-
-
-def _lacked_at(alt: Alternatives, found: Sampled) -> dict[Place, float]:
-    """Shares by place of the square that unlisted mechanisms move, in the best state with one."""
-    lacked = ((state, _unlisted(alt, state)) for _, state in found.states)
-    state, own = next((pair for pair in lacked if pair[1]), ((), []))
-    squares = _moved_at(alt, state, own)
-    total = sum(squares.values())
-    return {place: square / total for place, square in squares.items() if square > 0.0}
 
 
 def _moved_at(

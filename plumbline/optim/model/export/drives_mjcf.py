@@ -100,9 +100,9 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
         return Actuator(gain * scale, bias, lag, late, strongest, **rubs)
     yields = servo.value("servo_stiffness")
     stiffness = kp / (1 + kp * yields) if kp else 1 / yields if yields else inertia * STIFF**2
-    damping = (
-        kd if kp else 2 * _ratio(stiffness, inertia, lag + late) * np.sqrt(stiffness * inertia)
-    )
+    # Share of critical damping: the spring is no later than what was found.
+    ratio = np.clip((lag + late) * np.sqrt(stiffness / inertia) / 2, LEAST_DAMPED, DAMPED)
+    damping = kd if kp else 2 * float(ratio) * np.sqrt(stiffness * inertia)
     inside, s = servo.value("actuation_play", inside=True), servo.value("servo_bandwidth") / TURN
     if s:  # a rotor makes the spring as slow
         rubs["rotor"] = max(s**2 * stiffness - inertia, 0.0)
@@ -118,12 +118,6 @@ def actuator_of(law: Law, servo: Servo, kp: float, kd: float) -> Actuator:
         stiffness * scale, (stiffness * offset, -stiffness, -damping), lag, max(late, 0.0),
         strongest, **rubs | {"friction": rubs["friction"] + stiffness * play},
     )  # fmt: skip
-
-
-def _ratio(stiffness: float, inertia: float, late: float) -> float:
-    """Share of critical damping: the spring is no later than what was found [s]."""
-    own = late * np.sqrt(stiffness / inertia) / 2
-    return float(np.clip(own, LEAST_DAMPED, DAMPED))
 
 
 def commanded(drives: Driven) -> tuple[Robot, dict[int, int]]:

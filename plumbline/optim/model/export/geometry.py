@@ -94,26 +94,22 @@ def _is_fixed(arm: Arm, effect: Effect) -> bool:
 
 def _asked(arm: Arm) -> list[tuple[Array, Array, Array, Array]]:
     """Placements, joint shifts, tool and its turn at rows drawn at random."""
-    state, _ = _state(arm)
+    symbols, n = arm.statement.symbols, arm.chain.n
+    parts = by_effect(arm.effects, [cs.SX(value) for value in arm.values])
+    effects = [(effect, own) for effect, own in parts if acts_on_places(effect)]
+    state = State.ideal(arm.chain, symbols, constant(arm.tool))
+    state = replace(state, R_tip_tool=constant(arm.R_tip_tool))
+    state, _ = closed_chain(state, effects, Transform.identity())
     T = cs.horzcat(*[cs.vertcat(cs.vec(p.R), p.t) for p in state.placements])
-    shift = state.q - arm.statement.symbols["q"]
-    out = cs.vertcat(cs.vec(T), shift, state.tool, cs.vec(state.R_tip_tool))
-    found = _at_random(arm, out)
-    n = arm.chain.n
-    return [_parted(row, n) for row in found]
-
-
-def _parted(row: Array, n: int) -> tuple[Array, Array, Array, Array]:
-    T, rest = by_columns(row[: 12 * (n + 1)].reshape(n + 1, 12)), row[12 * (n + 1) :]
-    return T, rest[:n], rest[n : n + 3], rest[n + 3 :].reshape(3, 3).T
-
-
-def _at_random(arm: Arm, out: cs.SX) -> Array:
-    symbols = arm.statement.symbols
-    row = cs.vertcat(*symbols.values())
+    turned = cs.vec(state.R_tip_tool)
+    out = cs.densify(cs.vertcat(cs.vec(T), state.q - symbols["q"], state.tool, turned))
+    made = cs.Function("asked", [cs.vertcat(*symbols.values())], [out])
     drawn = np.hstack([_drawn(arm, name, symbol.numel()) for name, symbol in symbols.items()])
-    made = cs.Function("asked", [row], [cs.densify(out)])
-    return over_rows(made, drawn)[0][:, 0]
+    found = []
+    for row in over_rows(made, drawn)[0][:, 0]:
+        placed, rest = by_columns(row[: 12 * (n + 1)].reshape(n + 1, 12)), row[12 * (n + 1) :]
+        found.append((placed, rest[:n], rest[n : n + 3], rest[n + 3 :].reshape(3, 3).T))
+    return found
 
 
 def _drawn(arm: Arm, name: str, width: int) -> Array:
@@ -121,14 +117,6 @@ def _drawn(arm: Arm, name: str, width: int) -> Array:
     rng = np.random.default_rng(len(name))
     low, high = arm.ranges.get(name, np.array([[-1.0] * width, [1.0] * width]))
     return rng.uniform(low, high, (ASKED, width))
-
-
-def _state(arm: Arm) -> tuple[State, Transform]:
-    parts = by_effect(arm.effects, [cs.SX(value) for value in arm.values])
-    effects = [(effect, own) for effect, own in parts if acts_on_places(effect)]
-    state = State.ideal(arm.chain, arm.statement.symbols, constant(arm.tool))
-    state = replace(state, R_tip_tool=constant(arm.R_tip_tool))
-    return closed_chain(state, effects, Transform.identity())
 
 
 # An effect of the drives, and the attribute of a joint that is its first parameter.
