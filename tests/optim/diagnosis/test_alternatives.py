@@ -97,7 +97,7 @@ def unlisted_priors(asked):
 
 @pytest.mark.parametrize("unlisted", [0.02, 0.6])
 def test_what_the_library_lacks_has_the_share_that_is_stated(unlisted, place, asked, monkeypatch):
-    monkeypatch.setattr(design, "MOST_FAMILIES", 1)
+    monkeypatch.setattr(design.prior, "MOST_FAMILIES", 1)
     other = alternatives(place.pool, place.chosen, unlisted)
     library = np.exp(place.pool.selection.log_priors)
     ours = np.exp(other.problem.log_priors[: asked.library])
@@ -436,7 +436,7 @@ def test_families_that_go_on_include_the_best(tmp_path, monkeypatch):
     fault = CrossRipple(0.0, 2, 3, order=0.0, mesh=2.0, phase=0.4)
     recording, _ = recorded(with_fault(faultless(rows=60, seed=2), fault), tmp_path)
     selected = searched(recording, [ModelledScale])[0]
-    monkeypatch.setattr(design, "MOST_FAMILIES", 1)
+    monkeypatch.setattr(design.prior, "MOST_FAMILIES", 1)
     found = alternatives(selected.pool, selected.chosen, UNLISTED)
     [only] = [t.family for t in found.problem.candidates if of_none(t)]
     assert only.words == "joint 2's error depends on joint 3's angle"

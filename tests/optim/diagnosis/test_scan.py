@@ -175,7 +175,7 @@ def test_folds_that_see_for_themselves_list_what_has_been_chosen(cls):
 
 
 def test_folds_list_all_strong_orders_of_a_gear_however_short_the_list(monkeypatch):
-    monkeypatch.setattr(shortlists, "MOST_COLUMNS", 12)
+    monkeypatch.setattr(shortlists.prior, "MOST_COLUMNS", 12)
     assert listed_everywhere(tuple(GearRipple(joint=2, order=10.0 * k) for k in range(1, 10)))
 
 

@@ -20,6 +20,7 @@ from scipy.special import gammaln
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.discrepancy.dependence import Dependence, OfAnySize
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
@@ -36,16 +37,6 @@ from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, Part
 from plumbline.optim.diagnosis.posterior.parts import Mechanism, apart
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.prior import (
-    EXTREME,
-    FIRST_SLOT_ODDS,
-    MOST_COMPARED_ROWS,
-    MOST_GROSS_ROWS,
-    NEXT_SLOT_ODDS,
-    PART_OF_UNLISTED,
-    RESEMBLING,
-    USUAL,
-)
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import row_numbers
 
@@ -159,7 +150,7 @@ def alternatives(pool: Pool, chosen: Sequence[SelectedTerm], unlisted: float) ->
     near = list(resembling(listed, found, recording, ports, design.visible, without))
     if near:
         own = np.array([f.log_prior for f in near])
-        shares = np.concatenate([shares + np.log1p(-RESEMBLING), own])
+        shares = np.concatenate([shares + np.log1p(-prior.RESEMBLING), own])
         found += near
     gross = ports.own_shifts(parts := 2 if recording.kind.oriented else 1)
     kept = design.worth_trying(found, shares, pool, chosen, gross)
@@ -255,7 +246,7 @@ def _parts(design: FamilyDesign, ports: Ports, names: Names) -> Parts:
         moved = np.concatenate([ports.at(*places[p]) for p in sorted(where)])
         return design.beyond(moved).with_more([])[0]
 
-    return Parts(PART_OF_UNLISTED, apart(mechanisms), beyond)
+    return Parts(prior.PART_OF_UNLISTED, apart(mechanisms), beyond)
 
 
 def _labels(terms: Sequence[AnyTerm]) -> tuple[Names, NDArray[np.intp]]:
@@ -280,7 +271,7 @@ def _design(
 ) -> FamilyDesign:
     """The columns, in units of each component's noise."""
     shared = Linear.about(pool.shared, pool.x, pool.model.problem.scale)
-    slot = float(np.log(NEXT_SLOT_ODDS if chosen else FIRST_SLOT_ODDS))
+    slot = float(np.log(prior.NEXT_SLOT_ODDS if chosen else prior.FIRST_SLOT_ODDS))
 
     def unlisted(spread: Array) -> float:
         one = FamilyDesign.of(ports, spread, shared, pool, rows)
@@ -322,16 +313,16 @@ def rows_compared(pool: Pool) -> NDArray[np.intp]:
     problem = pool.model.problem
     count = len(pool.model.recording)
     rows = np.arange(count)
-    if count > MOST_COMPARED_ROWS:
-        rows = np.linspace(0, count - 1, MOST_COMPARED_ROWS).astype(np.intp)
+    if count > prior.MOST_COMPARED_ROWS:
+        rows = np.linspace(0, count - 1, prior.MOST_COMPARED_ROWS).astype(np.intp)
     gross = problem.weights[rows] == 0
     if not gross.any():
         return rows
-    if gross.sum() > MOST_GROSS_ROWS or gross.all():
+    if gross.sum() > prior.MOST_GROSS_ROWS or gross.all():
         return rows[~gross]
     missed = np.linalg.norm(Mapped(problem).residuals(pool.x)[rows], axis=1)
     usual = float(np.sqrt(np.mean(missed[~gross] ** 2)))
-    return rows[~gross | (missed <= EXTREME * usual)]
+    return rows[~gross | (missed <= prior.EXTREME * usual)]
 
 
 def _shared_shift(R_base_tip: Array, ports: Ports) -> list[Dependence]:
@@ -344,7 +335,7 @@ def _shared_shift(R_base_tip: Array, ports: Ports) -> list[Dependence]:
         return []
     # In the device's frame the shift is turned as the base's own translation is.
     turned = np.einsum("nkj,knm->jnm", R_base_tip, ports.body[:3])
-    columns = USUAL * np.where(ports.gross[:, None], turned, 0.0)
+    columns = prior.USUAL * np.where(ports.gross[:, None], turned, 0.0)
     ways = gammaln(of + 1) - gammaln(count + 1) - gammaln(of - count + 1)
     listed = ", ".join(map(str, row_numbers(ports.gross)))
     words = f"rows {listed}: one shift of the tool explains them"

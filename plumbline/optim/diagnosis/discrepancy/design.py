@@ -12,27 +12,16 @@ from numpy.typing import NDArray
 from plumbline.optim.core.constants import CHUNK_NUMBERS
 from plumbline.optim.core.problem import Array
 from plumbline.optim.core.side_by_side import side_by_side
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.constants import JITTER
 from plumbline.optim.diagnosis.discrepancy.dependence import Dependence
-from plumbline.optim.diagnosis.linearise.linear import (
-    Columns,
-    Linear,
-    flat_prior,
-    orthonormal,
-    solved,
-)
+from plumbline.optim.diagnosis.linearise import linear
 from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.agreement import agreement
 from plumbline.optim.diagnosis.posterior.correlation import Left
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior, Term, block_evidence
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
-from plumbline.optim.diagnosis.prior import (
-    LOG_SCALE_WEIGHTS,
-    MANY_CAUSES,
-    MOST_FAMILIES,
-    SAME_FORM,
-)
 from plumbline.optim.measurement.correlated import Whitening
 
 
@@ -56,7 +45,7 @@ class FamilyDesign:
     base: Array
     target: Array
     spread: Array
-    shared: Linear
+    shared: linear.Linear
     always: int
     live: NDArray[np.bool_]
     plain: Array
@@ -66,7 +55,7 @@ class FamilyDesign:
 
     @classmethod
     def of(
-        cls, ports: Ports, spread: Array, shared: Linear, pool: Pool, rows: NDArray[np.intp]
+        cls, ports: Ports, spread: Array, shared: linear.Linear, pool: Pool, rows: NDArray[np.intp]
     ) -> Self:
         """About a fit, on some of a recording's rows."""
         divided = ports.divided(spread)
@@ -112,7 +101,7 @@ class FamilyDesign:
     @cached_property
     def _nuisances(self) -> Array:
         """An orthonormal basis (E, r) of what the nuisances span."""
-        return orthonormal(self.base[: self.always].T)
+        return linear.orthonormal(self.base[: self.always].T)
 
     def _seen(self, block: Array) -> Array:
         """Columns (k, E) of a block (k, N, m) without what the nuisances take up."""
@@ -128,8 +117,8 @@ class FamilyDesign:
 
         Any of some (s, N, m), up to what nuisances take up.
         """
-        beside, others = orthonormal(self._seen(own).T), self._seen(ones)
-        least = SAME_FORM * np.linalg.norm(others, axis=1)
+        beside, others = linear.orthonormal(self._seen(own).T), self._seen(ones)
+        least = prior.SAME_FORM * np.linalg.norm(others, axis=1)
 
         def rest(columns: Array) -> Array:
             return np.asarray(columns - (columns @ beside) @ beside.T)
@@ -169,11 +158,11 @@ class FamilyDesign:
         A = self.columns(more)[columns]
         G = A @ A.T
         flat = np.full(self.always, JITTER * max(float(np.diag(G).max(initial=0.0)), 1e-300))
-        z = solved(G + np.diag(np.concatenate([flat, precision])), A @ self.target)
+        z = linear.solved(G + np.diag(np.concatenate([flat, precision])), A @ self.target)
         plain = np.concatenate([self.plain, *(block / self.spread for block in more)])[columns]
         rows = np.asarray(self.measured - np.einsum("pnm,p->nm", plain, z))
         free = plain[: self.always].reshape(self.always, rows.size)
-        free = orthonormal(free.T).T if len(free) else free
+        free = linear.orthonormal(free.T).T if len(free) else free
         taken = np.concatenate([free.reshape(-1, *rows.shape), plain[self.always :]])
         flat = np.zeros(len(free))
         ended = np.concatenate([flat, z[self.always :]])
@@ -194,7 +183,7 @@ class FamilyDesign:
         A = self.columns(more)[columns].reshape(len(columns), *left.shape)
         return agreement(A, self.white(left[None])[0], blocks, float(self.live.sum()))
 
-    def with_more(self, more: Sequence[Array]) -> tuple[Linear, list[Columns]]:
+    def with_more(self, more: Sequence[Array]) -> tuple[linear.Linear, list[linear.Columns]]:
         """The linear problem without nuisances, with blocks (k, N, m) of columns behind its own."""
         A = self.columns(more)
         G, b = A @ A.T, A @ self.target
@@ -203,15 +192,15 @@ class FamilyDesign:
         b[:P] += self.shared.b
         tt = float(self.target @ self.target) + self.shared.tt
         count = self.white.count(self.live) - self.gone + self.shared.n
-        whole = Linear(G, b, tt, count)
+        whole = linear.Linear(G, b, tt, count)
         sizes = np.cumsum([P, *(len(block) for block in more)])
         columns = [np.arange(a, z) - self.always for a, z in pairwise(sizes.tolist())]
         kept = np.arange(self.always, len(A))
         if self.always:
-            whole = whole.without(np.arange(self.always), flat_prior(whole, self.always))
+            whole = whole.without(np.arange(self.always), linear.flat_prior(whole, self.always))
         return whole.only(kept), columns
 
-    def with_listed(self, more: Sequence[Array]) -> tuple[Self, list[Columns]]:
+    def with_listed(self, more: Sequence[Array]) -> tuple[Self, list[linear.Columns]]:
         """With blocks (k, N, m) of the library's columns behind its own, and which these are."""
         base = self.columns(more)
         sizes = np.cumsum([len(self.base), *(len(block) for block in more)])
@@ -235,7 +224,7 @@ class FamilyDesign:
         """
         log = self._conditional(found, pool, looks(pool, chosen), gross) + shares
         best = np.max(log - np.logaddexp.reduce(log, axis=1, keepdims=True), axis=0)
-        return np.sort(np.argsort(-best, kind="stable")[:MOST_FAMILIES])
+        return np.sort(np.argsort(-best, kind="stable")[: prior.MOST_FAMILIES])
 
     def most(
         self, found: Sequence[Dependence], shares: Array, pool: Pool, state: Sequence[SelectedTerm]
@@ -255,7 +244,7 @@ class FamilyDesign:
         if gross is not None and len(gross):
             own.append(self._flat(gross.reshape(-1, *self.live.shape)))
         for state, rows in product(states, own):
-            basis = orthonormal(np.concatenate([self.base[pool.columns(state)], rows]).T)
+            basis = linear.orthonormal(np.concatenate([self.base[pool.columns(state)], rows]).T)
             left = self.target - basis @ (basis.T @ self.target)
             given.append((basis, left, self.white.count(self.live) - float(basis.shape[1])))
 
@@ -292,13 +281,13 @@ def _evidence(
     seen = (C.reshape(-1, C.shape[2]) @ basis).reshape(*C.shape[:2], -1)
     blocks = squares - seen @ seen.transpose(0, 2, 1)
     by_scale = block_evidence(blocks, C @ left, float(left @ left), n, noise)
-    return np.asarray(np.logaddexp.reduce(by_scale + LOG_SCALE_WEIGHTS, axis=1))
+    return np.asarray(np.logaddexp.reduce(by_scale + prior.LOG_SCALE_WEIGHTS, axis=1))
 
 
 def looks(pool: Pool, chosen: Sequence[SelectedTerm]) -> list[list[SelectedTerm]]:
     """States given which families are tried: the causes, none, and all causes but one."""
     keys = dict.fromkeys(pool.candidates[c.index].key for c in chosen)
     found = [list(chosen), []]
-    if 1 < len(keys) <= MANY_CAUSES:
+    if 1 < len(keys) <= prior.MANY_CAUSES:
         found += [[c for c in chosen if pool.candidates[c.index].key != key] for key in keys]
     return found

@@ -22,6 +22,7 @@ from plumbline.kinematics.effects.gear_ripple import GearRipple
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.constants import UNMOVED, VARIANTS_SEEN
 from plumbline.optim.diagnosis.discrepancy.dependence import ANY, Dependence, leading
 from plumbline.optim.diagnosis.discrepancy.functions import (
@@ -38,13 +39,6 @@ from plumbline.optim.diagnosis.linearise.ports import Ports
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.prior import (
-    DEVIATIONS,
-    MANY_CAUSES,
-    MOST_RESEMBLED,
-    RESEMBLING,
-    WARMTH,
-)
 from plumbline.optim.recording.recording import Recording
 
 # Families of many forms, which stand on their own, and shifts of single rows.
@@ -101,12 +95,12 @@ def resembling(
         found = [(on, d / ratio, log) for on, d, log, ratio in sized if ratio > UNMOVED]
         # Forms share; those that the data have chosen bear the price of that choice.
         ways = float(np.logaddexp.reduce([log for *_, log in found])) if found else 0.0
-        ways += float(np.log(len(DEVIATIONS) / RESEMBLING))
+        ways += float(np.log(len(prior.DEVIATIONS) / prior.RESEMBLING))
         for seen, deviation, log in found:
             on = seen if _is_constant(effect) else effect.depends_on
             words, share = _words(*place, on, effect.name), candidate.log_prior + log - ways
             limits = (*candidate.limits, *[ANY] * len(deviation))
-            for r in DEVIATIONS:
+            for r in prior.DEVIATIONS:
                 columns = np.concatenate([own, r * deviation])
                 yield Dependence(words, on, *place, columns, share, limits)
 
@@ -133,15 +127,16 @@ def resembled(pool: Pool, looks: Sequence[Sequence[SelectedTerm]]) -> list[Candi
     """
     selection, chosen = pool.selection, looks[0]
     forms = {pool.candidates[c.index].key: c.index for c in reversed(chosen)}
-    many = len(forms) > MANY_CAUSES
+    many = len(forms) > prior.MANY_CAUSES
     found = dict.fromkeys(reversed(forms.values()) if many else (c.index for c in chosen))
     for state in looks:
         log_odds, _ = selection.odds(selection.reduce(state))
         keys: dict[Key, int] = {}
-        for i in np.argsort(-log_odds, kind="stable")[: VARIANTS_SEEN * MOST_RESEMBLED].tolist():
+        likeliest = np.argsort(-log_odds, kind="stable").tolist()
+        for i in likeliest[: VARIANTS_SEEN * prior.MOST_RESEMBLED]:
             if np.isfinite(log_odds[i]):
                 keys.setdefault(pool.candidates[i].key, i)
-        found.update(dict.fromkeys(list(keys.values())[:MOST_RESEMBLED]))
+        found.update(dict.fromkeys(list(keys.values())[: prior.MOST_RESEMBLED]))
     return [pool.candidates[i] for i in found]
 
 
@@ -187,9 +182,9 @@ def _seen(recording: Recording, load: Array, effect: Effect) -> Iterator[tuple[s
         place = recording.chain.placement(recording.q)[:, :3, 3]
         yield "place", polynomials(normal(place), 2)
     if recording.time is not None and np.ptp(recording.time) > 0:
-        yield "time", cosines(recording.time, WARMTH)
+        yield "time", cosines(recording.time, prior.WARMTH)
     if recording.temperature is not None and np.ptp(recording.temperature) > 0:
-        yield "temperature", cosines(recording.temperature, WARMTH)
+        yield "temperature", cosines(recording.temperature, prior.WARMTH)
 
 
 def _unit(functions: Array) -> Array:

@@ -11,16 +11,7 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.constants import UNMOVED
-from plumbline.optim.diagnosis.discrepancy.functions import (
-    as_angles,
-    cosines,
-    nearness,
-    normal,
-    plays,
-    polynomials,
-    steps,
-    turns,
-)
+from plumbline.optim.diagnosis.discrepancy import functions
 from plumbline.optim.diagnosis.prior import FORMS, MANY_ROWS, REACHES, TURNS, WARMTH
 from plumbline.optim.recording.constants import GAP_IN_TIME
 from plumbline.optim.recording.efforts import nominal_efforts
@@ -46,20 +37,23 @@ def _of_own(
 ) -> Iterator[tuple[str, str, list[Array]]]:
     """What the joint itself does, what it carries, and when."""
     assert recording.acceleration is not None
-    q = as_angles(recording)[:, j]
+    q = functions.as_angles(recording)[:, j]
     path, place = _thinned_path(recording)
-    around = [turns(q, TURNS, constant=False), *(nearness(q, reach) for reach in REACHES)]
+    around = [
+        functions.turns(q, TURNS, constant=False),
+        *(functions.nearness(q, reach) for reach in REACHES),
+    ]
     yield "own angle", "its angle", around
     yield "velocity", "its speed", [_of_speed(recording, j)]
-    yield "acceleration", "its acceleration", [cosines(recording.acceleration[:, j], 4)]
-    yield "load", "its load", [cosines(load, 4)]
-    yield "direction", "the way it came", [plays(path[:, j])[:, place]]
+    yield "acceleration", "its acceleration", [functions.cosines(recording.acceleration[:, j], 4)]
+    yield "load", "its load", [functions.cosines(load, 4)]
+    yield "direction", "the way it came", [functions.plays(path[:, j])[:, place]]
     yield "latency", "how its load changes", [change[None]]
     if recording.time is not None:
-        slow = [cosines(recording.time, FORMS), steps(recording.time, FORMS)]
+        slow = [functions.cosines(recording.time, FORMS), functions.steps(recording.time, FORMS)]
         yield "time", "time", [np.concatenate(slow)]
     if recording.temperature is not None:
-        yield "temperature", "temperature", [cosines(recording.temperature, WARMTH)]
+        yield "temperature", "temperature", [functions.cosines(recording.temperature, WARMTH)]
 
 
 def _of_others(recording: Recording, load: Array, j: int) -> Iterator[tuple[str, str, list[Array]]]:
@@ -70,7 +64,7 @@ def _of_others(recording: Recording, load: Array, j: int) -> Iterator[tuple[str,
     others = [k for k in range(recording.chain.n) if k != j]
     if not others:
         return
-    angles = normal(recording.q[:, others]).T
+    angles = functions.normal(recording.q[:, others]).T
     yield "posture", "the other joints' angles", [np.concatenate([np.sin(angles), np.cos(angles)])]
     turning, speed = (_sized(x) for x in (recording.turning, recording.velocity))
     moved = [np.stack([turning[k], speed[k]]) for k in others]
@@ -90,9 +84,9 @@ def seen_by_drives(recording: Recording, joint: int) -> Iterator[tuple[str, Arra
     assert recording.velocity is not None
     j = joint - 1
     speed = np.abs(recording.velocity[:, j])
-    yield "own angle", turns(as_angles(recording)[:, j], 2, constant=False)
-    yield "load", polynomials(normal(nominal_efforts(recording)[:, [j]]), 2)
-    yield "velocity", polynomials(normal(speed[:, None]), 2)
+    yield "own angle", functions.turns(functions.as_angles(recording)[:, j], 2, constant=False)
+    yield "load", functions.polynomials(functions.normal(nominal_efforts(recording)[:, [j]]), 2)
+    yield "velocity", functions.polynomials(functions.normal(speed[:, None]), 2)
 
 
 def _changes(recording: Recording) -> Array:

@@ -28,16 +28,8 @@ from scipy.special import log_ndtr, ndtri
 
 from plumbline.kinematics.effects import Effect
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
-from plumbline.optim.diagnosis.prior import (
-    FINEST,
-    KNOWN_NOISE_FREEDOM,
-    LOG_SCALE_WEIGHTS,
-    ROUNDING,
-    SCALES,
-    SETTLED_WITHIN,
-    VARIANCE_ROUNDS,
-)
 
 ALL = -float(ndtri(np.finfo(float).eps))  # standard deviations within which, to rounding, all is
 
@@ -52,12 +44,12 @@ class NoisePrior:
     @classmethod
     def of(cls, noise_std: float | None) -> Self:
         """A stated noise is believed as one of so many readings is."""
-        return cls(noise_std, KNOWN_NOISE_FREEDOM) if noise_std else cls()
+        return cls(noise_std, prior.KNOWN_NOISE_FREEDOM) if noise_std else cls()
 
     @property
     def least(self) -> float:
         """The least standard deviation that is believed of a fit."""
-        return ROUNDING if self.sigma else FINEST
+        return prior.ROUNDING if self.sigma else prior.FINEST
 
     def variance(self, square: float | Array, n: float) -> float | Array:
         """Noise variance after a fit with this residual sum of squares."""
@@ -68,7 +60,7 @@ class NoisePrior:
         self,
         left: Callable[[Array], tuple[float | Array, float]],
         start: float | Array,
-        ratio: float = 1.0 - SETTLED_WITHIN,
+        ratio: float = 1.0 - prior.SETTLED_WITHIN,
     ) -> Array:
         """Noise variance after a fit whose priors are weighed by it, from a guess.
 
@@ -78,7 +70,7 @@ class NoisePrior:
             ratio: Of two rounds' variances, from which on they have settled.
         """
         variance = np.asarray(start)
-        for _ in range(VARIANCE_ROUNDS):
+        for _ in range(prior.VARIANCE_ROUNDS):
             before, variance = variance, np.asarray(self.variance(*left(variance)))
             if np.all((variance >= ratio * before) & (before >= ratio * variance)):
                 break
@@ -109,7 +101,7 @@ class Candidate:
     @property
     def widths(self) -> Array:
         """Widths of its prior that are tried, over its scales (S,): one alone if it is known."""
-        return np.ones_like(SCALES) if self.effect.plain else SCALES
+        return np.ones_like(prior.SCALES) if self.effect.plain else prior.SCALES
 
 
 class Term(Protocol):
@@ -206,7 +198,9 @@ def scan(reduced: Scannable, gathered: Sequence[Batch], noise: NoisePrior, count
         asked = [(blocks, reduced.b[batch.columns], batch.limits)
                  for batch, blocks in zip(gathered, reduced.blocks, strict=True)]  # fmt: skip
         widths = np.concatenate([batch.widths for batch in gathered])
-        by_scale = evidence_of_all(asked, reduced.tt, reduced.n, noise, widths) + LOG_SCALE_WEIGHTS
+        by_scale = (
+            evidence_of_all(asked, reduced.tt, reduced.n, noise, widths) + prior.LOG_SCALE_WEIGHTS
+        )
         members = np.concatenate([batch.members for batch in gathered])
         top = by_scale.max(axis=1)
         log_bayes[members] = top + np.log(np.exp(by_scale - top[:, None]).sum(axis=1))
@@ -221,7 +215,7 @@ def block_evidence(
     n: float,
     noise: NoisePrior,
     limits: Array | None = None,
-    widths: Array = SCALES,
+    widths: Array = prior.SCALES,
 ) -> Array:
     """Log Bayes factors (C, S) of candidates of as many columns at every width that is tried.
 
@@ -242,7 +236,7 @@ def evidence_of_all(
     tt: float,
     n: float,
     noise: NoisePrior,
-    widths: Array = SCALES,
+    widths: Array = prior.SCALES,
 ) -> Array:
     """The same of several batches (blocks, correlations, limits), one behind the other (C, S).
 

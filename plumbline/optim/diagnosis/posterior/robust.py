@@ -22,18 +22,9 @@ from scipy.special import betaln, chdtri, gammaincinv, logit, logsumexp
 from plumbline.optim.core.judged import Solution
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.problem import Array, Indices
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.linearise.linear import Linear, cholesky, flat_prior
 from plumbline.optim.diagnosis.posterior.pool import Pool
-from plumbline.optim.diagnosis.prior import (
-    ALARM,
-    ANISOTROPY,
-    FEWEST_BETWEEN,
-    GROSS_KEPT_BACK,
-    LEVER_CHANGE,
-    MOST_GROSS_SHARE,
-    PLACES,
-    ROUNDS,
-)
 from plumbline.optim.measurement.correlated import postures
 from plumbline.optim.measurement.observation import rotation_lever
 from plumbline.optim.recording.recording import Recording
@@ -47,12 +38,12 @@ def distrusted_rows(pool: Pool) -> NDArray[np.bool_]:
     rows = len(pool.model.recording)
     bad = np.zeros(rows, dtype=bool)
     sigma2, freedom = _first_guess(pool), pool.model.problem.freedom
-    for _ in range(ROUNDS):
+    for _ in range(prior.ROUNDS):
         statistic = _deletion_statistics(pool, bad, sigma2)
         scale = _size(statistic, freedom, ~bad)
-        limit = ANISOTROPY * chdtri(freedom, ALARM / rows)
+        limit = prior.ANISOTROPY * chdtri(freedom, prior.ALARM / rows)
         found = statistic > limit * scale
-        if not found.any() or found.sum() > MOST_GROSS_SHARE * rows:
+        if not found.any() or found.sum() > prior.MOST_GROSS_SHARE * rows:
             break
         if (found | bad).sum() == bad.sum():
             break
@@ -75,7 +66,7 @@ def follows_something(found: NDArray[np.bool_], recording: Recording) -> NDArray
     """
     follows = np.zeros(len(found), dtype=bool)
     columns = _recorded(recording)
-    while (found & ~follows).sum() >= FEWEST_BETWEEN:
+    while (found & ~follows).sum() >= prior.FEWEST_BETWEEN:
         more = _in_a_range(found[~follows], [values[~follows] for values in columns])
         if not more.any():
             break
@@ -88,7 +79,7 @@ def _in_a_range(found: NDArray[np.bool_], columns: Sequence[Array]) -> NDArray[n
     k, N = float(found.sum()), float(len(found))
     logs, within = [], []
     for values in columns:
-        shares = np.linspace(0.0, 1.0, PLACES + 1)
+        shares = np.linspace(0.0, 1.0, prior.PLACES + 1)
         edges = np.unique(np.quantile(values, shares, method="nearest"))
         above = values >= edges[:, None]
         low, high = np.triu_indices(len(edges) + 1, 1)
@@ -100,7 +91,7 @@ def _in_a_range(found: NDArray[np.bool_], columns: Sequence[Array]) -> NDArray[n
         logs.append(float(logsumexp(log) - np.log(len(log))))
         upper = np.append(edges, np.inf)[high[best]]
         within.append((values >= edges[low[best]]) & (values < upper))
-    odds = float(logsumexp(logs)) - np.log(len(logs)) + logit(ALARM)
+    odds = float(logsumexp(logs)) - np.log(len(logs)) + logit(prior.ALARM)
     return found & within[int(np.argmax(logs))] & (odds > 0.0)
 
 
@@ -126,8 +117,8 @@ def distrusted_by_fit(residuals: Array) -> NDArray[np.bool_]:
     rows, m = residuals.shape
     square = (residuals**2).sum(axis=1)
     scale = np.median(square) / _typical(m)
-    bad = square > ANISOTROPY * chdtri(m, ALARM / rows) * scale
-    return bad if bad.sum() <= MOST_GROSS_SHARE * rows else np.zeros(rows, dtype=bool)
+    bad = square > prior.ANISOTROPY * chdtri(m, prior.ALARM / rows) * scale
+    return bad if bad.sum() <= prior.MOST_GROSS_SHARE * rows else np.zeros(rows, dtype=bool)
 
 
 def far_off(residuals: Array) -> NDArray[np.bool_]:
@@ -136,7 +127,9 @@ def far_off(residuals: Array) -> NDArray[np.bool_]:
     What is missed by less may be what the causes cannot foretell, which the gap has to show.
     """
     missed = np.linalg.norm(residuals, axis=1)
-    return distrusted_by_fit(residuals) & (missed > GROSS_KEPT_BACK * float(np.median(missed)))
+    return distrusted_by_fit(residuals) & (
+        missed > prior.GROSS_KEPT_BACK * float(np.median(missed))
+    )
 
 
 def distrusted_given(solution: Solution, sigma: float, recording: Recording) -> NDArray[np.bool_]:
@@ -158,8 +151,8 @@ def distrusted_given(solution: Solution, sigma: float, recording: Recording) -> 
         turned = np.einsum("nji,nj->ni", vectors, r)
         found[part] = (turned**2 / np.maximum(values, 1e-3)).sum(axis=1)
     scale = max(_size(found, freedom, weights > 0), sigma**2)
-    bad = found > ANISOTROPY * chdtri(freedom, ALARM / rows) * scale
-    if bad.sum() > MOST_GROSS_SHARE * rows:
+    bad = found > prior.ANISOTROPY * chdtri(freedom, prior.ALARM / rows) * scale
+    if bad.sum() > prior.MOST_GROSS_SHARE * rows:
         return weights == 0
     return bad & ~follows_something(bad, recording)
 
@@ -182,7 +175,7 @@ def noise_lever(solution: Solution, recording: Recording) -> float:
     """Ratio of the noises of position and rotation that a fit of poses has left [m]."""
     r = solution.mapped.residuals(solution.x)[solution.problem.weights > 0]
     spread = np.median(np.abs(r[:, :3])) / max(float(np.median(np.abs(r[:, 3:]))), 1e-300)
-    return rotation_lever(recording) * float(np.clip(spread, *LEVER_CHANGE))
+    return rotation_lever(recording) * float(np.clip(spread, *prior.LEVER_CHANGE))
 
 
 def _first_guess(pool: Pool) -> float:

@@ -20,15 +20,10 @@ from plumbline.optim.core.progress import Progress
 from plumbline.optim.core.solvers import LevenbergMarquardt, Solver
 from plumbline.optim.diagnosis.constants import LISTED
 from plumbline.optim.diagnosis.linearise.linear import Linear
+from plumbline.optim.diagnosis.posterior import robust
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import Pool, make_pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.robust import (
-    distrusted_by_fit,
-    distrusted_given,
-    distrusted_rows,
-    lone_rows,
-)
 from plumbline.optim.diagnosis.posterior.selection import SelectionProblem, select
 from plumbline.optim.diagnosis.prior import FEWEST_BETWEEN, MANY_ROWS, ROUNDS, WIDE_PRIOR
 from plumbline.optim.measurement.correlated import trust
@@ -129,7 +124,7 @@ def find_causes(
     selected, _ = _from_nothing(part, tell, 2, nothing_yet, looks=0)
     tell("searching all rows", 0.4)
     _, resumed = on_all_rows(selected, task.recording, trust(task.recording))
-    bad = distrusted_by_fit(resumed.mapped.residuals(resumed.x))
+    bad = robust.distrusted_by_fit(resumed.mapped.residuals(resumed.x))
     brief = replace(task, solver=BRIEF)
     return search(brief, bad, rounds=1, guess=selected), bad
 
@@ -145,13 +140,13 @@ def _from_nothing(
     pool, bad = None, known
     if bad is None:
         pool = _about_nothing(task)
-        bad = distrusted_rows(pool) & ~lone_rows(task.recording)
+        bad = robust.distrusted_rows(pool) & ~robust.lone_rows(task.recording)
     tell("searching for causes", 0.15)
     selected = search(task, bad, rounds, pool)
     for _ in range(looks):
-        again = distrusted_given(selected.best, task.noise.sigma, task.recording)
+        again = robust.distrusted_given(selected.best, task.noise.sigma, task.recording)
         again |= _rows_by_steps(task, selected, bad)
-        again &= ~lone_rows(task.recording)
+        again &= ~robust.lone_rows(task.recording)
         if (again == bad).all():
             break
         bad = again
@@ -178,7 +173,7 @@ def _rows_by_steps(
             task.recording, [*task.fixed, *kept], selected.model.nuisance,
             trust(task.recording, bad), task.refitting, given, ridge,
         )  # fmt: skip
-        missed = distrusted_given(rest, task.noise.sigma, task.recording)
+        missed = robust.distrusted_given(rest, task.noise.sigma, task.recording)
         if missed.sum() < FEWEST_BETWEEN:
             found |= missed
     return found

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.findings import Key
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import (
@@ -27,14 +28,6 @@ from plumbline.optim.diagnosis.posterior.slots import (
     climbed,
     extended,
     numbers_of,
-)
-from plumbline.optim.diagnosis.prior import (
-    BETTER,
-    FEW_VARIANTS,
-    FIRST_SLOT_ODDS,
-    MANY_SLOTS,
-    NEXT_SLOT_ODDS,
-    ROUNDS,
 )
 
 
@@ -78,7 +71,7 @@ class SelectionProblem(TermProblem):
 
     def log_slot(self, filled: int) -> float:
         """Log odds that one slot more is filled: one cause more is rare."""
-        return float(np.log(NEXT_SLOT_ODDS if filled else FIRST_SLOT_ODDS))
+        return float(np.log(prior.NEXT_SLOT_ODDS if filled else prior.FIRST_SLOT_ODDS))
 
 
 def select(
@@ -92,17 +85,17 @@ def select(
         before: What was chosen about an earlier fit: the path from nothing may miss it.
     """
     chosen = extended(selection, [])
-    if thorough and len(chosen) <= MANY_SLOTS:
+    if thorough and len(chosen) <= prior.MANY_SLOTS:
         chosen = _better_pair(selection, chosen, [])
-    elif before and len(chosen) <= MANY_SLOTS:
+    elif before and len(chosen) <= prior.MANY_SLOTS:
         chosen = _better_of(selection, chosen, extended(selection, before))
-    if not thorough and len(chosen) > MANY_SLOTS:
+    if not thorough and len(chosen) > prior.MANY_SLOTS:
         return chosen
-    if len(chosen) > MANY_SLOTS:
+    if len(chosen) > prior.MANY_SLOTS:
         return climbed(selection, chosen, 1)
-    found = climbed(selection, chosen, ROUNDS)
+    found = climbed(selection, chosen, prior.ROUNDS)
     again = _pairs_again(selection, found)
-    return found if again is found else climbed(selection, again, ROUNDS)
+    return found if again is found else climbed(selection, again, prior.ROUNDS)
 
 
 def _pairs_again(selection: SelectionProblem, chosen: list[SelectedTerm]) -> list[SelectedTerm]:
@@ -134,12 +127,12 @@ def _better_pair(
     best, pair = added_evidence(selection, rest, own[:2]), None
     asked = np.where(alike, singles, -np.inf)
     few = np.flatnonzero(np.isfinite(asked)).tolist()
-    for i in few if len(few) <= FEW_VARIANTS else _best_variants(selection, asked):
+    for i in few if len(few) <= prior.FEW_VARIANTS else _best_variants(selection, asked):
         # Alone it may seem tiny; with its partner it may have its usual size.
         first = SelectedTerm(i, max(float(scores.scale[i]), 1.0))
         seconds, found = selection.odds(selection.reduce([*rest, first]))
         j = int(np.argmax(seconds))
-        if singles[i] + seconds[j] > best + BETTER:
+        if singles[i] + seconds[j] > best + prior.BETTER:
             best = float(singles[i] + seconds[j])
             pair = [first, SelectedTerm(j, float(found.scale[j]))]
     if pair is None:
@@ -150,7 +143,9 @@ def _better_pair(
 def _better_of(
     selection: SelectionProblem, chosen: list[SelectedTerm], other: list[SelectedTerm]
 ) -> list[SelectedTerm]:
-    better = added_evidence(selection, [], other) > added_evidence(selection, [], chosen) + BETTER
+    better = (
+        added_evidence(selection, [], other) > added_evidence(selection, [], chosen) + prior.BETTER
+    )
     return other if better else chosen
 
 

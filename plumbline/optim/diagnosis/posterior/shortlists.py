@@ -11,16 +11,10 @@ from numpy.typing import NDArray
 
 from plumbline.kinematics.effects import Effect, Stage
 from plumbline.optim.core.problem import Array
+from plumbline.optim.diagnosis import prior
 from plumbline.optim.diagnosis.linearise.linear import Columns, Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.scan import Family, Given, families
-from plumbline.optim.diagnosis.prior import (
-    LEAST_SHORTLIST,
-    MANY_CAUSES,
-    MOST_COLUMNS,
-    MOST_REFINED,
-    NO_EVIDENCE,
-)
 from plumbline.optim.measurement.observation import MeasurementModel
 from plumbline.optim.measurement.refit import scope_for
 from plumbline.optim.recording.recording import Recording
@@ -34,10 +28,10 @@ def nearby(chosen: Sequence[Effect], recording: Recording) -> dict[Effect, list[
     Of many causes none that stands for two: their chains fill one place after another, and
     exchange no two orders for one with its overtone.
     """
-    dense = [e for e in chosen if e.scanned][:MOST_REFINED]
+    dense = [e for e in chosen if e.scanned][: prior.MOST_REFINED]
     asked = [e for e in chosen if e in dense or not e.scanned]
     near = {e: list(e.neighbours(scope_for(e, recording))) for e in asked}
-    if len({(e.name, e.element) for e in chosen}) > MANY_CAUSES:
+    if len({(e.name, e.element) for e in chosen}) > prior.MANY_CAUSES:
         for e in dense:
             near[e] = [v for v in near[e] if len(v.parameters) <= len(e.parameters)]
     return near
@@ -110,19 +104,20 @@ def _with_finer(
 
 def _best(family: Family, score: Array, barred: Sequence[Effect]) -> list[Effect]:
     """The few best variants, and as many more as are worth a place; none of those barred."""
-    most = max(MOST_COLUMNS // len(family.effects[0].parameters), LEAST_SHORTLIST)
+    most = max(prior.MOST_COLUMNS // len(family.effects[0].parameters), prior.LEAST_SHORTLIST)
     order = np.argsort(-score, kind="stable")[:most].tolist()
     return [
         family.effects[v]
         for rank, v in enumerate(order)
-        if (rank < LEAST_SHORTLIST or score[v] > NO_EVIDENCE) and family.effects[v] not in barred
+        if (rank < prior.LEAST_SHORTLIST or score[v] > prior.NO_EVIDENCE)
+        and family.effects[v] not in barred
     ]
 
 
 def _plain(own: Mapping[Effect, Columns], given: Given, noise: NoisePrior) -> list[Effect]:
     """Chosen variants that some folds plainly show given all else; never asked of a bump."""
     asked = (effect for effect in own if effect.port not in STEP_STAGES)
-    return [effect for effect in asked if given.shows(own[effect], noise) > NO_EVIDENCE]
+    return [effect for effect in asked if given.shows(own[effect], noise) > prior.NO_EVIDENCE]
 
 
 def _own_columns(

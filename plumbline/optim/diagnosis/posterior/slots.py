@@ -26,15 +26,7 @@ from numpy.typing import NDArray
 
 from plumbline.optim.core.problem import Array
 from plumbline.optim.diagnosis.linearise.linear import Linear
-from plumbline.optim.diagnosis.posterior.evidence import (
-    Gathered,
-    NoisePrior,
-    Scores,
-    Term,
-    batches,
-    block_evidence,
-    scan,
-)
+from plumbline.optim.diagnosis.posterior import evidence
 from plumbline.optim.diagnosis.posterior.reduction import Reduced, SelectedTerm, stack
 from plumbline.optim.diagnosis.prior import ALIKE, BETTER, LOG_SCALE_WEIGHTS
 
@@ -43,8 +35,8 @@ class TermProblem(ABC):
     """A linear problem without nuisances, the terms that it may have, and its noise."""
 
     linear: Linear  # the problem with the nuisances eliminated
-    candidates: Sequence[Term]  # all terms that there may be (C)
-    noise: NoisePrior  # the prior of the noise
+    candidates: Sequence[evidence.Term]  # all terms that there may be (C)
+    noise: evidence.NoisePrior  # the prior of the noise
     log_priors: Array  # log of each term's share (C,); -inf for those that fill no slot
     asked: NDArray[np.intp] | None  # numbers of the terms that are asked; all if none
     # number of the effect that each term is of (C,), -1 if of none; none if terms are not alike
@@ -61,9 +53,9 @@ class TermProblem(ABC):
         """Number of the cause that each term is a variant of (C,)."""
 
     @cached_property
-    def gathered(self) -> Gathered:
+    def gathered(self) -> evidence.Gathered:
         """The terms, ready to be scanned."""
-        return batches(self.linear, self.candidates, self.asked)
+        return evidence.batches(self.linear, self.candidates, self.asked)
 
     def variance(self, chosen: Sequence[SelectedTerm], near: Reduced | None = None) -> float:
         """Noise variance that these terms leave, whose priors are weighed by it."""
@@ -98,7 +90,7 @@ class TermProblem(ABC):
         gathered = self.gathered
         if asked is not None:
             own = np.array(asked) if self.asked is None else np.intersect1d(asked, self.asked)
-            gathered = batches(self.linear, self.candidates, own)
+            gathered = evidence.batches(self.linear, self.candidates, own)
         mine = self._only(chosen)
         variance = self._variance(chosen, near, mine)
         return Reduced.given(self.linear, gathered, self.candidates, chosen, variance, mine)
@@ -113,9 +105,9 @@ class TermProblem(ABC):
         """Those of some terms that fill a slot."""
         return [t for t in chosen if self.fills_slot[t.index]]
 
-    def odds(self, reduced: Reduced) -> tuple[Array, Scores]:
+    def odds(self, reduced: Reduced) -> tuple[Array, evidence.Scores]:
         """Log odds (C,) of each term for one more slot, against none, and its scores."""
-        scores = scan(reduced, reduced.gathered, self.noise, len(self.candidates))
+        scores = evidence.scan(reduced, reduced.gathered, self.noise, len(self.candidates))
         slot = self.log_slot(len(self.slots(reduced.chosen)))
         log_odds = scores.log_bayes + self.log_priors + slot + self.alike(reduced.chosen)
         log_odds[[term.index for term in reduced.chosen]] = -np.inf
@@ -157,7 +149,7 @@ class TermProblem(ABC):
         block, b, tt, n = reduced.of(term)
         own = self.candidates[term.index]
         given = (self.noise, np.array([own.limits]), own.widths)
-        by_scale = block_evidence(block[None], b[None], tt, n, *given)
+        by_scale = evidence.block_evidence(block[None], b[None], tt, n, *given)
         return float(np.logaddexp.reduce(by_scale[0] + LOG_SCALE_WEIGHTS))
 
 
