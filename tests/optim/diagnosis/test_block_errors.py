@@ -10,10 +10,10 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.posterior.agreement import agreement
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.posterior.spread import spread
 from plumbline.optim.diagnosis.predict.folds import blocks_of
 from plumbline.optim.diagnosis.predict.shrink import FoldModel
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
+from plumbline.optim.diagnosis.verdict.explanation import spread
 from plumbline.optim.diagnosis.verdict.lack_of_fit import _values, block_errors
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model

@@ -25,7 +25,6 @@ from plumbline.optim.diagnosis.discrepancy.dependence import Dependence, OfAnySi
 from plumbline.optim.diagnosis.discrepancy.dependences import dependences
 from plumbline.optim.diagnosis.discrepancy.design import FamilyDesign, looks
 from plumbline.optim.diagnosis.discrepancy.listed import listed_at, not_listed
-from plumbline.optim.diagnosis.discrepancy.noise_spread import spread_of_noise
 from plumbline.optim.diagnosis.discrepancy.resembling import resembled, resembling
 from plumbline.optim.diagnosis.discrepancy.spectra import Spectrum, orders_of, spectra
 from plumbline.optim.diagnosis.findings import Key
@@ -37,6 +36,7 @@ from plumbline.optim.diagnosis.posterior.joint_problem import JointProblem, Part
 from plumbline.optim.diagnosis.posterior.parts import Mechanism, apart
 from plumbline.optim.diagnosis.posterior.pool import Pool
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.prior import LEAST_SPREAD, NOISE_NEGLIGIBLE
 from plumbline.optim.recording.recording import Recording
 from plumbline.optim.recording.table import row_numbers
 
@@ -340,3 +340,42 @@ def _shared_shift(R_base_tip: Array, ports: Ports) -> list[Dependence]:
     listed = ", ".join(map(str, row_numbers(ports.gross)))
     words = f"rows {listed}: one shift of the tool explains them"
     return [Dependence(words, "moment", "tool", None, columns, -float(ways))]
+
+
+def spread_of_noise(
+    pool: Pool,
+    chosen: Sequence[SelectedTerm],
+    ports: Ports,
+    unlisted: Callable[[Array], float] | None = None,
+) -> Array:
+    """RMS of every component of what the causes leave (m,), over that of all; ones if alike.
+
+    Components may be noisier than others, and no mechanism is to be paid for explaining the noise
+    of one axis. Unequal noise is taken only where the data ask for it (Schwarz 1978), each kind of
+    noise together with what the library may lack: a joint's own encoder may err alone.
+
+    Args:
+        pool: The candidates.
+        chosen: The causes.
+        ports: Of these rows.
+        unlisted: Log evidence of what the library may lack, under such a spread.
+    """
+    columns = pool.columns(chosen)
+    A = ports.base[columns][:, ~ports.gross]
+    t = ports.target[~ports.gross]
+    flat = A.reshape(len(columns), t.size)
+    z = np.linalg.lstsq(flat.T, t.ravel(), rcond=1e-10)[0]
+    r = t - np.einsum("pnm,p->nm", A, z)
+    if not ports.live.all():  # a component is not one thing in rows of several kinds
+        return np.ones(r.shape[1])
+    noise = pool.noise
+    each = np.maximum(np.mean(r**2, axis=0), noise.least**2)
+    ratio = each / float(each.mean())
+    gain = -0.5 * len(r) * float(np.log(ratio).sum())
+    price = 0.5 * (len(ratio) - 1) * np.log(max(len(r), 2)) + NOISE_NEGLIGIBLE
+    alike, spread = np.ones(len(ratio)), np.sqrt(np.maximum(ratio, LEAST_SPREAD))
+    if gain < price:
+        return alike
+    if unlisted is not None and unlisted(alike) > gain - price + unlisted(spread):
+        return alike
+    return np.asarray(spread)

@@ -1,4 +1,12 @@
-"""What the joint posterior says: causes, the unlisted, gross rows, and the tree of places."""
+r"""What the joint posterior says: causes, the unlisted, gross rows, and the tree of places.
+
+How far estimates move from state to state, which is a part of what is not known of them.
+
+In a state S of probability :math:`p_S` a term's values are :math:`z_S`, known to :math:`v_S`. Over
+all states that hold the term their variance is, by the law of total variance,
+
+.. math:: \sum_S p_S v_S + \sum_S p_S (z_S - \bar z)^2 .
+"""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -29,10 +37,9 @@ from plumbline.optim.diagnosis.posterior.joint import LEAST_HEARD, Sampled, samp
 from plumbline.optim.diagnosis.posterior.joint_problem import moved_by, stated
 from plumbline.optim.diagnosis.posterior.one_by_one import best_near, coarsened
 from plumbline.optim.diagnosis.posterior.parts import Mechanism
-from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
+from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm, stack
 from plumbline.optim.diagnosis.posterior.search import SelectedModel
-from plumbline.optim.diagnosis.posterior.slots import added_evidence
-from plumbline.optim.diagnosis.posterior.spread import spread
+from plumbline.optim.diagnosis.posterior.slots import TermProblem, added_evidence
 from plumbline.optim.diagnosis.predict.folds import blocks_of_each
 from plumbline.optim.diagnosis.prior import (
     DEVIATIONS,
@@ -324,3 +331,28 @@ def _moved_at(
         at.setdefault(place_of(alt, i), []).append(i)
     moved = moved_by(alt.problem, indices) if at else None
     return {place: moved(some) for place, some in at.items()} if moved else {}
+
+
+def spread(
+    problem: TermProblem, states: Sequence[tuple[float, Sequence[SelectedTerm]]]
+) -> dict[int, Array]:
+    """Root of the second sum for every term (k,), in units of its parameters' scales.
+
+    Args:
+        problem: The terms.
+        states: Sets of them, each with its share of the probability.
+    """
+    found: dict[int, list[tuple[float, Array]]] = defaultdict(list)
+    for share, state in states:
+        columns, precision = stack(problem.candidates, state, problem.variance(state))
+        z, at = problem.linear.solve(columns, precision), 0
+        for term in state:
+            size = len(problem.candidates[term.index].columns)
+            found[term.index].append((share, z[at : at + size]))
+            at += size
+    return {index: _deviation(*zip(*values, strict=True)) for index, values in found.items()}
+
+
+def _deviation(shares: Sequence[float], values: Sequence[Array]) -> Array:
+    mean = np.average(values, axis=0, weights=shares)
+    return np.asarray(np.sqrt(np.average((np.array(values) - mean) ** 2, axis=0, weights=shares)))
