@@ -55,14 +55,7 @@ def diagnose(
 
 
 def diagnose(
-    recording: (
-        Rows
-        | MotionRecording
-        | Session
-        | Sequence[Rows | MotionRecording | str | Path]
-        | str
-        | Path
-    ),
+    recording: Given | Session | Sequence[Given],
     options: DiagnosisOptions | None = None,
     *,
     progress: Progress | None = None,
@@ -83,12 +76,10 @@ def diagnose(
             better: a joint's sign or zero, swapped columns, mirrored axes, another robot; or what
             is held out needs a column that is not there; or recordings are not of one robot.
     """
+    if isinstance(recording, RangeRecording | Fiducials):
+        recording = _read(recording)
     if isinstance(recording, MotionRecording):
         return diagnose_drives(recording, options, progress=progress)
-    if isinstance(recording, RangeRecording):
-        recording = ranges_to_diagnose(recording)
-    if isinstance(recording, Fiducials):
-        recording = fiducials_to_diagnose(recording)
     if isinstance(recording, Recording):
         return diagnose_rows(recording, options, progress=progress)
     if isinstance(recording, Session):
