@@ -28,6 +28,17 @@ def test_a_room_at_the_root_is_a_link_into_the_package(name):
     assert (ROOT / name).readlink() == Path("plumbline") / name
 
 
+def test_nothing_that_a_command_wrote_stands_at_the_root():
+    """An answer that was left there by chance is told before it is kept for ever."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("not a checkout of git: what is kept cannot be told from what is not")
+    kept = {line.split("/")[0] for line in listed.stdout.splitlines()}
+    files = {"CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "Makefile", "README.md"}
+    folders = {"docs", "notebooks", "plumbline", "tests", *LINKS}
+    assert {k for k in kept if k[0] != "."} == {*files, *folders, "pyproject.toml"}
+
+
 def test_no_test_imports_through_a_link():
     for path in TESTS:
         if not BARE.search(text := path.read_text(encoding="utf-8")):
