@@ -66,10 +66,13 @@ def diagnose_motion(
         if _more_evident(other, signals, begun):
             signals, begun = _begun(options, tell, other, begun)
     r, prior = signals.recording, prior_at(options.unlisted, len(begun))
+    # What was looked at most takes longest: last, all others would have to wait for it.
+    longest = sorted(begun, key=lambda one: -len(one.quick.found))
     joints = side_by_side(
-        lambda one: search(one, prior, signals.sigma), begun,
-        lambda k: tell(f"{r.noun} {begun[k].number}", (1 + k / len(begun)) / 2),
+        lambda one: search(one, prior, signals.sigma), longest,
+        lambda k: tell(f"{r.noun} {longest[k].number}", (1 + k / len(begun)) / 2),
     )  # fmt: skip
+    joints.sort(key=lambda joint: joint.number)
     asked = carrying.candidates(r, options.without)
     mass = carrying.mass_findings(signals, joints, found.more, found.plain, asked, found.rivals)
     joints = [*or_links(signals, joints, asked)]
