@@ -7,6 +7,8 @@ where :math:`J_i` turns or slides joint i and :math:`p_i` is the centre of mass 
 computes the same numbers from the same model; the tests hold the two together.
 """
 
+from __future__ import annotations  # which would load Pinocchio before it is asked
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields

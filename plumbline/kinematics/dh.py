@@ -5,6 +5,8 @@ r"""A Pinocchio model from standard DH rows (Denavit and Hartenberg 1955).
 A prismatic row adds q to d instead; a row of kind ``"fixed"`` has no q (a needle, a flange).
 """
 
+from __future__ import annotations  # which would load Pinocchio before it is asked
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self

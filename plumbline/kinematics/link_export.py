@@ -7,6 +7,8 @@ A tilt between parallel axes is no standard parameter, but two rows hold it exac
 a fixed row with theta = 90 deg and alpha = beta, and 90 deg less in the row behind it.
 """
 
+from __future__ import annotations  # which would load Pinocchio before it is asked
+
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -5,6 +5,8 @@ Against MuJoCo, Pinocchio's reader takes the axis of ``axisangle`` as it stands,
 into radians. A base that floats is held where the file puts it.
 """
 
+from __future__ import annotations  # which would load Pinocchio before it is asked
+
 import re
 import tempfile
 from pathlib import Path

@@ -8,6 +8,8 @@ The package holds files and no code; it is optional (``pip install "plumbline-ro
 some 430 MB with its meshes). A robot is called as its file is, without a closing ``_robot``.
 """
 
+from __future__ import annotations  # which would load Pinocchio before it is asked
+
 import os
 import re
 import tomllib

@@ -13,6 +13,8 @@ What a file can hold of an arm's efforts: bodies, gravity, and torques of single
 An effect on bodies counts if what it does to them is the same whatever the row says.
 """
 
+from __future__ import annotations  # which would load Pinocchio before it is asked
+
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache

@@ -4,6 +4,8 @@ Masses and inertias are the robot's own; where it has none, MuJoCo's least ones 
 changes no place.
 """
 
+from __future__ import annotations  # which would load Pinocchio before it is asked
+
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
