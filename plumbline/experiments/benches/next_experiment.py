@@ -11,6 +11,7 @@ Intervals are those of a bootstrap over the cases.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,7 +29,7 @@ from plumbline.optim.diagnosis.design.explanations import contest, explanations
 from plumbline.optim.diagnosis.design.future_rows import FutureRows
 from plumbline.optim.diagnosis.design.next_experiment import next_experiment
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
-from plumbline.optim.diagnosis.design.separation import AtRandom
+from plumbline.optim.diagnosis.design.separation import at_random
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.recording.recording import Recording
 
@@ -87,7 +88,8 @@ def outcome(seed: int, plan: Plan, readings: int = 1) -> dict[str, Any] | None:
 
 def _at_random(first: Diagnosis, seed: int) -> dict[str, FutureRows]:
     """Ever more rows at random, each number the first of one order."""
-    options = DesignOptions(count=max(RANDOM), criterion=AtRandom(seed), patience=0.0, exchanges=0)
+    criterion = partial(at_random, seed)
+    options = DesignOptions(count=max(RANDOM), criterion=criterion, patience=0.0, exchanges=0)
     many = chosen(first, options)
     return {f"random {count}": many.select(slice(0, count)) for count in RANDOM}
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +33,12 @@ from plumbline.optim.diagnosis.design.next_experiment import (
 )
 from plumbline.optim.diagnosis.design.rows import Design, DesignOptions
 from plumbline.optim.diagnosis.design.separation import (
-    AtRandom,
     Beliefs,
-    Resolution,
     Rivals,
+    at_random,
     divergences,
     expected_probabilities,
+    resolution,
 )
 from plumbline.optim.diagnosis.diagnose import diagnose
 from plumbline.optim.diagnosis.findings import Blame
@@ -51,7 +52,7 @@ from tests.recording_folders import KINDS, columns, csv_text, slider_columns, wr
 
 WEAK = Plan(gap=(0.3, 0.7), rows=(25, 50))
 QUICK = DesignOptions(count=6, pool=200, glance=100, rivals=4, compare=False)
-CRITERIA = (Resolution(), AtRandom(3))
+CRITERIA = {"resolution": resolution, "at_random": partial(at_random, 3)}
 
 
 def random_rivals(count=3, size=4, seed=0):
@@ -120,12 +121,12 @@ def test_the_bounded_form_is_box_hill_where_little_is_told_and_never_beats_all_d
     beliefs = Beliefs.of(rivals)
     faint = 1e-3 * J
     expected = list(box_hill(rivals, faint))
-    np.testing.assert_allclose(Resolution().gains(beliefs, faint), expected, rtol=1e-3)
+    np.testing.assert_allclose(resolution(beliefs, faint), expected, rtol=1e-3)
     p = rivals.probabilities
-    assert (Resolution().gains(beliefs, 1e3 * J) <= -(p @ np.log(p)) + 1e-9).all()
+    assert (resolution(beliefs, 1e3 * J) <= -(p @ np.log(p)) + 1e-9).all()
 
 
-@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda c: type(c).__name__)
+@pytest.mark.parametrize("criterion", CRITERIA.values(), ids=CRITERIA)
 def test_relabelling_the_rivals_changes_nothing(criterion):
     rivals, J = random_rivals(), np.random.default_rng(7).normal(size=(6, 2, 4))
     order = [2, 0, 1]
@@ -135,11 +136,11 @@ def test_relabelling_the_rivals_changes_nothing(criterion):
         rivals.means[order],
         rivals.covariances[order],
     )
-    one, two = (criterion.gains(gathered(r, J[:2]), J[2:]) for r in (rivals, other))
+    one, two = (criterion(gathered(r, J[:2]), J[2:]) for r in (rivals, other))
     np.testing.assert_allclose(one, two, rtol=1e-9)
 
 
-@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda c: type(c).__name__)
+@pytest.mark.parametrize("criterion", CRITERIA.values(), ids=CRITERIA)
 def test_another_basis_of_the_unknowns_changes_nothing(criterion):
     rivals, J = random_rivals(), np.random.default_rng(8).normal(size=(6, 2, 4))
     T = np.random.default_rng(9).normal(size=(4, 4))
@@ -149,8 +150,8 @@ def test_another_basis_of_the_unknowns_changes_nothing(criterion):
         means=rivals.means @ T.T,
         covariances=T @ rivals.covariances @ T.T,
     )
-    one = criterion.gains(gathered(rivals, J[:2]), J[2:])
-    two = criterion.gains(gathered(other, J[:2] @ back), J[2:] @ back)
+    one = criterion(gathered(rivals, J[:2]), J[2:])
+    two = criterion(gathered(other, J[:2] @ back), J[2:] @ back)
     np.testing.assert_allclose(one, two, rtol=1e-6)
 
 
@@ -214,7 +215,7 @@ def greedy(criterion, rivals, J, count):
     """Divergence that rows of a pool (N, m, P) reach, chosen one after another."""
     beliefs, free = Beliefs.of(rivals), np.ones(len(J), dtype=bool)
     for _ in range(count):
-        best = int(np.argmax(np.where(free, criterion.gains(beliefs, J), -np.inf)))
+        best = int(np.argmax(np.where(free, criterion(beliefs, J), -np.inf)))
         beliefs, free[best] = beliefs.after(J[best]), False
     return beliefs.information[0, 1]
 
@@ -227,8 +228,8 @@ def test_designed_rows_separate_two_rivals_that_random_rows_do_not():
     means, C = np.zeros((2, 5)), np.tile(np.diag([0.0, 1.0, 1.0, 1.0, 1.0]), (2, 1, 1))
     means[1, 0] = 2.0
     rivals = Rivals(("none", "one"), np.array([0.6, 0.4]), means, C)
-    random = [greedy(AtRandom(seed), rivals, J, 8) for seed in range(20)]
-    assert greedy(Resolution(), rivals, J, 8) > 6.0
+    random = [greedy(partial(at_random, seed), rivals, J, 8) for seed in range(20)]
+    assert greedy(resolution, rivals, J, 8) > 6.0
     assert np.median(random) < 0.1
 
 
@@ -244,11 +245,11 @@ def test_designed_rows_of_a_recording_tell_more_than_random_ones(weak):
     means[1, tilt] = 1.0
     made = Rivals(("none", "tilt"), np.array([0.5, 0.5]), means, C)
     told = {}
-    for criterion in (Resolution(), *map(AtRandom, range(12))):
+    for criterion in (resolution, *(partial(at_random, seed) for seed in range(12))):
         chosen = Design.of(replace(pair, rivals=made), replace(QUICK, criterion=criterion))
         told[criterion] = chosen.choose().beliefs.information[1, 0]
-    by_chance = np.mean([told[c] for c in told if isinstance(c, AtRandom)])
-    assert told[Resolution()] > 1.5 * by_chance
+    by_chance = np.mean([told[c] for c in told if c is not resolution])
+    assert told[resolution] > 1.5 * by_chance
 
 
 @pytest.mark.parametrize("within", [RECORDED, LIMITS])
@@ -286,7 +287,7 @@ def test_a_row_that_was_exchanged_is_worth_more_than_what_it_was_drawn_as(rivals
         design = Design.of(rivals_of_weak, replace(QUICK, count=1, exchanges=exchanges))
         beliefs = Beliefs.of(rivals_of_weak.rivals)
         J = design.jacobians(Course(rivals_of_weak.model).rows_next(design.choose().rows))
-        worth.append(float(design.options.criterion.gains(beliefs, J)[0]))
+        worth.append(float(design.options.criterion(beliefs, J)[0]))
     assert worth[0] < worth[1] < worth[2]
 
 

@@ -1,7 +1,7 @@
 r"""The next experiment: rows that best tell the leading explanations of a recording apart.
 
 Rows are chosen one after another from thousands within reach, each in the light of those chosen
-before it; what a row is worth is a :class:`~plumbline.optim.diagnosis.design.separation.Criterion`.
+before it; what a row is worth is a :data:`~plumbline.optim.diagnosis.design.separation.Criterion`.
 The forecast draws readings of these rows from every explanation and weighs the explanations anew by
 Bayes' rule; rows at random are forecast in the same way until they are as good.
 """

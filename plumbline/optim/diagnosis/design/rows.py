@@ -7,7 +7,7 @@ that makes it better (coordinate exchange, Meyer and Nachtsheim 1995, Technometr
 random postures come near the corner of the joints' range where two explanations differ most.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -21,7 +21,7 @@ from plumbline.optim.diagnosis.constants import EXCHANGES, GLANCE, MOST_RIVALS, 
 from plumbline.optim.diagnosis.design import future_rows
 from plumbline.optim.diagnosis.design.course import Course
 from plumbline.optim.diagnosis.design.explanations import Contest
-from plumbline.optim.diagnosis.design.separation import Beliefs, Criterion, Resolution, divergences
+from plumbline.optim.diagnosis.design.separation import Beliefs, Criterion, divergences, resolution
 from plumbline.optim.diagnosis.prior import REST_PAYS
 
 
@@ -35,7 +35,7 @@ class DesignOptions:
     # ``"recorded"`` or ``"limits"``, see
     # :func:`plumbline.optim.diagnosis.design.future_rows.draw_rows`
     within: str = future_rows.RECORDED
-    criterion: Criterion = field(default_factory=Resolution)  # what makes a row good
+    criterion: Criterion = resolution  # what makes a row good
     rivals: int = MOST_RIVALS  # how many explanations at the most
     patience: float = 1.0  # longest rest of all rows together, over the recording's length
     compare: bool = True  # whether rows at random are forecast as well
@@ -107,7 +107,7 @@ class Design:
                 break
             seen = np.sort(rng.permutation(open_rows)[: self.options.glance])
             J = self.jacobians(course.rows_next(self.pool.select(seen)))
-            best = int(np.argmax(self.options.criterion.gains(beliefs, J)))
+            best = int(np.argmax(self.options.criterion(beliefs, J)))
             free[seen[best]] = False
             row, J_row = self._exchanged(course, beliefs, self.pool.select([seen[best]]), J[best])
             row, J_row = self._rested(course, beliefs, row, J_row)
@@ -133,7 +133,7 @@ class Design:
             if not len(others):
                 break
             tried = np.concatenate([J[None], self.jacobians(course.rows_next(others))])
-            best = int(np.argmax(options.criterion.gains(beliefs, tried)))
+            best = int(np.argmax(options.criterion(beliefs, tried)))
             if best == 0:
                 break
             row, J = others.select([best - 1]), tried[best]
@@ -148,7 +148,7 @@ class Design:
         at_once = replace(row, wait=np.zeros(1))
         J_at_once = self.jacobians(course.rows_next(at_once))[0]
         tried = np.stack([np.zeros_like(J), J, J_at_once])
-        nothing, rested, at_once_gain = self.options.criterion.gains(beliefs, tried)
+        nothing, rested, at_once_gain = self.options.criterion(beliefs, tried)
         pays = rested - nothing > REST_PAYS * (at_once_gain - nothing)
         return (row, J) if pays else (at_once, J_at_once)
 

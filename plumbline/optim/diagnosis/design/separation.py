@@ -19,8 +19,9 @@ entropy from pairwise divergences of Kolchinsky and Tracey (2017), Entropy 19(7)
 row is spent on what is told apart already.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 from scipy.special import logsumexp
@@ -125,39 +126,25 @@ def _spreads(beliefs: Beliefs, rows: Array) -> Array:
     return found + np.eye(m)
 
 
-class Criterion(Protocol):
-    """What makes one row better than another."""
-
-    def gains(self, beliefs: Beliefs, rows: Array) -> Array:
-        """How good each row would be (N,), given the rows gathered so far.
-
-        Args:
-            beliefs: What is expected after these.
-            rows: Jacobians (N, m, P), in units of the noise.
-        """
+# How good each row would be (N,), by what is expected after those gathered so far, and by the rows'
+# Jacobians (N, m, P), in units of the noise
+Criterion = Callable[[Beliefs, Array], Array]
 
 
-@dataclass(frozen=True)
-class Resolution:
-    """Box-Hill, bounded: how much of the doubt about the model the rows are expected to remove."""
+def resolution(beliefs: Beliefs, rows: Array) -> Array:
+    """Box-Hill, bounded: how much of the doubt about the model the rows are expected to remove.
 
-    def gains(self, beliefs: Beliefs, rows: Array) -> Array:
-        """Estimated information about which model is right (N,), above that gathered so far."""
-        p = beliefs.probabilities
-        told = beliefs.information[..., None] + divergences(beliefs, rows)
-        mixed = logsumexp(-told, b=p[None, :, None], axis=1)
-        return np.asarray(-(p @ mixed))
+    Estimated information about which model is right (N,), above that gathered so far.
+    """
+    p = beliefs.probabilities
+    told = beliefs.information[..., None] + divergences(beliefs, rows)
+    mixed = logsumexp(-told, b=p[None, :, None], axis=1)
+    return np.asarray(-(p @ mixed))
 
 
-@dataclass(frozen=True)
-class AtRandom:
-    """Any row is as good as any other; for comparison."""
-
-    seed: int = 0
-
-    def gains(self, beliefs: Beliefs, rows: Array) -> Array:
-        """Random numbers (N,), new ones for every row."""
-        return np.random.default_rng([self.seed, beliefs.gathered]).random(len(rows))
+def at_random(seed: int, beliefs: Beliefs, rows: Array) -> Array:
+    """Any row is as good as any other (N,), for comparison: new numbers for every row."""
+    return np.random.default_rng([seed, beliefs.gathered]).random(len(rows))
 
 
 def expected_probabilities(
