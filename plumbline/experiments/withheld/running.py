@@ -188,7 +188,8 @@ def _blind_processes(count: int) -> Iterator[SimpleQueue[subprocess.Popen[str]]]
         home = stack.enter_context(tempfile.TemporaryDirectory(prefix="plumbline-blind-"))
         environment = {key: os.environ[key] for key in PASSED if key in os.environ}
         environment |= {"PYTHONPATH": os.pathsep.join(PYTHON_PATH), "HOME": home, "TMPDIR": home}
-        environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        alone = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "LOKY_MAX_CPU_COUNT")
+        environment |= dict.fromkeys(alone, "1")
         for _ in range(count):
             process = subprocess.Popen(
                 [sys.executable, "-m", "plumbline.experiments.withheld.blind"],

@@ -1,8 +1,8 @@
 """Independent parts of one piece of work, side by side on the cores that this process may use.
 
 Each further core has a copy of this process (``fork``), which knows all that was worked out before
-and sends back what comes of its parts. Where a process cannot be copied, from any but the main
-thread, and in what is itself a part of something larger, all is done in turn.
+and sends back what comes of its parts. Where a process cannot be copied or share a lock, from any
+but the main thread, and in what is itself a part of something larger, all is done in turn.
 """
 
 import multiprocessing
@@ -20,11 +20,22 @@ Found = TypeVar("Found")
 
 def cores() -> int:
     """How many there are for this process: no more than ``LOKY_MAX_CPU_COUNT``, where it is set."""
-    from joblib import cpu_count
-
     copied = sys.platform == "linux" and multiprocessing.parent_process() is None
     alone = threading.current_thread() is threading.main_thread()
-    return int(cpu_count()) if copied and alone else 1
+    if not (copied and alone and _shares_locks()):
+        return 1
+    from joblib import cpu_count
+
+    return int(cpu_count())
+
+
+def _shares_locks() -> bool:
+    """Whether processes may: not where the system's shared memory is shut off."""
+    try:
+        multiprocessing.get_context("fork").Lock()
+    except (ImportError, OSError):
+        return False
+    return True
 
 
 def side_by_side(
@@ -44,15 +55,12 @@ def side_by_side(
         return [_told(work, part, k, tell) for k, part in enumerate(parts)]
     fork: Any = multiprocessing.get_context("fork")  # its types differ by platform
     turn, copies, ends = fork.Value("q", 0), [], []
-    for _ in range(count - 1):
-        here, there = fork.Pipe(duplex=False)
-        copies.append(fork.Process(target=_send, args=(there, work, parts, turn), daemon=True))
-        with warnings.catch_warnings():  # from 3.12 on of other threads, which hold nothing of ours
-            warnings.simplefilter("ignore", DeprecationWarning)
-            copies[-1].start()
-        there.close()
-        ends.append(here)
     try:
+        for _ in range(count - 1):
+            here, there = fork.Pipe(duplex=False)
+            ends.append(here)
+            with there, suppress(OSError):  # where there may be no more: whoever is there does all
+                copies.append(_copy(fork, there, work, parts, turn))
         found = {k: _told(work, parts[k], k, tell) for k in _taken(turn, len(parts))}
         for end in ends:
             with suppress(EOFError):  # of a copy that was killed: its parts are done here
@@ -62,6 +70,15 @@ def side_by_side(
             copy.terminate()
             copy.join()
     return [found[k] if k in found else work(part) for k, part in enumerate(parts)]
+
+
+def _copy(fork: Any, end: Any, *given: Any) -> Any:
+    """A copy of this process at work on what is given."""
+    copy = fork.Process(target=_send, args=(end, *given), daemon=True)
+    with warnings.catch_warnings():  # from 3.12 on of other threads, which hold nothing of ours
+        warnings.simplefilter("ignore", DeprecationWarning)
+        copy.start()
+    return copy
 
 
 def _told(

@@ -109,6 +109,20 @@ def test_what_a_killed_process_had_to_do_is_done_all_the_same(two):
 
 
 @copies
+@pytest.mark.parametrize("lacks", ["context.BaseContext.Lock", "context.ForkProcess.start"])
+def test_where_processes_may_not_be_copied_or_share_locks_all_is_done_in_turn(
+    lacks, two, monkeypatch
+):
+    def refused(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(f"multiprocessing.{lacks}", refused)
+    assert side_by_side(lambda part: (part, os.getpid()), range(3)) == [
+        (part, os.getpid()) for part in range(3)
+    ]
+
+
+@copies
 def test_who_interrupts_leaves_no_process_behind(two):
     mine = os.getpid()
 
