@@ -18,25 +18,10 @@ from plumbline.errors import PlumblineError
 from plumbline.kinematics.effects.motion_effect import Seen
 from plumbline.kinematics.law import Law
 from plumbline.kinematics.oracle import pin
+from plumbline.optim.diagnosis.motion import constants
 from plumbline.optim.diagnosis.motion.bodies import bodies_at, free
 from plumbline.optim.diagnosis.motion.carried import model_of
 from plumbline.optim.diagnosis.motion.clock import on_even_clock
-from plumbline.optim.diagnosis.motion.constants import (
-    BLOCK,
-    LEAST_INERTIA,
-    LEAST_WINDOWS,
-    LENGTH,
-    LONGEST_DELAY,
-    LONGEST_GAP,
-    LOOKED_AT,
-    MOST_HELD,
-    MOST_SAMPLES,
-    MOST_STATES,
-    MOST_WINDOWS,
-    POSTURE,
-    SETTLE,
-    SMOOTH,
-)
 from plumbline.optim.diagnosis.motion.fit import evaluated
 from plumbline.optim.diagnosis.motion.recording import MotionRecording
 from plumbline.optim.diagnosis.motion.settled import settled
@@ -108,7 +93,7 @@ class Signals:
     def bodies(self) -> tuple[Integers, Array, Array]:
         """Samples (K,) [even], masses (K, n, n) [kg m^2], gravity and Coriolis (K, n) [N m]."""
         M = len(self.q)
-        chosen = np.unique(np.linspace(0, M - 1, min(M, MOST_STATES)).astype(np.int64))
+        chosen = np.unique(np.linspace(0, M - 1, min(M, constants.MOST_STATES)).astype(np.int64))
         return chosen, *bodies_at(self.recording, self.posture[chosen], self.turning[chosen])
 
     @property
@@ -132,7 +117,7 @@ class Signals:
             a = self.acceleration[chosen]
             h = h + np.einsum("kij,kj->ki", masses, a) - inertia * a
         if not law.pushes:  # a torque moves what the file states, be it as light as a wrist
-            inertia = np.maximum(inertia, LEAST_INERTIA)
+            inertia = np.maximum(inertia, constants.LEAST_INERTIA)
         load, inertia = scipy.interpolate.interp1d(chosen, np.stack([h, inertia]), axis=1)(
             np.arange(len(self.q))
         )
@@ -145,7 +130,7 @@ class Signals:
             return np.ones(self.recording.n)
         model, index = model_of(self.recording), list(self.recording.index)
         M = pin.crba(model, model.createData(), pin.neutral(model))[np.ix_(index, index)]
-        M += LEAST_INERTIA * 1e-3 * np.eye(len(M))
+        M += constants.LEAST_INERTIA * 1e-3 * np.eye(len(M))
         return np.asarray(1 / np.diagonal(np.linalg.inv(M)))
 
     @property
@@ -168,7 +153,7 @@ class Signals:
         for begin, end in zip(begins, ends, strict=True):
             room = end - begin - 1 - self.length
             late = min(self.length, room // 4) if follows else 0
-            early = min(max(round(LONGEST_DELAY / self.dt), late), max(room, 0))
+            early = min(max(round(constants.LONGEST_DELAY / self.dt), late), max(room, 0))
             if self.first[begin] < begin and follows:
                 early = -min(settle + 1, begin - self.first[begin])
             found.append(np.arange(begin + early, end - self.length, self.length - settle))
@@ -183,14 +168,14 @@ class Signals:
     @property
     def most(self) -> int:
         """Windows that a fit takes."""
-        wanted = round(LOOKED_AT / (self.length * self.dt))
-        return min(max(wanted, LEAST_WINDOWS), MOST_WINDOWS)
+        wanted = round(constants.LOOKED_AT / (self.length * self.dt))
+        return min(max(wanted, constants.LEAST_WINDOWS), constants.MOST_WINDOWS)
 
     @property
     def settle(self) -> int:
         """Samples of a window that do not count."""
         law = self.recording.law
-        return max(round(self.length * SETTLE[law] / LENGTH[law]), 1)
+        return max(round(self.length * constants.SETTLE[law] / constants.LENGTH[law]), 1)
 
     def windows(self, joint: int, starts: Integers) -> Windows:
         """Windows of one joint, counted from 0."""
@@ -218,7 +203,7 @@ class Signals:
         """Half of the largest torque that was asked for [N m]: the joint's usual load."""
         if not self.recording.law.pushes:
             return 1.0
-        return max(float(np.abs(self.command[:, joint]).max()) / 2, LEAST_INERTIA)
+        return max(float(np.abs(self.command[:, joint]).max()) / 2, constants.LEAST_INERTIA)
 
     @cached_property
     def folds(self) -> Integers:
@@ -241,7 +226,11 @@ class Signals:
 
 
 def signals_of(
-    recording: MotionRecording, most: int = MOST_SAMPLES, drives: Drives = (), *, read: bool = True
+    recording: MotionRecording,
+    most: int = constants.MOST_SAMPLES,
+    drives: Drives = (),
+    *,
+    read: bool = True,
 ) -> Signals:
     """A recording on an even clock, at most so many samples a window.
 
@@ -258,9 +247,9 @@ def signals_of(
         PlumblineError: No run of it is as long as a window.
     """
     if recording.law == Law.HELD:
-        most = MOST_HELD
+        most = constants.MOST_HELD
     follows = recording.law.ideal or recording.law == Law.HELD
-    s = _smoothed(recording, POSTURE if follows else SMOOTH, most)
+    s = _smoothed(recording, constants.POSTURE if follows else constants.SMOOTH, most)
     if not (recording.law.pushes and read):
         return s
     known = drives or (((), np.empty(0)),) * recording.n
@@ -287,18 +276,18 @@ def _smoothed(r: MotionRecording, seconds: float, most: int) -> Signals:
     held = np.zeros(len(r), bool) if r.held_out is None else r.held_out
     step = np.diff(r.time)
     dt = float(np.median(step[step > 0]))
-    begun = (np.diff(group) != 0) | (step > LONGEST_GAP * dt) | (step <= 0)
+    begun = (np.diff(group) != 0) | (step > constants.LONGEST_GAP * dt) | (step <= 0)
     cut = begun | (np.diff(held) != 0)
     bounds = np.concatenate([[0], np.flatnonzero(cut) + 1, [len(r)]])
     longest = float(max(r.time[b - 1] - r.time[a] for a, b in pairwise(bounds)))
-    span = min(LENGTH[r.law], longest / 3)
+    span = min(constants.LENGTH[r.law], longest / 3)
     dt = max(dt, span / most)
     length = int(span / dt)
     if length < 10:
         raise PlumblineError(
             f"{r.name}: rows {dt:.3g} s apart, the longest run {longest:.3g} s; at most "
-            f"{LENGTH[r.law] / 10:.3g} s expected and {30 * dt:.3g} s at least; record for longer "
-            "without a gap, or mend 'time' if it is in ms"
+            f"{constants.LENGTH[r.law] / 10:.3g} s expected and {30 * dt:.3g} s at least; record "
+            "for longer without a gap, or mend 'time' if it is in ms"
         )
     runs = [(a, b) for a, b in pairwise(bounds) if b - a > 1]
     parts = [on_even_clock(r, slice(a, b), dt, seconds) for a, b in runs]
@@ -322,7 +311,7 @@ def spread(starts: Integers, most: float) -> Integers:
     count = max(round(most), 1)
     if len(starts) <= count:
         return starts
-    blocks = -(-count // BLOCK)
-    first = np.linspace(0, len(starts) - BLOCK, blocks).astype(np.int64)
-    chosen = np.unique(np.maximum(first[:, None] + np.arange(BLOCK), 0))
+    blocks = -(-count // constants.BLOCK)
+    first = np.linspace(0, len(starts) - constants.BLOCK, blocks).astype(np.int64)
+    chosen = np.unique(np.maximum(first[:, None] + np.arange(constants.BLOCK), 0))
     return starts[chosen][:count]
