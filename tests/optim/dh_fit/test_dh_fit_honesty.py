@@ -159,6 +159,17 @@ def test_gross_rows_are_named_and_hardly_any_other(loss):
     assert others <= 1
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("sizes", "gross"), [(7.0, False), (9.0, True)])
+def test_a_row_is_gross_by_what_noise_does_along_the_way_that_it_is_off(seed, sizes, gross):
+    """Across the depth, of four times the noise: had all ways been alike, twelve would be none."""
+    recording, _ = drawn(seed, reality=Reality(depth=4.0))
+    fit, measured = fit_dh(recording), recording.measured.copy()
+    across = Reality().noise / np.sqrt(6.0)
+    measured[9] += fit.misfits()[9] @ fit.T_robot_camera[:3, :3] + [sizes * across, 0.0, 0.0]
+    assert fit_dh(replace(recording, measured=measured)).gross_rows == ((9,) if gross else ())
+
+
 def test_gross_rows_are_counted_among_all_rows_of_the_recording():
     recording, truth = drawn(0, reality=replace(UNLIKE, push=(1e-2, 2e-2)))
     flags = np.zeros(60, dtype=bool)
