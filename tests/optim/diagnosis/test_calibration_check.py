@@ -16,8 +16,12 @@ from plumbline.kinematics.effects.joint_coupling import JointCoupling
 from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.joint_scale import JointScale as Scale
 from plumbline.optim.core.mapped import Mapped
+from plumbline.optim.diagnosis import prior
+from plumbline.optim.diagnosis.calibrate import check
 from plumbline.optim.diagnosis.calibrate.check import (
+    CalibrationCheck,
     Recalibration,
+    SimulatedCase,
     check_calibration,
     histogram,
     ranks,
@@ -173,6 +177,59 @@ def test_a_calibration_check_counts_what_it_saw_and_touches_probabilities_alone(
     strict = replace(found, cases=tuple(10 * sure))  # from 1 on, which no cause of ours reaches
     assert strict.threshold == 1.0
     assert set(strict.truth_set) >= {cause.label for cause in diagnosis.verdict.causes} != set()
+
+
+def simulated(diagnosis, cases, monkeypatch):
+    """Gaps that were asked for (by cause), and errors, of simulated cases that nobody diagnoses."""
+    asked, errors, nothing = {}, [], SimulatedCase(frozenset(), (), {})
+    monkeypatch.setattr(
+        Setting,
+        "draw",
+        lambda _, ratio, rng, taken: asked.setdefault(rng, []).append(ratio) or Fault(),
+    )
+    monkeypatch.setattr(Setting, "recorded", lambda _, fault, own: errors.append(own))
+    monkeypatch.setattr(check, "_tried", lambda *_: nothing)
+    check_calibration(diagnosis, cases, jobs=1)
+    return np.array(list(asked.values())), np.array(errors)
+
+
+def test_causes_of_a_simulated_case_have_together_a_gap_like_the_one_found(settings, monkeypatch):
+    """What frame and tool leave beyond the noise, of which two causes have half of the square."""
+    diagnosis = settings["tip_position"]
+    gap = replace(diagnosis.verdict.gap, before=2e-3, noise_floor=1e-3)
+    verdict = replace(diagnosis.verdict, gap=gap, causes=(None, None))
+    ratios, _ = simulated(replace(diagnosis, verdict=verdict), 400, monkeypatch)
+    of_found = np.log(ratios / np.sqrt(3.0 / 2.0)) / np.log(prior.GAP_SPREAD)
+    assert np.abs(of_found).max() <= 1.0
+    assert np.mean(of_found) == pytest.approx(0.0, abs=0.1)
+    assert ratios.shape == (pytest.approx(300, abs=30), 2)
+
+
+def test_gross_rows_of_a_recording_are_as_gross_in_cases_like_it(settings, monkeypatch):
+    diagnosis = settings["tip_position"]
+    model = diagnosis.selected.model
+    gross = np.arange(len(model.recording)) == 7
+    problem = replace(model.problem, weights=np.where(gross, 0.0, 1.0))
+    x = diagnosis.solution.x
+    like = SimpleNamespace(
+        options=diagnosis.options,
+        verdict=diagnosis.verdict,
+        solution=SimpleNamespace(x=x),
+        selected=SimpleNamespace(model=SimpleNamespace(recording=model.recording, problem=problem)),
+    )
+    _, errors = simulated(like, 50, monkeypatch)
+    left = Mapped(model.problem).residuals(x)
+    assert (errors[:, 7] == left[7]).all()
+    assert np.std(errors[:, ~gross]) == pytest.approx(diagnosis.verdict.noise.sigma, rel=0.05)
+
+
+def test_a_set_holds_the_truth_where_it_holds_every_cause_of_it(settings):
+    both = frozenset({("joint_scale", 1), ("joint_offset", 2)})
+    stated = {("joint_scale", 1): 0.9, ("joint_offset", 2): 0.3}
+    verdict = settings["tip_position"].verdict
+    for told, least in ((stated, 0.3), ({("joint_scale", 1): 0.9}, 0.0)):
+        cases = (SimulatedCase(both, (), told),) * 10
+        assert CalibrationCheck(verdict, cases).threshold == least
 
 
 def test_the_set_holds_the_truth_in_nine_of_ten_cases_alike():

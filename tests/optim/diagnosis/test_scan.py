@@ -14,6 +14,7 @@ from plumbline.kinematics.effects.joint_offset import JointOffset
 from plumbline.kinematics.effects.screw_ripple import ScrewRipple
 from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.diagnose import diagnose
+from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import NoisePrior
 from plumbline.optim.diagnosis.posterior.pool import make_pool
 from plumbline.optim.diagnosis.posterior.scan import Family, Given, families
@@ -37,26 +38,30 @@ def at_other_times(recording, seconds):
 
 
 @pytest.mark.parametrize("observation", ["tip_position", "pose"])
-@pytest.mark.parametrize("cls", SCANNED, ids=lambda cls: cls.__name__)
-def test_a_family_is_scanned_with_the_columns_of_the_model_itself(cls, observation):
+def test_families_are_scanned_together_with_the_columns_of_the_model_itself(observation):
     recording = bench("ur5", observation)
     weights = np.linspace(0.2, 1.0, len(recording))
-    nuisance = nuisances_of(recording)
+    nuisance, scope = nuisances_of(recording), scope_of(recording)
     alone = build_model(recording, (), nuisance=nuisance, weights=weights)
-    folds = np.arange(len(recording)) % 3
-    variants = cls.candidates(scope_of(recording))[::40]
-    found, _ = families(alone, alone.start, folds, variants)
+    folds, P = np.arange(len(recording)) % 3, alone.problem.size
+    variants = [e for cls in SCANNED for e in cls.candidates(scope)[::40]]
+    at = alone.start + 0.1 * alone.problem.scale
+    found, linears = families(alone, at, folds, variants)
     assert sum(len(family.effects) for family in found) == len(variants)
     for family in found:
         for v, effect in enumerate(family.effects):
             model = build_model(recording, (effect,), nuisance=nuisance, weights=weights)
-            grams = Mapped(model.problem).grams(model.start, folds)
-            P, scale = alone.problem.size, model.problem.scale
-            for f, gram in enumerate(grams):
-                G = gram.matrix * np.outer(scale, scale)
-                size = np.sqrt(np.outer(np.diag(G), np.diag(G))) + 1e-30
+            x = np.concatenate([at, model.start[P:]])
+            for f, gram in enumerate(Mapped(model.problem).grams(x, folds)):
+                told = Linear.about(gram, x, model.problem.scale)
+                size = np.sqrt(np.outer(np.diag(told.G), np.diag(told.G))) + 1e-30
                 seen = np.hstack([family.cross[f, v], family.blocks[f, v]])
-                np.testing.assert_allclose(seen / size[P:], G[P:] / size[P:], atol=1e-9)
+                np.testing.assert_allclose(seen / size[P:], told.G[P:] / size[P:], atol=1e-9)
+                np.testing.assert_allclose(family.target[f, v], told.b[P:], rtol=1e-6, atol=1e-9)
+    for linear, gram in zip(linears, Mapped(alone.problem).grams(at, folds), strict=True):
+        told = Linear.about(gram, at, alone.problem.scale)
+        np.testing.assert_allclose(linear.b, told.b, rtol=1e-9)
+        assert (linear.tt, linear.n) == pytest.approx((told.tt, told.n))
 
 
 def test_base_columns_left_out_are_as_if_they_had_never_been_there():

@@ -96,7 +96,7 @@ class Setting:
             for k in ("null", "scale", "lower", "upper")
         )
         way = rng.normal(size=len(parameters)) * scale
-        way = np.where(lower >= null, np.abs(way), np.where(upper <= null, -np.abs(way), way))
+        way = np.where(lower >= null, np.abs(way), way)
         model, x = self.model(Fault((effect,), null))
         J = np.concatenate([part for _, _, part in Mapped(model.problem).jacobians(x)])
         columns = J.reshape(-1, len(x))

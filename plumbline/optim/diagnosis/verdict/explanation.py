@@ -183,7 +183,7 @@ def _by_chains(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
     found = sample(alt.problem, starts, seed)
     told, best = _told(alt, found), found.states[0]
     logs = ((log - best[0], terms) for log, terms in found.states)
-    drawn = [(float(np.exp(log)), terms) for log, terms in logs if log > LEAST_HEARD]
+    drawn = [(log, terms) for log, terms in logs if log > LEAST_HEARD]
     # States without an unlisted mechanism, single gross rows aside.
     states = tuple((log, alt.listed(s)) for log, s in found.states if not _unlisted(alt, s))
     terms, moved = terms_of(selected, alt, found, told.named), spread(alt.problem, drawn)
@@ -213,7 +213,7 @@ def _one_by_one(selected: SelectedModel, alt: Alternatives, seed: int) -> Ended:
         theirs=theirs,
         better=better,
         swept=tuple((0.0, some) for some in listed if some),
-        spread=spread(alt.problem, [(1.0, some) for some in swept]),
+        spread=spread(alt.problem, [(0.0, some) for some in swept]),
         worth=worth,
     )
     return state, told
@@ -340,15 +340,15 @@ def spread(
 
     Args:
         problem: The terms.
-        states: Sets of them, each with its share of the probability.
+        states: Sets of them, with the log of their weight.
     """
     found: dict[int, list[tuple[float, Array]]] = defaultdict(list)
-    for share, state in states:
+    for log, state in states:
         columns, precision = stack(problem.candidates, state, problem.variance(state))
         z, at = problem.linear.solve(columns, precision), 0
         for term in state:
             size = len(problem.candidates[term.index].columns)
-            found[term.index].append((share, z[at : at + size]))
+            found[term.index].append((float(np.exp(log)), z[at : at + size]))
             at += size
     return {index: _deviation(*zip(*values, strict=True)) for index, values in found.items()}
 
