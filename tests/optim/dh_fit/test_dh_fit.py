@@ -220,6 +220,8 @@ def test_a_parameter_at_its_bound_is_named_and_has_no_standard_error():
     assert fit.at_bound == tuple(p.name for p in resting)
     for parameter in resting:
         assert parameter.std is None
+        side = "upper" if parameter.value > parameter.nominal else "lower"
+        assert parameter.words == f"at its {side} bound"
         assert np.isclose(abs(parameter.value - parameter.nominal), 1e-4, rtol=1e-6)
 
 

@@ -10,7 +10,9 @@ from plumbline.errors import PlumblineError
 from plumbline.experiments.reality.arms import bh7, ur5
 from plumbline.experiments.reality.tip_readings import Reality, draw_crooked
 from plumbline.optim.dh_fit import DHOptions, Norms, Squares, Status, fit_dh
+from plumbline.optim.dh_fit.quantities import Sums, quantities
 from plumbline.optim.dh_fit.solvers import GaussNewton
+from plumbline.optim.dh_fit.statement import Unknown
 from plumbline.optim.recording.building import build_recording
 
 TOOL = np.array([0.03, -0.02, 0.15])
@@ -222,6 +224,21 @@ def test_shares_are_of_what_was_wrong():
     assert sum(s for name, s in shares.items() if name != "together") <= 1.0 + 1e-9
 
 
+def test_shares_are_of_rows_that_are_not_gross():
+    recording, truth = drawn(9, reality=Reality(gross=6, push=(0.1, 0.3)))
+    without = fit_dh(recording.select(~truth.gross)).shares
+    assert fit_dh(recording).shares["together"] == pytest.approx(without["together"], abs=1e-3)
+
+
+@pytest.mark.parametrize(("std", "counts"), [(2.5, True), (3.2, False)])
+def test_what_all_of_a_held_one_s_bounds_move_little_is_no_part_of_a_sum(std, counts):
+    """An even spread over its bounds, of a third of their square, against a tenth of the error."""
+    about = [Unknown(f"joint {k} d", "m", 0.0, 1.0, 1.0, (k, 0)) for k in (1, 2)]
+    told = Sums(tuple(about), np.array([[1.0, 0.5]]), (0,))
+    [found] = quantities(told, np.zeros(2), np.array([[std**2]]), 1.96)
+    assert found.alone == (not counts)
+
+
 def test_exact_readings_are_fitted_exactly_and_without_complaint():
     for loss in (Norms(), Squares()):
         fit = fit_dh(drawn(8, reality=Reality(noise=0.0))[0], DHOptions(loss=loss))
@@ -235,11 +252,25 @@ def test_a_solver_that_was_stopped_is_said_to_have_been():
     assert any("has not converged" in remark for remark in fit.remarks)
 
 
+@pytest.mark.parametrize(("loss", "most"), [(Norms(), 2.5), (Squares(), 1.25)])
+@pytest.mark.parametrize("off", [0.5, 2.0])
+def test_a_fit_that_ended_early_is_judged_by_the_standard_errors_that_it_is_off(loss, most, off):
+    """Of norms by up to twice as many: some misfits are next to nothing, where these bend most."""
+    fit = fit_dh(drawn(1)[0], DHOptions(loss=loss))
+    known = np.flatnonzero(np.isfinite(fit.std))
+    way = fit.covariance[known, known[3]] / fit.std[known[3]]
+    x = fit.x.copy()
+    x[known] += off * way
+    [ended] = replace(fit, x=x).judged.fits
+    assert 0.8 * off < ended.stationarity < most * off
+
+
 def test_a_third_of_gross_rows_is_still_named():
     recording, truth = drawn(9, reality=Reality(gross=20, push=(0.1, 0.3)))
     fit = fit_dh(recording)
     assert fit.gross_rows == tuple(np.flatnonzero(truth.gross))
     assert fit.noise < 1.3e-4
+    assert fit.noise == pytest.approx(fit_dh(recording.select(~truth.gross)).noise, rel=0.08)
 
 
 def test_rows_far_off_are_no_wrong_set_up():

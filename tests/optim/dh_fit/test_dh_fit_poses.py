@@ -132,6 +132,20 @@ def test_the_best_of_few_candidates_is_found():
     assert among.best(2).log_determinant > best - 0.5
 
 
+def test_with_readings_enough_errors_at_targets_are_as_large_as_the_noise_has_it():
+    fine, coarse = (
+        reachable(BH7, SPACE, noise=noise, candidates=150, targets=20).design(np.arange(150))
+        for noise in (1e-4, 2e-4)
+    )
+    assert coarse.worst == pytest.approx(2.0 * fine.worst, rel=1e-3)
+    assert coarse.mean == pytest.approx(2.0 * fine.mean, rel=1e-3)
+
+
+def test_before_any_reading_a_link_is_anywhere_within_its_bounds():
+    known = reachable(BH7, SPACE, noise=1.0, candidates=10, targets=2).covariance([])
+    assert np.diag(known).min() == pytest.approx(np.var(np.linspace(-1.0, 1.0, 10001)), rel=1e-3)
+
+
 def test_a_space_out_of_reach_is_refused():
     with pytest.raises(PlumblineError, match="0 poses of bh7"):
         reachable(BH7, Space.about([5, 0, 0], [0.1, 0.1, 0.1]), noise=1e-4, candidates=10)

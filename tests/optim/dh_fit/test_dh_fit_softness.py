@@ -11,7 +11,7 @@ from plumbline.kinematics.robot import Robot
 from plumbline.optim.core.constants import STILL
 from plumbline.optim.dh_fit import answer as numbers
 from plumbline.optim.dh_fit import constants, fit_dh
-from plumbline.optim.dh_fit.softness import SIZES, turns
+from plumbline.optim.dh_fit.softness import SIZES, _size, joints, turns
 
 TOOL = np.array([0.03, -0.02, 0.15])
 DOWN = np.array([0.0, 0.0, -9.81])
@@ -60,6 +60,29 @@ def test_a_turn_moves_the_tip_as_the_joint_does(name):
         across = [np.abs(np.cross(column, move)).max() for move in moves]
         assert min(across) < 1e-7 * max(np.abs(column).max(), 1.0)
     assert G.shape[2] >= 2
+
+
+@pytest.mark.parametrize("name", ["ur5", "kr300"])
+def test_a_weight_at_the_tip_turns_each_joint_as_far_as_it_lowers_the_tip_over_the_reach(name):
+    robot = Robot.bundled(name)
+    chain, down = robot.chain(), DOWN / 9.81
+    q = np.random.default_rng(0).uniform(-0.9, 0.9, (7, chain.n))
+    tips, links = chain.tips(q, np.zeros(3)), link_table(robot, chain)
+    reach = np.linalg.norm(tips - joints(links, q)[1][0], axis=1).max()
+    columns = np.moveaxis(turns(links, q, tips, DOWN), 2, 0)
+    for step in 1e-6 * np.eye(chain.n)[1:3]:
+        move = (chain.tips(q + step, np.zeros(3)) - chain.tips(q - step, np.zeros(3))) / 2e-6
+        turned = move * (move @ down)[:, None] / reach
+        assert min(np.abs(column - turned).max() for column in columns) < 1e-8
+
+
+def test_misfits_tell_how_far_joints_give_way():
+    found = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        links, soft = rng.normal(size=(300, 3)), 1e7 * rng.normal(size=(300, 40))
+        found.append(_size(links, soft, soft @ rng.normal(0.0, 1e-4, 40) + rng.normal(size=300)))
+    assert np.mean(found) == pytest.approx(1e-4, rel=0.15)
 
 
 def test_upright_axes_carry_no_weight():
