@@ -31,7 +31,7 @@ from plumbline.optim.diagnosis.posterior.search import find_causes
 from plumbline.optim.diagnosis.posterior.selection import select
 from plumbline.optim.diagnosis.posterior.shortlists import _best
 from plumbline.optim.diagnosis.predict.folds import fold_of_rows, kind_of_folds
-from plumbline.optim.diagnosis.verdict.lack_of_fit import noisiest_joint
+from plumbline.optim.diagnosis.verdict.lack_of_fit import noisier_encoder, noisiest_joint
 from plumbline.optim.recording.kinds import KINDS
 from tests.benches import bench
 from tests.designs import selection
@@ -252,8 +252,17 @@ def test_a_joint_that_is_half_as_noisy_again_is_named(ratio, joint):
         problem=SimpleNamespace(weights=np.ones(N)),
     )  # fmt: skip
     recording = SimpleNamespace(kind=KINDS["joint_position"], measured_joints=(0, 1, 2))
-    said = noisiest_joint(recording, SimpleNamespace(best=best))
+    selected = SimpleNamespace(best=best)
+    said = noisiest_joint(recording, selected)
     assert said.startswith(f"joint {joint}'s error changes") if joint else said == ""
+    said = list(noisier_encoder(recording, selected))
+    assert [words[:7] for words in said] == ([f"joint {joint}"] if joint else [])
+    few = SimpleNamespace(weights=(np.arange(N) < 5).astype(float))  # of five it may be chance
+    assert not list(
+        noisier_encoder(
+            recording, SimpleNamespace(best=SimpleNamespace(**{**vars(best), "problem": few}))
+        )
+    )
 
 
 # Folds

@@ -46,6 +46,7 @@ from plumbline.optim.diagnosis.verdict.lack_of_fit import (
     is_noisier,
     is_seen,
     lack_of_fit,
+    noisier_encoder,
     noisiest_joint,
     quieter,
     turned_sides,
@@ -229,6 +230,8 @@ def _notes(
     ):
         taken = f"{quantity(noise.sigma, gap.unit)} an axis is taken for noise"
         notes.append(f"{taken}, since none is stated: give noise_std, and it is tested")
+    if kind == Outcome.NO_GAP:
+        notes += noisier_encoder(recording, selected)
     notes += _correlated(recording, noise)
     if told.compared:
         rows = f"{told.compared} of {len(selected.model.recording)} rows, evenly spread"

@@ -115,14 +115,31 @@ def is_far(gap: Gap, noise: NoiseLevel) -> bool:
 
 def noisiest_joint(recording: Recording, selected: SelectedModel) -> str:
     """What is said where a joint's second encoder scatters more than the others', if one does."""
+    joint, ratio, _ = _noisiest(recording, selected)
+    found = ratio**2 >= prior.ANISOTROPY
+    return f"joint {joint}'s error changes from reading to reading" if found else ""
+
+
+def noisier_encoder(recording: Recording, selected: SelectedModel) -> Iterator[str]:
+    """What is said of noise that is stated for all, where that of one is more, not by chance."""
+    joint, ratio, chance = _noisiest(recording, selected)
+    if ratio**2 >= prior.ANISOTROPY and chance < prior.ALARM:
+        yield (
+            f"joint {joint}'s second encoder scatters {ratio:.2g} times as much as all of them do: "
+            "its own noise, or an error that changes from reading to reading"
+        )
+
+
+def _noisiest(recording: Recording, selected: SelectedModel) -> tuple[int, float, float]:
+    """Of second encoders the joint that scatters most, by how many times all do, and its chance."""
     if not recording.kind.encoders:
-        return ""
+        return 0, 0.0, 1.0
     r = selected.best.mapped.residuals(selected.best.x)[selected.best.problem.weights > 0]
-    each = np.sqrt(np.mean(r**2, axis=0))
+    each = np.mean(r**2, axis=0)
     k = int(np.argmax(each))
-    if each[k] ** 2 < prior.ANISOTROPY * float(np.mean(each**2)):
-        return ""
-    return f"joint {recording.measured_joints[k] + 1}'s error changes from reading to reading"
+    ratio = each[k] / float(np.mean(each))
+    chance = each.size * chdtrc(len(r), len(r) * ratio)
+    return recording.measured_joints[k] + 1, float(np.sqrt(ratio)), float(chance)
 
 
 CAME = "depends on the way it came"  # of a joint
