@@ -82,7 +82,9 @@ def test_a_share_of_what_can_be_removed_is_told_if_there_is_any(before, told):
     seen = SimpleNamespace(
         rms_before=before, rms_after=1.0, per_point=1.0, unit="m", interval=(0.0, 1.0), by="rows"
     )
-    assert np.isfinite(gap_of(seen, NoiseLevel(1.0, "given", 1.0)).removable) == told
+    removable = gap_of(seen, NoiseLevel(1.0, "given", 1.0)).removable
+    assert np.isfinite(removable) == told
+    assert not told or removable == pytest.approx(1.0)  # down to its noise all is gone
 
 
 # Confounded effects, and what cannot be seen

@@ -6,14 +6,25 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plumbline.optim.registration import METHODS, Anisotropic, Kabsch, MarkerNoise, ThreePoint
+from plumbline.optim.registration import (
+    METHODS,
+    Anisotropic,
+    Kabsch,
+    MarkerNoise,
+    Robust,
+    ThreePoint,
+)
+from plumbline.optim.registration.least_squares import minimise
 from plumbline.optim.registration.markers import Markers
+from plumbline.optim.registration.statement import derivatives
 from plumbline.optim.registration.target import TargetError, arc, lever
+from plumbline.optim.rigid import rigid_match
 from tests.phantoms import (
     ALIKE,
     COLLINEAR,
     CT,
     FIVE,
+    FOUR,
     LESION,
     NOISE,
     TRIPLE,
@@ -46,6 +57,48 @@ def pose_change(T, T0, centre):
     scale = np.cbrt(np.linalg.det(relative))
     turn = Rotation.from_matrix(relative / scale).as_rotvec()
     return np.concatenate([mapped(ct, T) - centre, turn, [scale - 1.0]])
+
+
+def test_no_place_of_the_region_is_farther_than_its_reach():
+    """Off its middle, by what an arc moves targets on average, along its longest axis."""
+    covariance, mean = np.diag([9e-6, 1e-6, 1e-6]), np.array([-4e-3, 0.0, 0.0])
+    error = TargetError(LESION, mapped(LESION), covariance, mean)
+    way = mean / np.linalg.norm(mean)
+    assert error.holds([0.999 * error.reach * way, 1.001 * error.reach * way]).tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("which", "noise"),
+    [
+        (FIVE, None),
+        (FIVE, ALIKE),
+        (FIVE, replace(ALIKE, freedoms=np.inf)),
+        (FIVE, MarkerNoise.from_std(ct=1e-4, robot=1e-4, freedoms=np.inf)),
+        (FOUR, MarkerNoise.from_std(ct=16e-4, robot=12e-4, freedoms=4.0)),
+    ],
+    ids=["unstated", "stated", "exact", "too small", "roughly and too large"],
+)
+def test_of_many_draws_those_markers_are_left_out_that_are_of_each_by_itself(which, noise):
+    """A shift that grows from draw to draw, up to where it cannot be chance."""
+    ct, robot = draws(which, ALIKE, 80)
+    robot[:, -1, 0] += np.geomspace(1e-3, 5e-2, 80)
+    method = Robust()
+    fits = [method.fit(Markers.of(c, r, noise)) for c, r in zip(ct, robot, strict=True)]
+    assert len({fit.shifted for fit in fits}) > 1
+    assert np.allclose(method.batch(ct, robot, noise), [fit.T_RC for fit in fits], atol=1e-9)
+
+
+def test_a_fit_misses_by_no_more_than_the_one_that_it_begins_with():
+    """A blurred axis of CT, far from where the plain fit has it, bends the squares downwards."""
+    rng, rows = np.random.default_rng(0), []
+    noise = MarkerNoise.from_std([3e-2, 1e-3, 1e-3], 1e-4)
+    for R in Rotation.random(100, random_state=rng).as_matrix():
+        ct = rng.normal(0.0, 0.05, (4, 3))
+        read = ct + rng.normal(size=(4, 3)) * [3e-2, 1e-3, 1e-3]
+        rows.append(Markers.of(ct, read @ R.T, noise).rows)
+    rows = np.array(rows)
+    plain, centre = rigid_match(rows[..., :3], rows[..., 3:6]), rows[..., 3:6].mean(axis=1)
+    assert (minimise(rows)[1] <= derivatives(rows, plain, centre)[2] * (1.0 + 1e-9)).all()
 
 
 @pytest.mark.parametrize("name", ALL_METHODS)
