@@ -10,15 +10,17 @@ from plumbline.kinematics.effects import REGISTRY
 from plumbline.optim.core.solvers import LevenbergMarquardt
 from plumbline.optim.diagnosis.posterior.agreement import agreement
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
-from plumbline.optim.diagnosis.predict.folds import blocks_of
+from plumbline.optim.diagnosis.predict.folds import blocks_of, blocks_of_each
 from plumbline.optim.diagnosis.predict.shrink import FoldModel
 from plumbline.optim.diagnosis.prior import MOST_FOLDS
 from plumbline.optim.diagnosis.verdict.explanation import spread
 from plumbline.optim.diagnosis.verdict.lack_of_fit import _values, block_errors
 from plumbline.optim.measurement.nuisance import nuisances_of
 from plumbline.optim.measurement.observation import build_model
+from plumbline.optim.recording.session import build_session, joined
 from tests.benches import bench
 from tests.designs import selection
+from tests.several import recorded
 
 SEEDS = range(8)
 BLOCKS = np.repeat(np.arange(6), 20)
@@ -129,6 +131,13 @@ def test_errors_tell_how_far_an_estimate_moves_with_what_is_chosen_beside_it():
     assert errors[column] == pytest.approx(scale * np.sqrt(3 * 2 / 3))
     assert np.delete(errors, column) == pytest.approx(np.delete(block_errors(selected), column))
     assert block_errors(selected, models[2:])[column] == block_errors(selected)[column]
+
+
+def test_no_block_is_of_two_recordings():
+    parts = [recorded("tip_position", k, rows=40, name=f"{k}") for k in range(3)]
+    blocks = blocks_of_each(joined(build_session(parts)))
+    assert [len(np.unique(own)) for own in np.split(blocks, 3)] == [blocks[:40].max() + 1] * 3
+    assert len(np.unique(blocks)) == 3 * (blocks[:40].max() + 1)
 
 
 def test_a_fold_that_chose_nothing_has_no_values():

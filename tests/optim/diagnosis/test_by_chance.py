@@ -5,11 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from plumbline.kinematics.effects.joint_offset import JointOffset
+from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.diagnosis.linearise.linear import Linear
 from plumbline.optim.diagnosis.posterior.evidence import Candidate
 from plumbline.optim.diagnosis.posterior.reduction import SelectedTerm
 from plumbline.optim.diagnosis.predict import held_out as module
-from plumbline.optim.diagnosis.predict.held_out import by_chance
+from plumbline.optim.diagnosis.predict.held_out import by_chance, counted_rows, evaluate
+from plumbline.optim.measurement.refit import as_measured
+from plumbline.optim.recording.session import build_session, joined
+from tests.explained import searched
+from tests.several import recorded
 
 FOLDS, DRAWS = 5, 4000
 
@@ -54,3 +60,28 @@ def test_rows_left_out_of_a_right_model_exceed_it_once_in_a_hundred(
     beyond = np.mean(simulated(parts) > limit)
     assert 0.003 < beyond < 0.025
     assert limit == pytest.approx(1.0, abs=0.06) or readings < 1000
+
+
+def left_at_the_fit(recording, pool, evaluation):
+    """Square that the gap's rows leave where all rows are fitted, by their linear problems."""
+    z = pool.x / pool.model.problem.scale
+    rows = counted_rows(recording, pool, evaluation)
+    return sum(part.square_at(np.arange(len(z)), z) for part in rows)
+
+
+def test_rows_of_several_devices_leave_in_metres_what_they_leave_in_noises():
+    parts = [recorded("tip_position", k, noise=s, name=f"{k}") for k, s in ((1, 1e-4), (2, 4e-4))]
+    pool = searched(joined(build_session(parts)), [JointOffset])[0].pool
+    residuals = Mapped(pool.model.problem).residuals(pool.x)
+    missed = as_measured(pool.model.recording, residuals)
+    found = left_at_the_fit(pool.model.recording, pool, SimpleNamespace(per_row=True))
+    assert found == pytest.approx(np.sum(missed**2), rel=1e-9)
+
+
+def test_rows_kept_back_in_a_socket_of_their_own_leave_what_its_place_does_not_take():
+    recording = recorded("fixed_point", 3, held_out=np.arange(60) % 3 == 2)
+    selected = searched(recording, [JointOffset])[0]
+    pool = selected.pool
+    told = evaluate(recording, selected, pool.fold_of_row, np.ones(40, dtype=bool), "rows", 0)
+    found = left_at_the_fit(recording, pool, told)
+    assert found == pytest.approx(np.sum(told.after[told.rows] ** 2), rel=1e-9)
