@@ -3,6 +3,7 @@
 Held is what the family's functions leave nothing of; each law has one on either side of the limit.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,8 +11,17 @@ import pytest
 
 from plumbline.kinematics.effects.hysteresis import Hysteresis
 from plumbline.optim.diagnosis.discrepancy import part_dependences
-from plumbline.optim.diagnosis.discrepancy.functions import nearness, plays, smooth, spots, waves
+from plumbline.optim.diagnosis.discrepancy.functions import (
+    nearness,
+    on_tip,
+    overturning,
+    plays,
+    smooth,
+    spots,
+    waves,
+)
 from plumbline.optim.diagnosis.prior import REACHES
+from tests.benches import bench
 
 N = 600
 RNG = np.random.default_rng(0)
@@ -83,3 +93,40 @@ def test_what_changes_with_time_has_fifteen_forms_and_three_where_it_warms_up():
     families = offered()
     assert 12 < families["time", None] < 20
     assert 2 <= families["time", 1] <= 4
+
+
+def body_frames(chain, q, k):
+    """Frames (N, 4, 4) of joint k's body, from 0, in the base."""
+    cut = replace(chain, joints=chain.joints[: k + 1], T_last_tip=np.eye(4))
+    return cut.placement(q[:, : k + 1])
+
+
+def test_the_base_bears_every_weight_and_the_payload_times_their_arms():
+    recording = bench("ur5", "tip_position")
+    chain, q = recording.chain, recording.q
+    borne = recording.payload[:, None] * chain.gravity
+    moment = np.cross(chain.tips(q, np.zeros(3)), borne)
+    for k, body in enumerate(chain.joints):
+        T = body_frames(chain, q, k)
+        moment += np.cross(T[:, :3, :3] @ body.com + T[:, :3, 3], body.mass * chain.gravity)
+    np.testing.assert_allclose(overturning(recording).T, moment, atol=1e-9)
+
+
+def test_what_bears_on_the_tip_twists_drives_by_its_work_and_bends_a_tool_as_a_rod():
+    """A rod's end turns by 3 / 2 of its shift over its length."""
+    recording = bench("ur5", "tip_position")
+    chain, q, tool = recording.chain, recording.q, recording.tool_offset
+    last = body_frames(chain, q, chain.n - 1)
+    weight = np.tile(chain.gravity, (len(q), 1))
+    pressed = np.einsum("nij,nj->ni", chain.placement(q)[:, :3, :3], recording.force)
+    bears = (np.zeros(3), weight), (tool, weight), (tool, pressed)
+    for (_, torque, bent), (place, force) in zip(on_tip(recording), bears, strict=True):
+        for j, step in enumerate(1e-6 * np.eye(chain.n)):
+            ahead, behind = (chain.tips(q + way, place) for way in (step, -step))
+            work = np.sum((ahead - behind) * force, axis=1) / 2e-6
+            np.testing.assert_allclose(np.abs(torque[j]), np.abs(work), atol=1e-6)
+        arm = chain.tips(q, tool) - last[:, :3, 3]
+        shifted, turned = bent[:3].T, bent[3:].T
+        shift = shifted + np.cross(turned, np.einsum("nji,nj->ni", last[:, :3, :3], arm))
+        sizes = (np.linalg.norm(v, axis=1) for v in (turned, 1.5 * shift / np.linalg.norm(tool)))
+        np.testing.assert_allclose(*sizes, atol=1e-9)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import f as fisher
 
 from plumbline.optim.registration import Anisotropic, Kabsch, MarkerNoise, Robust
@@ -31,6 +32,15 @@ def scene(rng, n):
     while np.linalg.svd(points - points.mean(axis=0))[1][1] < 0.02 * np.sqrt(n):
         points = rng.uniform(-0.075, 0.075, (n, 3))
     return points, rng.uniform(-0.06, 0.06, 3)
+
+
+def test_a_target_read_with_an_own_noise_is_off_by_that_however_ct_is_turned():
+    """Of markers that say nothing of the pose: squared distances have three freedoms."""
+    noise = Unstated(np.full(3, 1e-6), np.full(3, 5.0), np.eye(12, 6), np.zeros((6, 4, 3)), "")
+    turn = Rotation.from_rotvec([0.9, -0.4, 0.7]).as_matrix()
+    found = noise.distances(np.zeros(3), turn, np.array([5e-3, 1e-3, 2e-4]))
+    assert np.mean(found) == pytest.approx(3.0, rel=0.1)
+    assert np.var(found) == pytest.approx(6.0, rel=0.25)
 
 
 def rounded(points, rng):
