@@ -16,10 +16,12 @@ from plumbline.optim.registration.constants import (
     STATED,
     SURPRISING,
 )
+from plumbline.optim.registration.fiducials import build_fiducials
 from plumbline.optim.registration.markers import Markers
 from plumbline.optim.registration.target import Unstated
+from plumbline.optim.registration.to_diagnose import fiducials_to_diagnose
 from plumbline.optim.registration.words import trust
-from tests.phantoms import ALIKE, CT, FIVE, LESION, mapped, readings, registered
+from tests.phantoms import ALIKE, CT, FIVE, LESION, T_RC, mapped, readings, registered
 
 TRIALS = 120
 SHARE = (0.90, 0.995)  # of 120 draws: two standard errors about 95 %
@@ -41,6 +43,23 @@ def test_a_target_read_with_an_own_noise_is_off_by_that_however_ct_is_turned():
     found = noise.distances(np.zeros(3), turn, np.array([5e-3, 1e-3, 2e-4]))
     assert np.mean(found) == pytest.approx(3.0, rel=0.1)
     assert np.var(found) == pytest.approx(6.0, rel=0.25)
+
+
+def test_a_noise_that_is_hardly_known_is_said_as_the_markers_have_it():
+    """Ten times what was stated of them."""
+    tenfold, hardly = MarkerNoise.from_std(ct=4e-3, robot=3e-3), replace(ALIKE, freedoms=0.1)
+    read = [readings(FIVE, tenfold, seed=seed) for seed in range(20)]
+    said = [registered(Kabsch(), *markers, hardly).noise_std for markers in read]
+    assert np.mean(said) == pytest.approx(5e-3, rel=0.1)
+
+
+def test_the_noise_of_touches_is_that_of_ct_as_the_robot_sees_it():
+    std = np.array([3e-3, 1e-3, 2e-4])
+    markers = build_fiducials(CT, mapped(CT), noise=MarkerNoise.from_std(std, 1e-4))
+    found = fiducials_to_diagnose(markers)
+    R = T_RC[:3, :3]
+    seen = np.sqrt(np.diag(R @ np.diag(std**2) @ R.T) + 1e-8)
+    np.testing.assert_allclose(found.noise_std * found.noise_shape, np.tile(seen, (len(CT), 1)))
 
 
 def rounded(points, rng):
