@@ -12,8 +12,10 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from contextvars import ContextVar
 from typing import Any, TypeVar
 
+_others: ContextVar[bool] = ContextVar("others", default=False)  # whether others are at work
 Part = TypeVar("Part")
 Found = TypeVar("Found")
 
@@ -21,7 +23,7 @@ Found = TypeVar("Found")
 def cores() -> int:
     """How many there are for this process: no more than ``LOKY_MAX_CPU_COUNT``, where it is set."""
     copied = sys.platform == "linux" and multiprocessing.parent_process() is None
-    alone = threading.current_thread() is threading.main_thread()
+    alone = threading.current_thread() is threading.main_thread() and not _others.get()
     if not (copied and alone and _shares_locks()):
         return 1
     from joblib import cpu_count
@@ -55,6 +57,7 @@ def side_by_side(
         return [_told(work, part, k, tell) for k, part in enumerate(parts)]
     fork: Any = multiprocessing.get_context("fork")  # its types differ by platform
     turn, copies, ends = fork.Value("q", 0), [], []
+    before = _others.set(True)
     try:
         for _ in range(count - 1):
             here, there = fork.Pipe(duplex=False)
@@ -66,6 +69,7 @@ def side_by_side(
             with suppress(EOFError):  # of a copy that was killed: its parts are done here
                 found.update(_received(end))
     finally:
+        _others.reset(before)
         for copy in copies:
             copy.terminate()
             copy.join()
