@@ -61,7 +61,7 @@ STAND = {
         "LEAST_RESIDUAL": 1e-09, "SINGULAR": 1e-10, "LISTED": 4, "CHUNK_NUMBERS": 4000000,
         "NEARBY": 0.1, "LEVEL": 0.95, "SIDES": (0.025000000000000022, 0.975), "NEAR": 1e-06,
         "GROWTH": 2.0, "LEAST": 0.1, "KEPT": 0.5, "MOST_TURN": 0.75, "LEAST_COST": 1e-30,
-        "SAMPLE": 500, "TWO_HALVES": 2e9,
+        "SAMPLE": 500,
         "LEAST_DIAGONAL": 1e-12, "LEAST_DAMPING": 1e-14, "BARELY": 0.005, "SURE": 1e-09,
     },
     "dh_fit": {

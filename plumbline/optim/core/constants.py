@@ -19,7 +19,6 @@ NO_CURVATURE = 1e-13  # of a scaled matrix, times its size: an eigenvalue below 
 LOST = 1e-6  # of a unit unknown, in directions that nothing tells, from which it is not known
 # Mapped
 CHUNK_NUMBERS = 4_000_000  # of a block of rows that is worked on at once: 32 MB (cost only)
-TWO_HALVES = 2e9  # products of a Gram matrix from which two processes sum its rows (cost only)
 NEARBY = 0.1  # of a step, for differences along it (Transtrum and Sethna 2012, sec. 3.2)
 
 # Shares

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plumbline.kinematics.evaluate import over_rows
-from plumbline.optim.core.constants import CHUNK_NUMBERS, NEARBY, TWO_HALVES
-from plumbline.optim.core.problem import Array, Flags, Indices, Problem, Symbols
-from plumbline.optim.core.side_by_side import side_by_side
+from plumbline.optim.core.constants import CHUNK_NUMBERS, NEARBY
+from plumbline.optim.core.problem import Array, Indices, Problem, Symbols
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,40 +263,24 @@ class Mapped:
         self, x: ArrayLike, groups: Indices | None = None, *, together: bool = False
     ) -> list[Gram]:
         """Normal equations of each group of rows (0, 1, ...), or of all; shared terms in none."""
-        p, rows = self.problem, len(self.problem.rows)
-        labels = np.zeros(rows, dtype=int) if groups is None or together else groups
-        count = int(labels.max(initial=0)) + 1
-        cost = rows * p.equations * p.size**2
-        if cost < TWO_HALVES or p.follows.size:
-            return self._grams(x, labels, count, groups)
-        first = np.arange(rows) < rows // 2
-
-        def of_half(half: Flags) -> list[Gram]:
-            return Mapped(p.part(half))._grams(x, labels[half], count)
-
-        halves = side_by_side(of_half, (first, ~first))
-        return [one + other for one, other in zip(*halves, strict=True)]
-
-    def _grams(
-        self, x: ArrayLike, labels: Indices, count: int, groups: Indices | None = None
-    ) -> list[Gram]:
-        """Normal equations of as many groups, by each row's number (N,)."""
         p = self.problem
-        matrix = np.zeros((count, p.size, p.size))
-        vector, totals = np.zeros((count, p.size)), np.zeros((count, 2))
+        labels = np.zeros(len(p.rows), dtype=int) if groups is None or together else groups
+        groups_of_rows = int(labels.max(initial=0)) + 1
+        matrix = np.zeros((groups_of_rows, p.size, p.size))
+        vector, totals = np.zeros((groups_of_rows, p.size)), np.zeros((groups_of_rows, 2))
         for part, r, J in self.whitened(x, groups):
             for g in np.unique(labels[part]):
                 rows = labels[part] == g
                 b = r[rows].ravel()
                 A = (J if rows.all() else J[rows]).reshape(b.size, p.size)
-                freedom = float(p.weights[part][rows].sum()) * p.equations
+                count = float(p.weights[part][rows].sum()) * p.equations
                 if p.counts is not None:
-                    freedom = float(p.weights[part][rows] @ p.counts[part][rows])
+                    count = float(p.weights[part][rows] @ p.counts[part][rows])
                 matrix[g] += A.T @ A
                 vector[g] += A.T @ b
-                totals[g] += float(b @ b), freedom
+                totals[g] += float(b @ b), count
         kept = zip(matrix, vector, totals.tolist(), strict=True)
-        return [Gram(G, v, square, freedom) for G, v, (square, freedom) in kept]
+        return [Gram(G, v, square, count) for G, v, (square, count) in kept]
 
     def curvature_along(self, x: Array, step: Array) -> Array:
         r""":math:`J^T r''` (P,), the residuals' second derivative along a step (P,).

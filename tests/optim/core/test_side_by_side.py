@@ -7,13 +7,10 @@ import signal
 import sys
 import threading
 
-import numpy as np
 import pytest
 
 from plumbline import diagnose
 from plumbline.errors import PlumblineError
-from plumbline.optim.core import mapped as mapping
-from plumbline.optim.core.mapped import Mapped
 from plumbline.optim.core.side_by_side import cores, side_by_side
 from tests.benches import bench
 from tests.few_effects import only
@@ -158,17 +155,3 @@ def test_a_diagnosis_says_the_same_on_one_core_and_on_two(made, options, monkeyp
         monkeypatch.setattr("joblib.cpu_count", lambda count=count: count)
         said.append(json.dumps(diagnose(recording, options).to_dict(), sort_keys=True))
     assert said[0] == said[1]
-
-
-@copies
-def test_halves_of_the_rows_sum_to_the_whole(two, monkeypatch):
-    found = diagnose(bench("ur5", "tip_position"), only("joint_offset"))
-    problem = found.selected.best.problem
-    x, folds = found.selected.best.x + 0.01 * problem.scale, np.arange(len(problem.rows)) % 3
-    whole = Mapped(problem).grams(x, folds)
-    monkeypatch.setattr(mapping, "TWO_HALVES", 0.0)
-    halves = Mapped(problem).grams(x, folds)
-    for one, other in zip(whole, halves, strict=True):
-        assert np.abs(one.matrix - other.matrix).max() < 1e-12 * np.abs(one.matrix).max()
-        assert np.abs(one.vector - other.vector).max() < 1e-12 * np.abs(one.vector).max()
-        assert (one.square, one.count) == pytest.approx((other.square, other.count))
