@@ -17,8 +17,10 @@ norms. Readings count; registration points' own noise comes on top. With H that 
 
 is the misfit of a row over what the fit leaves of noise of covariance V (Belsley, Kuh, Welsch 1980,
 sec. 2.1, for noise of any shape). Over its scale it is distributed as F with 3 degrees of freedom
-and those of the noise. No gross row sets a standard: the scale comes from the median of D, and the
-shape V from the directions of the misfits alone (Tyler 1987, Ann. Stat. 15(1)),
+and those of the noise. No gross row sets a standard: the scale comes from the median of D, of a fit
+of norms without as many of the least as it may draw to zero (Street, Carroll, Ruppert 1988, Am.
+Stat. 42(2)), and the shape V from the directions of the misfits alone (Tyler 1987, Ann. Stat.
+15(1)),
 
 .. math:: V \leftarrow \frac3n \sum_i e_i e_i^T / (e_i^T V^{-1} e_i) .
 """
@@ -55,7 +57,8 @@ def gross_rows(statement: DHStatement, readings: Readings, x: Array, free: Indic
     statistic = _deletion(statement, readings, x, free) / 3.0
     # Half of the rows stand for the noise: a median knows it less well than a sum of squares.
     tail = (3.0, freedom / 2.0)
-    scale = float(np.median(statistic)) / float(fdtri(*tail, 0.5))
+    told = np.sort(statistic)[statement.loss.drawn(len(free)) :]
+    scale = float(np.median(told)) / float(fdtri(*tail, 0.5))
     limit = constants.SLACK * float(fdtri(*tail, 1.0 - constants.FALSE_ALARM / len(readings)))
     found = statistic > limit * max(scale, 1e-300)
     return found if found.sum() <= constants.MOST_SHARE * len(readings) else none

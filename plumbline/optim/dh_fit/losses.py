@@ -62,6 +62,9 @@ class Loss(Protocol):
     def variance(self, e: Array) -> float:
         """Variance of one axis [m^2] that the typical misfit of (N, 3) stands for."""
 
+    def drawn(self, unknowns: int) -> int:
+        """How many rows so many unknowns may bring to no misfit at all, whatever their noise."""
+
     def residual(self, e: cs.SX) -> cs.SX:
         """A residual (3,) of which half the square is the cost."""
 
@@ -103,6 +106,10 @@ class Norms(Declared):
         """From the median length, 1.54 sigma of Gaussian noise: outliers hardly count."""
         return float(np.median(np.einsum("nk,nk->n", e, e)) / MEDIAN)
 
+    def drawn(self, unknowns: int) -> int:
+        """A row for every three of them."""
+        return unknowns // 3
+
     def residual(self, e: cs.SX) -> cs.SX:
         """A residual (3,) of which half the square is the cost."""
         size = cs.sqrt(cs.sumsqr(e) + self.smoothing**2)
@@ -137,6 +144,10 @@ class Squares:
     def variance(self, e: Array) -> float:
         """The mean square of one axis."""
         return float(np.mean(e**2))
+
+    def drawn(self, unknowns: int) -> int:
+        """None: a square has no corner at zero."""
+        return 0
 
     def residual(self, e: cs.SX) -> cs.SX:
         """A residual (3,) of which half the square is the cost."""

@@ -292,10 +292,10 @@ def test_tips_keep_to_the_box_of_those_seen(beyond, near):
 @pytest.mark.parametrize(("adds", "rests"), [(1.1, False), (1.3, True)])
 def test_a_row_rests_before_it_only_if_that_adds_a_fifth(adds, rests):
     """Of gains beyond that of no row at all, which may be other than nought."""
-    gains = SimpleNamespace(gains=lambda *_: np.array([5.0, 5.0 + adds, 6.0]))
     course = SimpleNamespace(rows_next=lambda row: row)
     design = SimpleNamespace(
-        options=SimpleNamespace(criterion=gains), jacobians=lambda _: [np.eye(3)]
+        options=SimpleNamespace(criterion=lambda *_: np.array([5.0, 5.0 + adds, 6.0])),
+        jacobians=lambda _: [np.eye(3)],
     )
     row = FutureRows(np.zeros((1, 6)), wait=np.array([60.0]))
     found, _ = Design._rested(design, course, None, row, np.eye(3))

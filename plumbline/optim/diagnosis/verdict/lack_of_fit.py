@@ -137,7 +137,7 @@ def _noisiest(recording: Recording, selected: SelectedModel) -> tuple[int, float
     r = selected.best.mapped.residuals(selected.best.x)[selected.best.problem.weights > 0]
     each = np.mean(r**2, axis=0)
     k = int(np.argmax(each))
-    ratio = each[k] / float(np.mean(each))
+    ratio = each[k] / max(float(np.mean(each)), np.finfo(float).tiny)
     chance = each.size * chdtrc(len(r), len(r) * ratio)
     return recording.measured_joints[k] + 1, float(np.sqrt(ratio)), float(chance)
 
