@@ -186,10 +186,8 @@ def held_out_residuals(
         residuals = Mapped(problem.on(problem.rows[folds == f])).residuals(x)
         return residuals, replace(judged, fit=f"the fit without fold {f + 1}")
 
-    out, found = (
-        np.empty((len(folds), problem.equations)),
-        side_by_side(foretold, range(len(grams))),
-    )
+    found = side_by_side(foretold, range(len(grams)))
+    out = np.empty((len(folds), problem.equations))
     for f, (residuals, _) in enumerate(found):
         out[folds == f] = residuals
     return out, [judged for _, judged in found]
